@@ -1,0 +1,327 @@
+"""The nouns: plain frozen dataclasses that every package speaks of.
+
+Metres, radians and float64 in local coordinates; unknown is NaN. A cloud or surface is never changed in
+place: `take` and `dataclasses.replace` make new ones. Signed distances are positive where material was gained.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from projects.errors import ShapeError
+
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.integer[Any]]
+Bools = NDArray[np.bool_]
+
+
+class Assessment(IntEnum):
+    """State of a point of a comparison (exported as the uchar property `assessment`)."""
+
+    NOT_ASSESSABLE = 0
+    UNCHANGED = 1
+    CHANGED = 2
+
+
+class NotAssessed(IntEnum):
+    """Why a point is not assessable; 0 where it is."""
+
+    ASSESSED = 0
+    NO_FACE = 1  # no face of the other surface within the search limit that looks the same way
+    FREE_EDGE = 2  # the foot of the perpendicular falls on a boundary of the other surface
+    SHEET_BETWEEN = 3  # the perpendicular crosses another sheet first
+    TOO_UNCERTAIN = 4  # the level of detection cannot be stated or exceeds its limit
+    NOT_SEEN = 5  # one epoch's scanners did not look there
+
+
+class Roughness(IntEnum):
+    """Roughness class of a point: surface variation against what noise alone gives at that neighbourhood size."""
+
+    SMOOTH = 0
+    MEDIUM = 1
+    ROUGH = 2
+
+
+def _array(value: ArrayLike | None, name: str, shape: tuple[int | None, ...], kind: Any) -> Any:
+    """Return `value` as an array of `shape` (None: any length) and dtype `kind`, or raise `ShapeError`."""
+    if value is None:
+        return None
+    array = np.asarray(value, dtype=kind)
+    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
+    if not fits:
+        wanted = "(" + ", ".join("n" if s is None else str(s) for s in shape) + ")"
+        raise ShapeError(f"{name} has shape {array.shape}; {wanted} is needed")
+    return array
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Points with what is known of each.
+
+    Attributes
+    ----------
+    points : (n, 3) float64, m.
+    normals : (n, 3) float64, unit vectors towards the side from which the point was seen; NaN where unknown.
+    origins : (n, 3) or (3,) float64, m, position of the scanner that measured the point, in the frame of `points`.
+    sigma : (n,) float64, m, one sigma of the point along its normal.
+    intensity : (n,) float32, 0 to 1.
+    colors : (n, 3) uint8, red, green, blue.
+    scan_index : (n,) int32, which scan of the epoch the point comes from.
+    n_merged : (n,) int32, how many measurements the point stands for.
+    spread : (n,) float64, m, robust one-sigma spread along the normal of the measurements merged into it.
+    surface_variation : (n,) float64, lambda3 / (lambda1 + lambda2 + lambda3), Pauly et al. 2002.
+    roughness : (n,) uint8, `Roughness`.
+    spacing : (n,) float64, m, distance to neighbouring measurements before thinning.
+    """
+
+    points: Floats
+    normals: Floats | None = None
+    origins: Floats | None = None
+    sigma: Floats | None = None
+    intensity: Floats | None = None
+    colors: NDArray[np.uint8] | None = None
+    scan_index: Ints | None = None
+    n_merged: Ints | None = None
+    spread: Floats | None = None
+    surface_variation: Floats | None = None
+    roughness: NDArray[np.uint8] | None = None
+    spacing: Floats | None = None
+
+    def __post_init__(self) -> None:
+        points = _array(self.points, "points", (None, 3), np.float64)
+        n = len(points)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "normals", _array(self.normals, "normals", (n, 3), np.float64))
+        if self.origins is not None and np.ndim(self.origins) == 1:
+            object.__setattr__(self, "origins", _array(self.origins, "origins", (3,), np.float64))
+        else:
+            object.__setattr__(self, "origins", _array(self.origins, "origins", (n, 3), np.float64))
+        object.__setattr__(self, "colors", _array(self.colors, "colors", (n, 3), np.uint8))
+        kinds = {"sigma": np.float64, "intensity": np.float32, "scan_index": np.int32, "n_merged": np.int32,
+                 "spread": np.float64, "surface_variation": np.float64, "roughness": np.uint8,
+                 "spacing": np.float64}  # fmt: skip
+        for name, kind in kinds.items():
+            object.__setattr__(self, name, _array(getattr(self, name), name, (n,), kind))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def take(self, which: Bools | Ints) -> PointCloud:
+        """Return the points selected by a mask or by indices, with all that is known of them."""
+        picked = {}
+        for f in dataclasses.fields(self):
+            value = getattr(self, f.name)
+            shared = f.name == "origins" and value is not None and value.ndim == 1
+            picked[f.name] = value if value is None or shared else value[which]
+        return PointCloud(**picked)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One instrument set-up: measured points in the scanner's own frame, and where it stood.
+
+    `cloud.points` are in the scan's frame; `origin` is the scanner's position in that frame (0 0 0 for nearly
+    every instrument); `pose` is T_project_scanner (4, 4). `rows` and `columns` are -1 or absent where the scan is
+    not a grid. `dropped` counts what was not a measurement, by reason.
+    """
+
+    name: str
+    cloud: PointCloud
+    pose: Floats
+    origin: Floats = field(default_factory=lambda: np.zeros(3))
+    rows: Ints | None = None
+    columns: Ints | None = None
+    scanner: str | None = None
+    dropped: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n = len(self.cloud)
+        object.__setattr__(self, "pose", _array(self.pose, "pose", (4, 4), np.float64))
+        object.__setattr__(self, "origin", _array(self.origin, "origin", (3,), np.float64))
+        object.__setattr__(self, "rows", _array(self.rows, "rows", (n,), np.int32))
+        object.__setattr__(self, "columns", _array(self.columns, "columns", (n,), np.int32))
+
+    def take(self, which: Bools | Ints) -> Scan:
+        """Return the scan with only the points selected."""
+        rows = None if self.rows is None else self.rows[which]
+        columns = None if self.columns is None else self.columns[which]
+        return dataclasses.replace(self, cloud=self.cloud.take(which), rows=rows, columns=columns)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A triangle mesh with what is known of each vertex.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64, m.
+    faces : (m, 3) int32, counter-clockwise seen from outside (from where the scanners stood).
+    normals : (n, 3) float64, outward unit normals.
+    sigma : (n,) float64, m, one sigma of the vertex along its normal; NaN where it cannot be stated.
+    n_support : (n,) int32, how many samples the vertex rests on.
+    sample_distance : (n,) float64, m, distance to the nearest sample.
+    roughness : (n,) uint8, `Roughness` of the nearest samples.
+    colors, intensity : as of `PointCloud`.
+    face_invented : (m,) bool, faces that close holes where nothing was measured; absent where there are none.
+    """
+
+    vertices: Floats
+    faces: Ints
+    normals: Floats | None = None
+    sigma: Floats | None = None
+    n_support: Ints | None = None
+    sample_distance: Floats | None = None
+    roughness: NDArray[np.uint8] | None = None
+    colors: NDArray[np.uint8] | None = None
+    intensity: Floats | None = None
+    face_invented: Bools | None = None
+
+    def __post_init__(self) -> None:
+        vertices = _array(self.vertices, "vertices", (None, 3), np.float64)
+        faces = _array(self.faces, "faces", (None, 3), np.int32)
+        n = len(vertices)
+        if len(faces) and (faces.min() < 0 or faces.max() >= n):
+            raise ShapeError(f"faces name vertices {faces.min()} to {faces.max()}; the surface has 0 to {n - 1}")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "normals", _array(self.normals, "normals", (n, 3), np.float64))
+        object.__setattr__(self, "colors", _array(self.colors, "colors", (n, 3), np.uint8))
+        object.__setattr__(self, "face_invented", _array(self.face_invented, "face_invented", (len(faces),), np.bool_))
+        kinds = {"sigma": np.float64, "n_support": np.int32, "sample_distance": np.float64,
+                 "roughness": np.uint8, "intensity": np.float32}  # fmt: skip
+        for name, kind in kinds.items():
+            object.__setattr__(self, name, _array(getattr(self, name), name, (n,), kind))
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The motion that brings a source onto a target, and how well it is known.
+
+    `covariance` is of (w, t) in x -> c + exp([w]) (x - c) + t, a left perturbation applied after
+    `T_target_source`, in radians and metres about `centre` c (target frame). `is_stable` tells for each vertex of
+    the source whether it was held to be unmoved. A registration that did not converge has its `reason`, and
+    nothing may be built on it.
+    """
+
+    T_target_source: Floats
+    covariance: Floats
+    centre: Floats
+    converged: bool
+    reason: str = ""
+    n_inliers: int = 0
+    n_correspondences: int = 0
+    n_iterations: int = 0
+    rmse: float = float("nan")
+    sigma: float = float("nan")
+    overlap: float = float("nan")
+    stable_share: float = float("nan")
+    is_stable: Bools | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_target_source", _array(self.T_target_source, "T_target_source", (4, 4), float))
+        object.__setattr__(self, "covariance", _array(self.covariance, "covariance", (6, 6), float))
+        object.__setattr__(self, "centre", _array(self.centre, "centre", (3,), float))
+
+
+@dataclass(frozen=True)
+class ComparedSurface:
+    """One side of a comparison: a surface in the reference epoch's coordinates and the change at each vertex.
+
+    `distances` [m] are positive where material was gained, on both sides; `distances` and `lod95` [m] are NaN where
+    `assessment` is NOT_ASSESSABLE, and `reasons` (`NotAssessed`) says why. `region` is 0 outside of regions.
+    """
+
+    surface: Surface
+    distances: Floats
+    lod95: Floats
+    assessment: NDArray[np.uint8]
+    region: Ints
+    reasons: NDArray[np.uint8]
+
+
+REGION_COLUMNS = ("region", "kind", "area_m2", "sigma_area_m2", "volume_m3", "sigma_volume_m3", "extreme_m",
+                  "sigma_extreme_m", "mean_m", "sigma_mean_m", "x", "y", "z")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What changed between two epochs, where, how much and how sure.
+
+    `regions` is a table with the columns `REGION_COLUMNS`, largest first; `statistics` holds the figures of the
+    summary file (design: `stable_share`, `bias_m`, `nmad_m`, `rmse_m`, `lod95_median_m`, `n_vertices`,
+    `n_not_assessable`, `n_unchanged`, `n_changed`, `share_above_lod95`, `motion_significance`, ...).
+    """
+
+    on_compared: ComparedSurface
+    on_reference: ComparedSurface
+    regions: pd.DataFrame
+    registration: Registration
+    mode: str
+    statistics: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ControlPoint:
+    """A point of known position in the project's frame; `sigma` in metres, NaN where it was not stated."""
+
+    name: str
+    position: Floats
+    sigma: float = float("nan")
+
+
+@dataclass(frozen=True)
+class ObjectRecord:
+    """The monitored thing as the archive knows it; `extent` as of `projects.extent`, `tolerance` in metres."""
+
+    object_id: str
+    name: str = ""
+    inventory: str = ""
+    place: str = ""
+    material: str = ""
+    description: str = ""
+    extent: Mapping[str, Any] | None = None
+    tolerance: float | None = None
+
+
+@dataclass(frozen=True)
+class EpochRecord:
+    """The state of an object at one date, from one or more scans or from one finished mesh."""
+
+    object_id: str
+    epoch_id: str
+    date: datetime.date
+    label: str = ""
+    scanner: str | None = None
+    repeated: bool = False
+    is_mesh: bool = False
+    operator: str = ""
+    sources: tuple[Mapping[str, Any], ...] = ()
+    control: tuple[ControlPoint, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One product and how it came to be: identified by the hash of what was asked of which inputs.
+
+    `parameters` are the settings asked for; `automatic` the values that were found; `counts` what went in, came out
+    and was dropped with its reason; `inputs` the step ids or file hashes it was made from; `versions` the programs.
+    """
+
+    step_id: str
+    product: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    inputs: tuple[str, ...] = ()
+    automatic: Mapping[str, Any] = field(default_factory=dict)
+    counts: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    created: str = ""
+    seconds: float = float("nan")

@@ -1,0 +1,68 @@
+"""Rigid transforms as (4, 4) matrices whose name says their direction: `T_target_source` maps source to target."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from projects.errors import ParameterError
+from projects.model import Floats
+
+
+def apply(T_target_source: Floats, points: Floats) -> Floats:
+    """Return points (n, 3) or (3,) [m] of the source frame in the target frame."""
+    return points @ T_target_source[:3, :3].T + T_target_source[:3, 3]
+
+
+def rotate(T_target_source: Floats, vectors: Floats) -> Floats:
+    """Return directions (n, 3) or (3,) of the source frame in the target frame."""
+    return vectors @ T_target_source[:3, :3].T
+
+
+def invert(T_target_source: Floats) -> Floats:
+    """Return T_source_target of a rigid transform."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = T_target_source[:3, :3].T
+    inverse[:3, 3] = -T_target_source[:3, :3].T @ T_target_source[:3, 3]
+    return inverse
+
+
+def cross_matrix(vector: Floats) -> Floats:
+    """Return [v] with [v] x = v cross x, (3, 3)."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_from_vector(w: Floats) -> Floats:
+    """Return exp([w]) (3, 3) for a rotation vector [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(w))
+    W = cross_matrix(w)
+    if angle < 1e-8:
+        return np.eye(3) + W + 0.5 * W @ W
+    return np.eye(3) + np.sin(angle) / angle * W + (1.0 - np.cos(angle)) / angle**2 * W @ W
+
+
+def perturb(T_target_source: Floats, centre: Floats, delta: Floats) -> Floats:
+    """Return the transform followed by x -> c + exp([w]) (x - c) + t, with delta = (w, t) [rad, m], c in the target."""
+    step = np.eye(4)
+    step[:3, :3] = rotation_from_vector(np.asarray(delta[:3], dtype=float))
+    step[:3, 3] = centre - step[:3, :3] @ centre + delta[3:]
+    return step @ T_target_source
+
+
+def require_rigid(matrix: Floats, what: str) -> Floats:
+    """Return `matrix` if it is a proper rigid transform to 1e-4, with its rotation made exact; raise otherwise.
+
+    A matrix that scales (a PTX header can) or mirrors is refused with the scale that it has.
+    """
+    matrix = np.asarray(matrix, dtype=np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
+        raise ParameterError(f"{what}: not a 4 x 4 transform with last row 0 0 0 1")
+    u, scales, vt = np.linalg.svd(matrix[:3, :3])
+    if np.abs(scales - 1.0).max() > 1e-4 or np.linalg.det(matrix[:3, :3]) < 0:
+        raise ParameterError(
+            f"{what}: the transform scales by {scales.min():.6g} to {scales.max():.6g} or mirrors; "
+            "a rigid transform is needed (state the unit with --unit if the numbers are not metres)"
+        )
+    exact = matrix.copy()
+    exact[:3, :3] = u @ vt
+    return exact
