@@ -1,0 +1,25 @@
+"""A file is either there whole or not at all: written beside its place under another name, then renamed."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from projects.errors import FormatError
+
+
+@contextmanager
+def complete_file(path: Path) -> Iterator[Path]:
+    """Yield a path to write to, with the same suffix; it takes the place of `path` when the block ends well."""
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise FormatError(f"{path}: the folder {path.parent} does not exist; make it first")
+    unfinished = path.with_name(f".{path.stem}-{uuid.uuid4().hex[:8]}{path.suffix}")
+    try:
+        yield unfinished
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)

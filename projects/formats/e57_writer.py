@@ -1,0 +1,214 @@
+"""Scans out as E57 (ASTM E2807), the way instrument software writes it: several scans, poses, grid, limits.
+
+Coordinates are scaled integers of one micrometre in the scanner's frame, intensity is 0 to 1, colours are 0 to 255,
+row and column are the grid's, and cells without a return can be kept as points flagged invalid.
+"""
+
+from __future__ import annotations
+
+import datetime
+import uuid
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from projects.errors import FormatError
+from projects.formats.complete_file import complete_file
+from projects.model import Scan
+from projects.transforms import apply, require_rigid
+
+CHUNK = 1_000_000
+STEP = 1e-6  # m, the coordinate grid of the file
+GPS_EPOCH = datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)
+NO_RETURN = 2  # cartesianInvalidState: no part of the coordinate is meaningful
+
+
+def write_e57(
+    path: Path,
+    scans: Sequence[Scan],
+    *,
+    fill_grid: bool = False,
+    acquired: datetime.datetime | None = None,
+    description: str = "",
+) -> None:
+    """Write scans, each in its own frame with its pose, to one E57 file.
+
+    Parameters
+    ----------
+    path : where to write; an existing file is replaced when the new one is complete.
+    scans : at least one; `cloud.points` [m] in the scan's frame, intensity 0 to 1. Points must be finite.
+    fill_grid : write the cells of the grid that have no point too, flagged invalid, in column order; needs `rows`
+        and `columns` that name every cell at most once.
+    acquired : when the scans were made (with a time zone); left out where unknown.
+    description : free text of every scan.
+
+    Raises
+    ------
+    FormatError
+        No scans, an empty scan, points that are not finite, or a grid that cannot be filled.
+    """
+    from pye57 import E57
+
+    if not scans:
+        raise FormatError(f"{path}: no scans were given; an E57 file needs at least one")
+    with complete_file(path) as unfinished, E57(str(unfinished), mode="w") as document:
+        for scan in scans:
+            fields = _fields_of(scan, path, fill_grid)
+            _write_scan(document, scan, fields, {"acquired": acquired, "description": description})
+
+
+def _fields_of(scan: Scan, path: Path, fill_grid: bool) -> dict[str, Any]:
+    """Return the E57 point fields of a scan, name -> array."""
+    if not len(scan.cloud):
+        raise FormatError(f"{path}: scan {scan.name} holds no points; leave it out")
+    if not np.isfinite(scan.cloud.points).all():
+        raise FormatError(f"{path}: scan {scan.name} holds points that are not finite; drop them first")
+    fields: dict[str, Any] = {f"cartesian{axis}": scan.cloud.points[:, k] for k, axis in enumerate("XYZ")}
+    if scan.cloud.intensity is not None:
+        fields["intensity"] = np.clip(np.nan_to_num(scan.cloud.intensity, nan=0.0), 0.0, 1.0)
+    if scan.cloud.colors is not None:
+        fields |= {f"color{c}": scan.cloud.colors[:, k] for k, c in enumerate(("Red", "Green", "Blue"))}
+    if scan.rows is not None and scan.columns is not None and scan.rows.min() >= 0 and scan.columns.min() >= 0:
+        fields |= {"rowIndex": scan.rows, "columnIndex": scan.columns}
+    return _with_empty_cells(fields, scan.name, path) if fill_grid else fields
+
+
+def _with_empty_cells(fields: dict[str, Any], name: str, path: Path) -> dict[str, Any]:
+    """Return the fields over every cell of the grid, column by column; cells without a point are flagged."""
+    if "rowIndex" not in fields:
+        raise FormatError(f"{path}: scan {name} has no rows and columns; it cannot be written with fill_grid")
+    n_rows = int(fields["rowIndex"].max()) + 1
+    n_columns = int(fields["columnIndex"].max()) + 1
+    cell = fields["columnIndex"].astype(np.int64) * n_rows + fields["rowIndex"]
+    if len(np.unique(cell)) != len(cell):
+        raise FormatError(f"{path}: scan {name} has several points in one cell of its grid; fill_grid needs one")
+    full = {}
+    for field, values in fields.items():
+        full[field] = np.zeros(n_rows * n_columns, values.dtype)
+        full[field][cell] = values
+    full["rowIndex"] = np.tile(np.arange(n_rows), n_columns)
+    full["columnIndex"] = np.repeat(np.arange(n_columns), n_rows)
+    full["cartesianInvalidState"] = np.full(n_rows * n_columns, NO_RETURN, np.int8)
+    full["cartesianInvalidState"][cell] = 0
+    return full
+
+
+def _write_scan(document: Any, scan: Scan, fields: dict[str, Any], about: dict[str, Any]) -> None:
+    """Append one scan with its header and points."""
+    from pye57 import libe57
+
+    image = document.image_file
+    node = _structure(image, {"guid": "{" + str(uuid.uuid4()) + "}", "name": scan.name, **_instrument(scan, about)})
+    for name, content in _bounds(scan, fields).items():
+        node.set(name, _structure(image, content))
+    node.set("pose", _pose(image, scan))
+    prototype = _prototype(image, fields)
+    points = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
+    node.set("points", points)
+    document.data3d.append(node)
+    _write_points(image, points, fields)
+
+
+def _instrument(scan: Scan, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the header entries on the instrument and the time."""
+    entries: dict[str, Any] = {"description": about["description"]}
+    if scan.scanner:
+        entries["sensorModel"] = scan.scanner
+    if about["acquired"] is not None:
+        seconds = (about["acquired"] - GPS_EPOCH).total_seconds()
+        entries["acquisitionStart"] = {"dateTimeValue": seconds, "isAtomicClockReferenced": 0}
+    return entries
+
+
+def _bounds(scan: Scan, fields: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the header's bounds and limits: of coordinates, indices, intensity and colour."""
+    points = scan.cloud.points
+    low, high = points.min(axis=0), points.max(axis=0)
+    box: dict[str, Any] = {}
+    for k, axis in enumerate("xyz"):
+        box |= {f"{axis}Minimum": float(low[k]), f"{axis}Maximum": float(high[k])}
+    bounds = {"cartesianBounds": box}
+    if "rowIndex" in fields:
+        index: dict[str, Any] = {}
+        for name in ("row", "column"):
+            values = fields[f"{name}Index"]
+            index |= {f"{name}Minimum": int(values.min()), f"{name}Maximum": int(values.max())}
+        bounds["indexBounds"] = {**index, "returnMinimum": 0, "returnMaximum": 0}
+    if "intensity" in fields:
+        bounds["intensityLimits"] = {"intensityMinimum": 0.0, "intensityMaximum": 1.0}
+    if "colorRed" in fields:
+        limits = {"Minimum": 0, "Maximum": 255}
+        bounds["colorLimits"] = {f"color{c}{k}": v for c in ("Red", "Green", "Blue") for k, v in limits.items()}
+    return bounds
+
+
+def _pose(image: Any, scan: Scan) -> Any:
+    """Return the pose node: unit quaternion and translation of T_project_scanner."""
+    T_project_scanner = require_rigid(scan.pose, f"pose of scan {scan.name}")
+    w, x, y, z = Rotation.from_matrix(T_project_scanner[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    t = apply(T_project_scanner, np.zeros(3))
+    rotation = {"w": float(w), "x": float(x), "y": float(y), "z": float(z)}
+    return _structure(image, {"rotation": rotation, "translation": dict(zip("xyz", map(float, t), strict=True))})
+
+
+def _structure(image: Any, content: Mapping[str, Any]) -> Any:
+    """Return a structure node of strings, integers, floats and structures."""
+    from pye57 import libe57
+
+    node = libe57.StructureNode(image)
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            node.set(name, _structure(image, value))
+        elif isinstance(value, str):
+            node.set(name, libe57.StringNode(image, value))
+        elif isinstance(value, int):
+            node.set(name, libe57.IntegerNode(image, value))
+        else:
+            node.set(name, libe57.FloatNode(image, value))
+    return node
+
+
+def _prototype(image: Any, fields: Mapping[str, Any]) -> Any:
+    """Return the node that says how each point field is stored."""
+    from pye57 import libe57
+
+    prototype = libe57.StructureNode(image)
+    for name, values in fields.items():
+        low, high = values.min(), values.max()
+        if name.startswith("cartesian") and len(name) == len("cartesianX"):
+            # one step of room on either side, so that rounding cannot leave the bounds
+            first, last = int(np.floor(low / STEP)) - 1, int(np.ceil(high / STEP)) + 1
+            node = libe57.ScaledIntegerNode(image, first, first, last, STEP, 0.0)
+        elif name == "intensity":
+            node = libe57.FloatNode(image, 0.0, libe57.E57_SINGLE, 0.0, 1.0)
+        elif name.startswith("color"):
+            node = libe57.IntegerNode(image, 0, 0, 255)
+        else:
+            node = libe57.IntegerNode(image, int(low), int(low), int(high))
+        prototype.set(name, node)
+    return prototype
+
+
+BUFFER_KINDS = {"cartesianX": "d", "cartesianY": "d", "cartesianZ": "d", "intensity": "f", "rowIndex": "q",
+                "columnIndex": "q", "cartesianInvalidState": "b"}  # fmt: skip
+
+
+def _write_points(image: Any, points: Any, fields: Mapping[str, Any]) -> None:
+    """Write the fields to the compressed vector, chunk by chunk."""
+    from pye57 import libe57
+
+    n = len(fields["cartesianX"])
+    arrays = {name: np.empty(min(n, CHUNK), BUFFER_KINDS.get(name, "B")) for name in fields}
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, array in arrays.items():
+        buffers.append(libe57.SourceDestBuffer(image, name, array, len(array), True, True))
+    writer = points.writer(buffers)
+    for start in range(0, n, CHUNK):
+        stop = min(start + CHUNK, n)
+        for name, array in arrays.items():
+            array[: stop - start] = fields[name][start:stop]
+        writer.write(stop - start)
+    writer.close()
