@@ -1,1 +1,60 @@
+"""The command `monitor`: speaks with the user, in millimetres and degrees; everything else is done elsewhere.
 
+Exit codes: 0, 2 for a user's error (one clear line on stderr), 1 for ours, 130 when interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from monitor.cli.app import app
+from projects.errors import MonitorError
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and end the process with its exit code."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in arguments
+    arguments = [a for a in arguments if a != "--debug"]
+    sys.exit(run(arguments, debug))
+
+
+def run(arguments: list[str], debug: bool = False) -> int:
+    """Run one command and return its exit code; with `debug`, errors come with their traceback."""
+    try:
+        code = app(arguments, prog_name="monitor", standalone_mode=False)
+    except KeyboardInterrupt:
+        _complain("interrupted; what was finished is kept, and the same command goes on from there")
+        return 130
+    except MonitorError as error:
+        if debug:
+            raise
+        _complain(str(error))
+        return 2
+    except Exception as error:  # noqa: BLE001 - the last place that can turn it into one line
+        return _usage_or_ours(error, debug)
+    return code if isinstance(code, int) else 0
+
+
+def _usage_or_ours(error: Exception, debug: bool) -> int:
+    """Return 2 for a wrong command line, 1 for an error of ours."""
+    if type(error).__name__ == "Abort":
+        _complain("interrupted; what was finished is kept, and the same command goes on from there")
+        return 130
+    if type(error).__name__ == "NoArgsIsHelpError":
+        return 2
+    if hasattr(error, "format_message"):
+        command = getattr(getattr(error, "ctx", None), "command_path", "monitor")
+        _complain(f"{error.format_message()} (see: {command} --help)")
+        return 2
+    if debug:
+        raise error
+    _complain(f"an error of ours, not yours: {type(error).__name__}: {error}; run again with --debug and report it")
+    return 1
+
+
+def _complain(message: str) -> None:
+    """Write one line to stderr."""
+    line = " ".join(message.split())
+    sys.stderr.write(f"monitor: {line}\n")

@@ -1,0 +1,196 @@
+"""What happens to an epoch, in order: the table of contents of the method.
+
+In come a project, an object and an epoch; out come products in the store, each identified by the hash of what was
+asked of which inputs, so that a second run does only what is missing and an interrupted one goes on.
+Steps and numbers follow the papers on Schönbrunn: Nothegger & Dorninger 2007, Dorninger & Nothegger 2009,
+Nothegger 2011.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from monitor.comparison import compare
+from monitor.engine import Engine
+from monitor.filtering import FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
+from monitor.quality import describe_distances
+from monitor.reconstruction import reconstruct_with_record, surface_to_points
+from monitor.record import Asked, Made, Place, find_step, latest_step, once_step, put_step
+from monitor.registration import register
+from monitor.scans import read_within
+from monitor.settings import Settings, as_mapping
+from projects.errors import ParameterError, StoreError
+from projects.model import PointCloud, Scan, Step, Surface
+from projects.store import Project
+
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class ScanTask:
+    """One scan within the object's extent, ready to be filtered anywhere."""
+
+    scan: Scan
+    settings: FilterSettings
+    counts: Mapping[str, int]
+
+
+def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Notify) -> list[Step]:
+    """Bring one epoch up to date (design steps 1 to 10) and return its steps in order."""
+    if place.project.epoch(place.object_id, place.epoch_id).is_mesh:
+        return [_adopt_mesh(place, notify)]
+    scans = _filter_scans(place, settings, engine, notify)
+    filtered = _merge(place, settings, scans, notify)
+    surface = _reconstruct(place, settings, filtered, notify)
+    quality = _assess_quality(place, scans, surface, notify)
+    return [*scans, filtered, surface, quality]
+
+
+def compare_epochs(
+    place: Place, reference_id: str, settings: Settings, notify: Notify, mode: str | None = None
+) -> Step:
+    """Compare an epoch with an earlier one (design steps 11 to 13); the result is kept with the compared epoch."""
+    compared_id = place.epoch_id
+    if reference_id == compared_id:
+        raise ParameterError(f"epoch {reference_id} was given twice; a comparison needs two different epochs")
+    earlier = replace(place, epoch_id=reference_id)
+    before, after = latest_step(earlier, "surface"), latest_step(place, "surface")
+    mode = mode or default_mode(place.project, place.object_id, reference_id, compared_id)
+    tolerance = place.project.object(place.object_id).tolerance
+    parameters = {
+        "mode": mode,
+        "tolerance": tolerance,
+        "icp": as_mapping(settings.icp),
+        "compare": as_mapping(settings.compare),
+    }
+
+    def make() -> Made:
+        reference, compared = earlier.get(before), place.get(after)
+        notify(f"{compared_id}: registering to {reference_id}")
+        motion = register(compared, reference, settings.icp)
+        notify(f"{compared_id}: comparing with {reference_id}")
+        return Made(compare(reference, compared, motion, settings.compare, mode=mode, tolerance=tolerance))
+
+    asked = Asked(comparison_product(reference_id), "comparison", parameters, (before, after))
+    return once_step(place, asked, make)
+
+
+def comparison_product(reference_id: str) -> str:
+    """Return the product name, under the compared epoch, of the comparison with a reference epoch."""
+    return f"comparison-{reference_id}"
+
+
+def default_mode(project: Project, object_id: str, reference_id: str, compared_id: str) -> str:
+    """Return "absolute" where both epochs have control points, "relative" otherwise (design step 11)."""
+    both = all(project.epoch(object_id, e).control for e in (reference_id, compared_id))
+    return "absolute" if both else "relative"
+
+
+def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:
+    """Return each epoch with the first and with the one before it, (reference, compared), without repeats."""
+    pairs: list[tuple[str, str]] = []
+    for k in range(1, len(epoch_ids)):
+        for reference in (epoch_ids[0], epoch_ids[k - 1]):
+            if (reference, epoch_ids[k]) not in pairs:
+                pairs.append((reference, epoch_ids[k]))
+    return pairs
+
+
+def _filter_scans(place: Place, settings: Settings, engine: Engine, notify: Notify) -> list[Step]:
+    """Filter each scan by itself (design steps 0 to 6) and return one step a scan."""
+    headers = place.project.scan_headers(place.object_id, place.epoch_id)
+    asked = _ask_scans(place, settings, [header.name for header in headers])
+    steps = [find_step(place, a) for a in asked]
+    missing = [k for k, step in enumerate(steps) if step is None]
+
+    def tasks() -> Iterator[ScanTask]:
+        for k in missing:
+            notify(f"{place.epoch_id}: filtering scan {k + 1} of {len(headers)} ({headers[k].name})")
+            scan, counts = read_within(place.project, place.object_id, place.epoch_id, k)
+            yield ScanTask(scan, settings.filter, counts)
+
+    started = time.perf_counter()
+    for k, made in zip(missing, engine.map(filter_task, tasks()), strict=True):
+        cloud = replace(made.noun, scan_index=np.full(len(made.noun), k, dtype=np.int32))
+        finished = time.perf_counter()
+        steps[k] = put_step(place, asked[k], replace(made, noun=cloud), finished - started)
+        started = finished
+    return [step for step in steps if step is not None]
+
+
+def _ask_scans(place: Place, settings: Settings, names: list[str]) -> list[Asked]:
+    """Return what is asked of each scan."""
+    raw = latest_step(place, "raw")
+    extent = place.project.object(place.object_id).extent
+    given = {"filter": as_mapping(settings.filter), "extent": extent}
+    return [Asked(f"scan-{k:03d}", "scan", {**given, "scan": k, "name": name}, (raw,)) for k, name in enumerate(names)]
+
+
+def filter_task(task: ScanTask) -> Made:
+    """Filter one scan (runs on any worker); a scan that saw nothing of the object is skipped, and said to be."""
+    if len(task.scan.cloud) == 0:
+        return Made(PointCloud(np.empty((0, 3))), {"skipped": "no point within the extent"}, task.counts)
+    result = filter_scan_with_record(task.scan, task.settings)
+    return Made(result.cloud, result.automatic, {**task.counts, **result.counts})
+
+
+def _merge(place: Place, settings: Settings, scans: list[Step], notify: Notify) -> Step:
+    """Merge the scans and filter the merged cloud once more (design step 8; Dorninger & Nothegger 2009)."""
+
+    def make() -> Made:
+        notify(f"{place.epoch_id}: merging {len(scans)} scans")
+        clouds = [cloud for cloud in map(place.get, scans) if len(cloud)]
+        if not clouds:
+            raise StoreError("no scan has a point within the object's extent; check the extent, the poses and the unit")
+        result = merge_scans(clouds, settings.filter)
+        return Made(result.cloud, result.automatic, result.counts)
+
+    return once_step(place, Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, tuple(scans)), make)
+
+
+def _reconstruct(place: Place, settings: Settings, filtered: Step, notify: Notify) -> Step:
+    """Make the surface of the merged cloud (design step 9)."""
+
+    def make() -> Made:
+        notify(f"{place.epoch_id}: reconstructing the surface")
+        result = reconstruct_with_record(place.get(filtered), settings.surface)
+        return Made(result.surface, result.automatic, result.counts)
+
+    return once_step(place, Asked("surface", "surface", {"surface": as_mapping(settings.surface)}, (filtered,)), make)
+
+
+def _assess_quality(place: Place, scans: list[Step], surface: Step, notify: Notify) -> Step:
+    """Compare the surface with each scan that it came from (design step 10; Nothegger & Dorninger 2007, fig. 8)."""
+
+    def make() -> Made:
+        notify(f"{place.epoch_id}: checking the surface against its scans")
+        mesh = place.get(surface)
+        arrays: dict[str, Any] = {}
+        for step in scans:
+            cloud = place.get(step)
+            if len(cloud) == 0:
+                continue
+            arrays[step.product] = surface_to_points(mesh, cloud.points, cloud.normals)
+        figures = {name: describe_distances(distances) for name, distances in arrays.items()}
+        figures["all"] = describe_distances(np.concatenate(list(arrays.values())))
+        return Made(arrays, figures)
+
+    return once_step(place, Asked("quality", "quality", {}, (*scans, surface)), make)
+
+
+def _adopt_mesh(place: Place, notify: Notify) -> Step:
+    """Take a finished mesh as the surface of its epoch, with the noise that its own vertices show."""
+
+    def make() -> Made:
+        notify(f"{place.epoch_id}: taking the mesh as the surface")
+        mesh: Surface = place.project.get(place.object_id, place.epoch_id, "mesh")
+        cloud = estimate_normals(PointCloud(points=mesh.vertices))
+        surface = replace(mesh, sigma=cloud.sigma, roughness=cloud.roughness)
+        return Made(surface, {"sigma": "scatter of the mesh's own vertices about their local planes"})
+
+    return once_step(place, Asked("surface", "surface", {"source": "mesh"}, (latest_step(place, "raw"),)), make)

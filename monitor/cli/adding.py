@@ -1,0 +1,146 @@
+"""The command add-epoch: checks what was asked, then streams the scans into the store."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import typer
+
+from monitor.cli.progress import show_progress
+from monitor.cli.units import metres_per_unit
+from monitor.scans import UnitCheck, open_scans, with_questioned_unit
+from projects.errors import ParameterError, StoreError
+from projects.formats import PoseLine, question_unit, read_control, read_mesh, read_poses
+from projects.identifiers import require_id
+from projects.model import ControlPoint, EpochRecord
+from projects.store import Project
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpochRequest:
+    """What `add-epoch` was asked."""
+
+    object_id: str
+    epoch_id: str
+    date: str
+    label: str
+    scanner: str | None
+    operator: str
+    poses: Path | None
+    control: Path | None
+    repeated: bool
+    mesh: bool
+    unit: str | None
+    files: tuple[Path, ...]
+
+
+def add_epoch_to_project(path: Path, request: EpochRequest, as_json: bool) -> None:
+    """Add an epoch; on any error the project stays as it was."""
+    project = Project.open(path)
+    _require_new(project, request)
+    unit = UnitCheck(metres_per_unit(request.unit), request.unit is not None)
+    record = _record(request, unit)
+    with show_progress() as notify:
+        notify(f"{request.epoch_id}: reading {len(request.files)} file{'s' if len(request.files) > 1 else ''}")
+        stored = (
+            _add_mesh(project, record, request, unit) if request.mesh else _add_scans(project, record, request, unit)
+        )
+    _tell(project, stored, as_json)
+
+
+def _require_new(project: Project, request: EpochRequest) -> None:
+    """Refuse a bad id and an epoch that exists, before anything is read."""
+    require_id(request.epoch_id, "EPOCH")
+    known = [e.epoch_id for e in project.epochs(project.object(request.object_id).object_id)]
+    if request.epoch_id in known:
+        raise StoreError(
+            f"object {request.object_id} has an epoch {request.epoch_id} already; take another id or remove it first: "
+            f"monitor remove-epoch {project.path} {request.object_id} {request.epoch_id}"
+        )
+
+
+def _record(request: EpochRequest, unit: UnitCheck) -> EpochRecord:
+    """Return the epoch's record, everything checked."""
+    return EpochRecord(
+        object_id=request.object_id,
+        epoch_id=request.epoch_id,
+        date=_date(request.date),
+        label=request.label,
+        scanner=_scanner(request.scanner),
+        repeated=request.repeated,
+        is_mesh=request.mesh,
+        operator=request.operator,
+        control=_control(request, unit),
+    )
+
+
+def _date(text: str) -> datetime.date:
+    """Return the date of a survey."""
+    try:
+        return datetime.datetime.strptime(text, "%Y-%m-%d").date()
+    except ValueError as error:
+        raise ParameterError(f"--date {text}: a date like 2026-05-31 is needed") from error
+
+
+def _scanner(preset: str | None) -> str | None:
+    """Return the preset if it is known."""
+    from monitor.simulation import PRESETS
+
+    if preset is not None and preset not in PRESETS:
+        raise ParameterError(
+            f"--scanner {preset}: known presets are {', '.join(sorted(PRESETS))}; leave it out otherwise"
+        )
+    return preset
+
+
+def _control(request: EpochRequest, unit: UnitCheck) -> tuple[ControlPoint, ...]:
+    """Return the control points, kept until the registration uses them."""
+    return () if request.control is None else read_control(request.control, unit=unit.metres)
+
+
+def _poses(request: EpochRequest, unit: UnitCheck) -> Mapping[str, PoseLine]:
+    """Return the pose lines by file name."""
+    return {} if request.poses is None else read_poses(request.poses, unit=unit.metres)
+
+
+def _add_scans(project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> EpochRecord:
+    """Stream the scans into the store."""
+    streams = open_scans(request.files, _poses(request, unit), unit, repeated=request.repeated)
+    return project.add_epoch(record, with_questioned_unit(streams, unit))
+
+
+def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> EpochRecord:
+    """Keep a finished mesh as an epoch."""
+    given = [name for name in ("poses", "repeated") if getattr(request, name)]
+    if given:
+        raise ParameterError(f"--mesh and --{given[0]} exclude each other: a mesh has no scans")
+    if len(request.files) != 1:
+        raise ParameterError(f"--mesh takes one file, {len(request.files)} were given")
+    if not request.files[0].is_file():
+        raise ParameterError(f"{request.files[0]}: no such file; give a mesh as PLY, OBJ, STL or GLB")
+    mesh = read_mesh(request.files[0], unit=unit.metres)
+    bounds = mesh.vertices[[0, 0]].copy()
+    bounds[0], bounds[1] = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    question_unit(bounds, unit_stated=unit.was_stated)
+    return project.add_epoch(record, (), mesh=mesh)
+
+
+def _tell(project: Project, record: EpochRecord, as_json: bool) -> None:
+    """Say what was kept and what was dropped."""
+    headers = project.scan_headers(record.object_id, record.epoch_id)
+    dropped: dict[str, int] = {}
+    for header in headers:
+        for reason, n in header.dropped.items():
+            dropped[reason] = dropped.get(reason, 0) + int(n)
+    n_points = sum(header.n_points for header in headers)
+    if as_json:
+        facts = {"object": record.object_id, "epoch": record.epoch_id, "n_scans": len(headers), "n_points": n_points}
+        typer.echo(json.dumps({**facts, "dropped": dropped}, indent=2))
+        return
+    what = "a mesh" if record.is_mesh else f"{len(headers)} scan{'s' if len(headers) != 1 else ''}, {n_points} points"
+    left_out = "".join(f"; {n} {reason.replace('_', ' ')} left out" for reason, n in dropped.items() if n)
+    typer.echo(f"epoch {record.epoch_id} added to object {record.object_id}: {what}{left_out}")

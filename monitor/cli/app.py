@@ -1,0 +1,242 @@
+"""The table of commands: names, arguments and options as other programs rely on them (design section 3).
+
+Each command imports what it needs when it runs, so that help and errors come at once.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="monitor",
+    help="Follow the state of monuments through time: laser scans in, difference models and reports out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+ProjectArgument = Annotated[Path, typer.Argument(metavar="PROJECT", help="Folder of the project.")]
+ObjectArgument = Annotated[str, typer.Argument(metavar="OBJECT", help="Id of the object.")]
+OptionalObject = Annotated[str | None, typer.Argument(metavar="[OBJECT]", help="Id of the object; all by default.")]
+EpochArgument = Annotated[str, typer.Argument(metavar="EPOCH", help="Id of the epoch.")]
+Reference = Annotated[str | None, typer.Argument(metavar="[REFERENCE]", help="Id of the earlier epoch.")]
+Compared = Annotated[str | None, typer.Argument(metavar="[COMPARED]", help="Id of the later epoch.")]
+OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write to; made if missing.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON for a program.")]
+SettingsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--settings", metavar="FILE.toml", help="Settings that differ from the defaults; see: monitor settings."
+    ),
+]
+WorkersOption = Annotated[int | None, typer.Option("--workers", metavar="N", help="Use N local worker processes.")]
+SchedulerOption = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Use the Dask cluster at this address.")
+]
+Text = Annotated[str, typer.Option()]
+
+
+@app.command()
+def demo(out: OutOption = Path("monitor-demo")) -> None:
+    """Run the whole job on a bundled example: a carved figure, scanned twice; ends by naming the report."""
+    from monitor.cli.demo import run_demo
+
+    run_demo(out)
+
+
+@app.command()
+def init(
+    project: ProjectArgument,
+    name: Annotated[str, typer.Option(help="Name of the project, free text.")] = "",
+    crs: Annotated[str, typer.Option(metavar="EPSG:n", help="Reference system of the project's coordinates.")] = "",
+    description: Annotated[str, typer.Option(help="What the project is about, free text.")] = "",
+) -> None:
+    """Start a project in a new or empty folder."""
+    from monitor.cli.keeping import init_project
+
+    init_project(project, name, crs, description)
+
+
+@app.command("add-object")
+def add_object(
+    project: ProjectArgument,
+    object_id: ObjectArgument,
+    name: Annotated[str, typer.Option(help="Name, free text.")] = "",
+    inventory: Annotated[str, typer.Option(help="Inventory number.")] = "",
+    place: Annotated[str, typer.Option(help="Where it stands.")] = "",
+    material: Annotated[str, typer.Option(help="What it is made of.")] = "",
+    description: Annotated[str, typer.Option(help="Free text.")] = "",
+    extent: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="JSON file with the box or polygon that holds the object; points outside are left out."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="The client's tolerance in millimetres, reported beside the detection."),
+    ] = None,
+) -> None:
+    """Add an object: a sculpture, a stove, a staircase, a room."""
+    from monitor.cli.keeping import add_object_to_project
+
+    texts = {"name": name, "inventory": inventory, "place": place, "material": material, "description": description}
+    add_object_to_project(project, object_id, texts, extent, tolerance)
+
+
+@app.command("add-epoch")
+def add_epoch(
+    project: ProjectArgument,
+    object_id: ObjectArgument,
+    epoch_id: EpochArgument,
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Scans: E57, PTX, PTS, LAS, LAZ, PLY, PCD, OBJ, STL, XYZ, TXT, CSV."),
+    ],
+    date: Annotated[str, typer.Option(metavar="YYYY-MM-DD", help="Date of the survey.")],
+    label: Annotated[str, typer.Option(help="Name of the epoch, free text: before restoration.")] = "",
+    scanner: Annotated[
+        str | None, typer.Option(metavar="PRESET", help="Instrument; without it, found from the scans.")
+    ] = None,
+    operator: Annotated[str, typer.Option(help="Who made the survey, free text.")] = "",
+    poses: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="One line a scan: file name and 16 numbers T_project_scanner, row by row."),
+    ] = None,
+    control: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="Control points: name,x,y,z[,sigma].")
+    ] = None,
+    repeated: Annotated[
+        bool, typer.Option("--repeated", help="The files are repeated scans from one station.")
+    ] = False,
+    mesh: Annotated[bool, typer.Option("--mesh", help="The file is a finished surface.")] = False,
+    unit: Annotated[
+        str | None,
+        typer.Option(metavar="m|mm|cm|in|ft", help="Unit of files, poses and control; metres where not given."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Add an epoch: the object's state at one date, from its scans."""
+    from monitor.cli.adding import EpochRequest, add_epoch_to_project
+
+    request = EpochRequest(
+        object_id=object_id, epoch_id=epoch_id, date=date, label=label, scanner=scanner, operator=operator,
+        poses=poses, control=control, repeated=repeated, mesh=mesh, unit=unit, files=tuple(files),
+    )  # fmt: skip
+    add_epoch_to_project(project, request, as_json)
+
+
+@app.command("remove-epoch")
+def remove_epoch(
+    project: ProjectArgument,
+    object_id: ObjectArgument,
+    epoch_id: EpochArgument,
+    purge: Annotated[bool, typer.Option("--purge", help="Also delete its files; this cannot be undone.")] = False,
+) -> None:
+    """Take an epoch out of the project; its files stay on disk unless --purge is given."""
+    from monitor.cli.keeping import remove_epoch_from_project
+
+    remove_epoch_from_project(project, object_id, epoch_id, purge)
+
+
+@app.command()
+def process(
+    project: ProjectArgument,
+    object_id: OptionalObject = None,
+    epoch_id: Annotated[str | None, typer.Argument(metavar="[EPOCH]", help="Id of the epoch; all by default.")] = None,
+    settings: SettingsOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Bring epochs from scans to surfaces; does only what is missing."""
+    from monitor.cli.working import process_project
+
+    process_project(project, object_id, epoch_id, settings, (workers, scheduler), as_json)
+
+
+@app.command()
+def compare(
+    project: ProjectArgument,
+    object_id: ObjectArgument,
+    reference: Reference = None,
+    compared: Compared = None,
+    mode: Annotated[
+        str | None,
+        typer.Option(
+            metavar="relative|absolute",
+            help="Remove the motion of the whole, or keep it; absolute where both have control.",
+        ),
+    ] = None,
+    settings: SettingsOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare two epochs; without epochs, each with the first and with the one before."""
+    from monitor.cli.working import compare_object
+
+    compare_object(project, object_id, (reference, compared), mode, settings, (workers, scheduler), as_json)
+
+
+@app.command()
+def export(
+    project: ProjectArgument,
+    object_id: ObjectArgument,
+    out: OutOption,
+    reference: Annotated[
+        str | None, typer.Argument(metavar="[REFERENCE|EPOCH]", help="Earlier epoch, or the one to export.")
+    ] = None,
+    compared: Compared = None,
+    formats: Annotated[
+        str, typer.Option("--format", metavar="LIST", help="Of ply,glb,obj,stl,laz,e57,csv; with commas.")
+    ] = "ply",
+) -> None:
+    """Write surfaces and difference models as files with fixed names."""
+    from monitor.cli.results import export_results
+
+    export_results(project, object_id, (reference, compared), out, formats)
+
+
+@app.command()
+def report(
+    project: ProjectArgument,
+    object_id: ObjectArgument,
+    out: OutOption,
+    reference: Reference = None,
+    compared: Compared = None,
+) -> None:
+    """Write the report of a comparison: one HTML file that says what changed, where, how much and how sure."""
+    from monitor.cli.results import write_reports
+
+    write_reports(project, object_id, (reference, compared), out)
+
+
+@app.command()
+def verify(
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of a project.")], as_json: JsonOption = False
+) -> None:
+    """Check every file of a project against what was recorded of it."""
+    from monitor.cli.keeping import verify_project
+
+    verify_project(path, as_json)
+
+
+@app.command()
+def status(project: ProjectArgument, as_json: JsonOption = False) -> None:
+    """Show objects, epochs, and what has been done with them."""
+    from monitor.cli.keeping import show_status
+
+    show_status(project, as_json)
+
+
+@app.command()
+def settings() -> None:
+    """Print every setting with its unit, default and meaning, as TOML."""
+    from monitor.settings import to_toml
+
+    typer.echo(to_toml(), nl=False)

@@ -1,0 +1,115 @@
+"""Commands that keep: init, add-object, remove-epoch, verify, status."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from monitor.cli.units import metres_from_millimetres
+from projects.errors import StoreError
+from projects.extent import read_extent
+from projects.model import EpochRecord, ObjectRecord
+from projects.store import Project
+
+
+def init_project(path: Path, name: str, crs: str, description: str) -> None:
+    """Start a project."""
+    project = Project.create(path, name=name, crs=crs, description=description)
+    typer.echo(f"project {project.name or path.name} started in {path}")
+
+
+def add_object_to_project(
+    path: Path, object_id: str, texts: dict[str, str], extent: Path | None, tolerance: float | None
+) -> None:
+    """Add an object with its texts, extent and the client's tolerance [mm]."""
+    project = Project.open(path)
+    stored = None if extent is None else read_extent(extent).to_mapping()
+    limit = None if tolerance is None else metres_from_millimetres(tolerance, "--tolerance")
+    project.add_object(ObjectRecord(object_id=object_id, extent=stored, tolerance=limit, **texts))
+    typer.echo(f"object {object_id} added to {path}")
+
+
+def remove_epoch_from_project(path: Path, object_id: str, epoch_id: str, purge: bool) -> None:
+    """Take an epoch out of the index."""
+    project = Project.open(path)
+    project.remove_epoch(object_id, epoch_id, purge=purge)
+    kept = "and its files are deleted" if purge else "its files stay on disk until --purge"
+    typer.echo(f"epoch {epoch_id} of object {object_id} is out of the project; {kept}")
+
+
+def verify_project(path: Path, as_json: bool) -> None:
+    """Check every file against its record; a project with errors ends with exit code 2."""
+    report = Project.open(path).verify()
+    errors = [f for f in report.findings if f.severity == "error"]
+    if as_json:
+        findings = [{"severity": f.severity, "path": str(f.path), "message": f.message} for f in report.findings]
+        typer.echo(json.dumps({"project": str(path), "n_files": report.n_files, "findings": findings}, indent=2))
+    else:
+        for finding in report.findings:
+            typer.echo(f"{finding.severity}: {finding.path}: {finding.message}")
+    if errors:
+        raise StoreError(
+            f"{path}: {len(errors)} of {report.n_files} files are not as recorded; the first: {errors[0].message}"
+        )
+    if not as_json:
+        typer.echo(f"{path}: {report.n_files} files, all as recorded")
+
+
+def show_status(path: Path, as_json: bool) -> None:
+    """Show what the project holds and what was done."""
+    project = Project.open(path)
+    facts = [_object_status(project, record) for record in project.objects()]
+    if as_json:
+        typer.echo(json.dumps({"project": str(path), "name": project.name, "objects": facts}, indent=2))
+        return
+    if not facts:
+        typer.echo(f"{path}: no object yet; add one: monitor add-object {path} OBJECT")
+    console = Console()
+    for fact in facts:
+        console.print(_status_table(fact))
+
+
+def _object_status(project: Project, record: ObjectRecord) -> dict[str, Any]:
+    """Return one object's state as plain values."""
+    epochs = [_epoch_status(project, epoch) for epoch in project.epochs(record.object_id)]
+    return {"object": record.object_id, "name": record.name, "epochs": epochs}
+
+
+def _epoch_status(project: Project, epoch: EpochRecord) -> dict[str, Any]:
+    """Return one epoch's state as plain values."""
+    headers = project.scan_headers(epoch.object_id, epoch.epoch_id)
+    products = {step.product for step in project.steps(epoch.object_id, epoch.epoch_id)}
+    prefix = "comparison-"
+    return {
+        "epoch": epoch.epoch_id,
+        "date": epoch.date.isoformat(),
+        "label": epoch.label,
+        "n_scans": len(headers),
+        "n_points": sum(header.n_points for header in headers),
+        "is_mesh": epoch.is_mesh,
+        "processed": "surface" in products,
+        "compared_with": sorted(p.removeprefix(prefix) for p in products if p.startswith(prefix)),
+    }
+
+
+def _status_table(fact: dict[str, Any]) -> Table:
+    """Return one object's epochs as a table."""
+    title = f"{fact['object']}  {fact['name']}" if fact["name"] else fact["object"]
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for heading in ("epoch", "date", "label"):
+        table.add_column(heading)
+    table.add_column("scans", justify="right")
+    table.add_column("points", justify="right")
+    table.add_column("surface")
+    table.add_column("compared with")
+    for e in fact["epochs"]:
+        scans = "mesh" if e["is_mesh"] else str(e["n_scans"])
+        points = "" if e["is_mesh"] else f"{e['n_points']:,}".replace(",", " ")
+        surface = "made" if e["processed"] else "to do"
+        table.add_row(e["epoch"], e["date"], e["label"], scans, points, surface, ", ".join(e["compared_with"]))
+    return table

@@ -1,0 +1,129 @@
+"""Commands that give results: export and report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from monitor.chain import comparison_product
+from monitor.cli.progress import show_progress
+from monitor.record import Place, latest_step
+from projects.errors import ParameterError, StoreError
+from projects.model import Step
+from projects.store import Project
+from reports.document import gather_facts
+from reports.exports import FORMATS, export_comparison, export_surface
+from reports.html import write_report
+
+Pair = tuple[str | None, str | None]
+
+
+def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: str) -> list[Path]:
+    """Write surfaces and comparisons with their fixed names and name every file written."""
+    project = Project.open(path)
+    wanted = parse_formats(formats)
+    epochs, comparisons = _what_to_export(project, object_id, pair)
+    make_folder(out)
+    written: list[Path] = []
+    with show_progress() as notify:
+        for epoch_id in epochs:
+            notify(f"{epoch_id}: writing the surface")
+            place = Place(project, object_id, epoch_id)
+            surface = place.get(latest_step(place, "surface"))
+            written += export_surface(out, object_id, epoch_id, surface, wanted)
+        for reference_id, compared_id in comparisons:
+            notify(f"{compared_id}: writing the comparison with {reference_id}")
+            step = require_comparison(project, object_id, reference_id, compared_id)
+            comparison = project.get(object_id, compared_id, step.product, step.step_id)
+            written += export_comparison(out, object_id, reference_id, compared_id, comparison, step, wanted)
+    for file in written:
+        typer.echo(str(file))
+    return written
+
+
+def parse_formats(text: str) -> tuple[str, ...]:
+    """Return the formats of `--format`, each known."""
+    wanted = tuple(dict.fromkeys(f.strip().lower() for f in text.split(",") if f.strip()))
+    unknown = [f for f in wanted if f not in FORMATS]
+    if unknown or not wanted:
+        raise ParameterError(f"--format {text}: allowed are {', '.join(FORMATS)}, with commas between them")
+    return wanted
+
+
+def _what_to_export(project: Project, object_id: str, pair: Pair) -> tuple[list[str], list[tuple[str, str]]]:
+    """Return the epochs and the comparisons meant: one comparison, one epoch, or everything there is."""
+    reference, compared = pair
+    known = [e.epoch_id for e in project.epochs(project.object(object_id).object_id)]
+    if reference and compared:
+        return [], [(project.epoch(object_id, reference).epoch_id, project.epoch(object_id, compared).epoch_id)]
+    if reference:
+        return [project.epoch(object_id, reference).epoch_id], []
+    epochs = [e for e in known if project.latest(object_id, e, "surface") is not None]
+    if not epochs:
+        raise StoreError(
+            f"object {object_id} has nothing to export yet; run: monitor process {project.path} {object_id}"
+        )
+    return epochs, kept_comparisons(project, object_id)
+
+
+def kept_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
+    """Return every comparison (reference, compared) that the project holds of an object."""
+    ids = [e.epoch_id for e in project.epochs(object_id)]
+    return [
+        (before, after)
+        for after in ids
+        for before in ids
+        if before != after and project.latest(object_id, after, comparison_product(before)) is not None
+    ]
+
+
+def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
+    """Return the step of a comparison, or say how to make it."""
+    step = project.latest(object_id, compared_id, comparison_product(reference_id))
+    if step is None:
+        raise StoreError(
+            f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
+            f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
+        )
+    return step
+
+
+def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Path]:
+    """Write the report of one comparison, or of all that the project holds, and name the files."""
+    project = Project.open(path)
+    pairs = _what_to_report(project, object_id, pair)
+    make_folder(out)
+    written: list[Path] = []
+    with show_progress() as notify:
+        for reference_id, compared_id in pairs:
+            require_comparison(project, object_id, reference_id, compared_id)
+            notify(f"{compared_id}: drawing the report of the comparison with {reference_id}")
+            file = out / f"{object_id}_{reference_id}_{compared_id}_report.html"
+            write_report(file, gather_facts(project, object_id, reference_id, compared_id))
+            written.append(file)
+    for file in written:
+        typer.echo(str(file))
+    return written
+
+
+def _what_to_report(project: Project, object_id: str, pair: Pair) -> list[tuple[str, str]]:
+    """Return the comparisons meant."""
+    reference, compared = pair
+    project.object(object_id)
+    if reference and compared:
+        return [(project.epoch(object_id, reference).epoch_id, project.epoch(object_id, compared).epoch_id)]
+    if reference:
+        raise ParameterError(f"one epoch was given ({reference}); give two, REFERENCE and COMPARED, or none")
+    pairs = kept_comparisons(project, object_id)
+    if not pairs:
+        raise StoreError(f"object {object_id} has no comparison yet; run: monitor compare {project.path} {object_id}")
+    return pairs
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder of `--out`, or say why it cannot be."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ParameterError(f"--out {out}: cannot be made a folder ({error.strerror})") from error

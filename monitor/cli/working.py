@@ -1,0 +1,126 @@
+"""Commands that work: process and compare."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from monitor.chain import Notify, compare_epochs, pairs_to_compare, process_epoch
+from monitor.cli.progress import show_progress
+from monitor.engine import open_engine
+from monitor.record import Place
+from monitor.settings import Settings, read_settings
+from projects.errors import ParameterError, StoreError
+from projects.model import Comparison, Step
+from projects.store import Project
+
+Pair = tuple[str | None, str | None]
+Where = tuple[int | None, str | None]  # workers, scheduler
+
+
+def process_project(
+    path: Path, object_id: str | None, epoch_id: str | None, settings_file: Path | None, where: Where, as_json: bool
+) -> None:
+    """Process the epochs asked for and say what each became."""
+    project = Project.open(path)
+    settings = read_settings(settings_file)
+    places = epochs_to_process(project, object_id, epoch_id)
+    with show_progress() as notify, open_engine(*where) as engine:
+        facts = [_processed(place, process_epoch(place, settings, engine, notify)) for place in places]
+    _tell(facts, as_json, "{object} {epoch}: {n_vertices} vertices from {n_points} points")
+
+
+def epochs_to_process(project: Project, object_id: str | None, epoch_id: str | None) -> list[Place]:
+    """Return the epochs named, or all; none at all is an error that says what to add."""
+    objects = [project.object(object_id)] if object_id else project.objects()
+    if not objects:
+        raise StoreError(f"{project.path} has no object yet; add one: monitor add-object {project.path} OBJECT")
+    if object_id and epoch_id:
+        return [Place(project, object_id, project.epoch(object_id, epoch_id).epoch_id)]
+    places = [Place(project, o.object_id, e.epoch_id) for o in objects for e in project.epochs(o.object_id)]
+    if not places:
+        name = objects[0].object_id
+        raise StoreError(f"object {name} has no epoch yet; add one: monitor add-epoch {project.path} {name} EPOCH ...")
+    return places
+
+
+def _processed(place: Place, steps: list[Step]) -> dict[str, Any]:
+    """Return what one epoch became as plain values."""
+    surface = place.project.get(place.object_id, place.epoch_id, "surface")
+    headers = place.project.scan_headers(place.object_id, place.epoch_id)
+    return {
+        "object": place.object_id,
+        "epoch": place.epoch_id,
+        "n_points": sum(h.n_points for h in headers),
+        "n_vertices": len(surface.vertices),
+        "n_faces": len(surface.faces),
+        "steps": {s.product: s.step_id for s in steps},
+    }
+
+
+def compare_object(
+    path: Path, object_id: str, pair: Pair, mode: str | None, settings_file: Path | None, where: Where, as_json: bool
+) -> None:
+    """Compare the epochs asked for and say what was found."""
+    if mode not in (None, "relative", "absolute"):
+        raise ParameterError(f"--mode {mode}: allowed are relative, absolute")
+    project = Project.open(path)
+    settings = read_settings(settings_file)
+    pairs = resolve_pairs(project, object_id, pair)
+    facts = []
+    with show_progress() as notify, open_engine(*where):
+        for reference, compared in pairs:
+            place = Place(project, object_id, compared)
+            facts.append(_compared(place, reference, _compare(place, reference, settings, notify, mode)))
+    _tell(facts, as_json, "{object} {reference} -> {compared}: {answer}")
+
+
+def _compare(place: Place, reference: str, settings: Settings, notify: Notify, mode: str | None) -> Comparison:
+    """Compare one pair and return the comparison."""
+    return place.get(compare_epochs(place, reference, settings, notify, mode))
+
+
+def resolve_pairs(project: Project, object_id: str, pair: Pair) -> list[tuple[str, str]]:
+    """Return the pairs (reference, compared) meant: the one given, or each with the first and the one before."""
+    reference, compared = pair
+    epochs = [e.epoch_id for e in project.epochs(project.object(object_id).object_id)]
+    if reference and compared:
+        return [(project.epoch(object_id, reference).epoch_id, project.epoch(object_id, compared).epoch_id)]
+    if reference:
+        raise ParameterError(f"one epoch was given ({reference}); give two, REFERENCE and COMPARED, or none")
+    if len(epochs) < 2:
+        raise StoreError(
+            f"object {object_id} has {len(epochs)} epoch{'s' if len(epochs) != 1 else ''}; a comparison needs two"
+        )
+    return pairs_to_compare(epochs)
+
+
+def _compared(place: Place, reference: str, comparison: Comparison) -> dict[str, Any]:
+    """Return what one comparison found as plain values."""
+    n, unknown = comparison.statistics["n_vertices"], comparison.statistics["n_not_assessable"]
+    count = len(comparison.regions)
+    found = f"{count} region{'s' if count != 1 else ''} of change" if count else "no change found"
+    answer = (
+        f"{found}; level of detection {1000 * comparison.statistics['lod95_median_m']:.2f} mm; "
+        f"{100 * unknown / max(1, n):.0f} % not assessable"
+    )
+    return {
+        "object": place.object_id,
+        "reference": reference,
+        "compared": place.epoch_id,
+        "mode": comparison.mode,
+        "n_regions": count,
+        "answer": answer,
+    }
+
+
+def _tell(facts: list[dict[str, Any]], as_json: bool, line: str) -> None:
+    """Print the facts as JSON or a line each."""
+    if as_json:
+        typer.echo(json.dumps(facts, indent=2))
+        return
+    for fact in facts:
+        typer.echo(line.format(**fact))

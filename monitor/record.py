@@ -1,0 +1,103 @@
+"""How a step of the chain is kept: found by the hash of what was asked of which inputs, or made and put.
+
+In come the epoch, what is asked, and a function that makes it; out comes the step in the store.
+"""
+
+from __future__ import annotations
+
+import datetime
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from projects.errors import MonitorError, StoreError
+from projects.model import Step
+from projects.provenance import step_id, versions
+from projects.store import Project
+
+# Raised when a step's method changes, so that what an older version made is made anew.
+METHOD = {"scan": 1, "filtered": 1, "surface": 1, "quality": 1, "comparison": 1}
+
+
+@dataclass(frozen=True)
+class Place:
+    """One epoch of one object of a project: where a product belongs."""
+
+    project: Project
+    object_id: str
+    epoch_id: str
+
+    def get(self, step: Step) -> Any:
+        """Return what a step of this epoch made."""
+        return self.project.get(self.object_id, self.epoch_id, step.product, step.step_id)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked: a product, by which kind of step, with which parameters, of which inputs."""
+
+    product: str
+    kind: str
+    parameters: Mapping[str, Any]
+    inputs: tuple[Step, ...]
+
+    @property
+    def step_id(self) -> str:
+        """The hash that identifies the result."""
+        return step_id(self.product, self.parameters, tuple(s.step_id for s in self.inputs), METHOD[self.kind])
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a step made, what it found by itself and what it counted."""
+
+    noun: Any
+    automatic: Mapping[str, Any] = field(default_factory=dict)
+    counts: Mapping[str, Any] = field(default_factory=dict)
+
+
+def latest_step(place: Place, product: str) -> Step:
+    """Return the present step of a product, or say what to do."""
+    place.project.epoch(place.object_id, place.epoch_id)
+    step = place.project.latest(place.object_id, place.epoch_id, product)
+    if step is None:
+        raise StoreError(
+            f"epoch {place.epoch_id} of object {place.object_id} has no {product} yet; run: "
+            f"monitor process {place.project.path} {place.object_id} {place.epoch_id}"
+        )
+    return step
+
+
+def find_step(place: Place, asked: Asked) -> Step | None:
+    """Return the step if it was made already."""
+    return place.project.find(place.object_id, place.epoch_id, asked.product, asked.step_id)
+
+
+def put_step(place: Place, asked: Asked, made: Made, seconds: float) -> Step:
+    """Keep what a step made, with its whole record."""
+    step = Step(
+        step_id=asked.step_id,
+        product=asked.product,
+        parameters=asked.parameters,
+        inputs=tuple(s.step_id for s in asked.inputs),
+        automatic=made.automatic,
+        counts=made.counts,
+        versions=versions(),
+        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        seconds=seconds,
+    )
+    return place.project.put(place.object_id, place.epoch_id, step, made.noun)
+
+
+def once_step(place: Place, asked: Asked, make: Callable[[], Made]) -> Step:
+    """Return the step if it was made already, otherwise make and keep it."""
+    found = find_step(place, asked)
+    if found is not None:
+        return found
+    started = time.perf_counter()
+    try:
+        made = make()
+    except MonitorError as error:
+        raise type(error)(f"object {place.object_id}, epoch {place.epoch_id}: {error}") from error
+    return put_step(place, asked, made, time.perf_counter() - started)

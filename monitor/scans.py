@@ -1,0 +1,134 @@
+"""Scans on their way: from files to the store with their poses, and from the store to the chain within the extent.
+
+In come paths and options of `monitor add-epoch`, or a project and a scan's number; out come streams or one scan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from projects.errors import FormatError, ParameterError
+from projects.extent import Extent, inside
+from projects.formats import PoseLine, ScanStream, question_unit, read_scans
+from projects.model import Floats, PointCloud, Scan
+from projects.store import Project
+from projects.transforms import apply
+
+
+@dataclass(frozen=True)
+class UnitCheck:
+    """What a file's numbers mean: metres per unit, and whether the user said so."""
+
+    metres: float = 1.0
+    was_stated: bool = False
+
+
+def open_scans(
+    files: Iterable[Path], poses: Mapping[str, PoseLine], unit: UnitCheck, repeated: bool = False
+) -> list[ScanStream]:
+    """Return the scans of the files, each with a pose, ready to be streamed into the store.
+
+    A pose comes from the poses file, else from the scan's own file; a scan that stands alone (or repeated scans from
+    one station) may do without and then stands in the project's frame.
+
+    Raises
+    ------
+    ParameterError
+        For a missing file, a file given twice, a pose line that names none of the files.
+    FormatError
+        For several scans without poses.
+    """
+    streams: list[ScanStream] = []
+    for path in _require_files(files):
+        streams.extend(read_scans(path, unit=unit.metres, pose_lines=poses))
+    _require_known_names(poses, streams)
+    without = [s.name for s in streams if s.pose is None]
+    if without and len(streams) > 1 and not repeated:
+        raise FormatError(
+            f"{len(without)} of {len(streams)} scans have no pose ({', '.join(without[:3])}"
+            f"{', ...' if len(without) > 3 else ''}); give --poses FILE with a line for each"
+        )
+    return [s if s.pose is not None else replace(s, pose=np.eye(4)) for s in streams]
+
+
+def _require_files(files: Iterable[Path]) -> list[Path]:
+    """Return the paths, each an existing file and none twice."""
+    paths = [Path(f) for f in files]
+    for path in paths:
+        if not path.is_file():
+            raise ParameterError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give scan files")
+    seen: dict[Path, Path] = {}
+    for path in paths:
+        if path.resolve() in seen:
+            raise ParameterError(f"{path}: given twice; each file belongs to an epoch once")
+        seen[path.resolve()] = path
+    return paths
+
+
+def _require_known_names(poses: Mapping[str, PoseLine], streams: list[ScanStream]) -> None:
+    """Refuse pose lines that name none of the scans: a misspelt name would leave a scan in the wrong place."""
+    names = {s.name for s in streams} | {Path(s.path).name for s in streams}
+    unknown = [name for name in poses if name not in names]
+    if unknown:
+        raise ParameterError(
+            f"--poses names {unknown[0]}, which is none of the files given ({', '.join(sorted(names)[:5])})"
+        )
+
+
+def with_questioned_unit(streams: list[ScanStream], unit: UnitCheck) -> Iterator[ScanStream]:
+    """Yield the scans; after the last point of the last one, question an improbable size (`UnitError`).
+
+    The store enters an epoch only when its stream has ended well, so nothing is kept of a questioned one.
+    """
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for stream in streams:
+        yield replace(stream, chunks=_watched(stream, low, high))
+    if np.isfinite(low).all():
+        question_unit(np.array([low, high]), unit_stated=unit.was_stated)
+
+
+def _watched(stream: ScanStream, low: Floats, high: Floats) -> Any:
+    """Return the stream's `chunks` that also widens the bounds."""
+
+    def chunks() -> Iterator[Scan]:
+        for scan in stream.chunks():
+            if len(scan.cloud):
+                np.minimum(low, scan.cloud.points.min(axis=0), out=low)
+                np.maximum(high, scan.cloud.points.max(axis=0), out=high)
+            yield scan
+
+    return chunks
+
+
+def read_within(project: Project, object_id: str, epoch_id: str, index: int) -> tuple[Scan, dict[str, int]]:
+    """Return one stored scan within the object's extent, and the counts of what lay outside (design step 0)."""
+    stored = project.object(object_id).extent
+    extent = None if stored is None else Extent.from_mapping(stored)
+    kept: list[Scan] = []
+    n_read = 0
+    for chunk in project.iterate_scan(object_id, epoch_id, index):
+        n_read += len(chunk.cloud)
+        kept.append(chunk if extent is None else chunk.take(inside(extent, apply(chunk.pose, chunk.cloud.points))))
+    scan = join_chunks(kept)
+    counts = {"read": n_read, "outside_extent": n_read - len(scan.cloud)}
+    return scan, counts | {f"not_measured_{reason}": n for reason, n in scan.dropped.items()}
+
+
+def join_chunks(chunks: list[Scan]) -> Scan:
+    """Return one scan from its consecutive chunks."""
+
+    def joined(parts: list[Any]) -> Any:
+        return None if any(p is None for p in parts) else np.concatenate(parts)
+
+    cloud = PointCloud(
+        points=np.concatenate([c.cloud.points for c in chunks]),
+        intensity=joined([c.cloud.intensity for c in chunks]),
+        colors=joined([c.cloud.colors for c in chunks]),
+    )
+    rows, columns = joined([c.rows for c in chunks]), joined([c.columns for c in chunks])
+    return replace(chunks[0], cloud=cloud, rows=rows, columns=columns)
