@@ -1,0 +1,247 @@
+"""A panoramic phase-shift scanner that looks at a scene: scene, instrument and pose in, a `Scan` out.
+
+Rays are cast into the scene's triangles by Open3D (Embree, float32; about a micrometre within ten metres of the
+origin, so scenes stay near it). The work goes column by column in blocks with a seed of their own: a scan of any
+size streams, and is the same for any number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from monitor.simulation.beam import make_rays, measure_phase, return_powers, sample_beam
+from monitor.simulation.instruments import Instrument
+from monitor.simulation.scenes import Scene
+from projects.errors import ParameterError
+from projects.model import Floats, Ints, PointCloud, Scan
+from projects.open3d_library import load_open3d
+from projects.transforms import apply, invert, perturb, rotate
+
+BLOCK_PULSES = 100_000
+REFERENCE_RANGE = 10.0  # m and reflectance of the target that an instrument's noise is stated for
+REFERENCE_REFLECTANCE = 0.9
+
+
+@dataclass(frozen=True)
+class Window:
+    """The field that is scanned, in the scanner's frame [rad]: azimuth from x towards y, elevation above x, y."""
+
+    azimuth_min: float
+    azimuth_max: float
+    elevation_min: float
+    elevation_max: float
+
+    def __post_init__(self) -> None:
+        if not (self.azimuth_min < self.azimuth_max and self.elevation_min < self.elevation_max):
+            raise ParameterError(f"{self}: each lowest angle must be below its highest")
+        if self.azimuth_max - self.azimuth_min > 2.0 * np.pi + 1e-9:
+            raise ParameterError(f"{self}: azimuths span more than a full turn")
+
+
+def window_around(box: Floats, T_project_scanner: Floats, *, margin: float = 0.0) -> Window:
+    """Return the smallest window that holds a box (2, 3) [m, project frame], widened by `margin` [rad] on each side."""
+    corners = np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    x, y, z = apply(invert(T_project_scanner), corners).T
+    middle = np.arctan2(y.mean(), x.mean())
+    azimuth = middle + (np.arctan2(y, x) - middle + np.pi) % (2.0 * np.pi) - np.pi
+    elevation = np.arctan2(z, np.hypot(x, y))
+    return Window(azimuth.min() - margin, azimuth.max() + margin, elevation.min() - margin, elevation.max() + margin)
+
+
+def stand_at(position: Floats, *, facing: Floats, heading: float = 0.0) -> Floats:
+    """Return T_project_scanner of a level scanner at `position`, x axis towards `facing`, turned by `heading` [rad]."""
+    towards = np.asarray(facing, dtype=float) - np.asarray(position, dtype=float)
+    angle = np.arctan2(towards[1], towards[0]) + heading
+    pose = np.eye(4)
+    pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    pose[:3, 3] = position
+    return pose
+
+
+def misregister(pose: Floats, rng: np.random.Generator, *, sigma_position: float, sigma_angle: float) -> Floats:
+    """Return the pose as a registration with these one-sigma errors [m, rad] would state it."""
+    delta = np.concatenate([rng.normal(scale=sigma_angle, size=3), rng.normal(scale=sigma_position, size=3)])
+    return perturb(pose, pose[:3, 3], delta)
+
+
+@dataclass(frozen=True)
+class _Target:
+    """A scene ready for rays: Open3D's tree and the optical properties of its faces."""
+
+    tree: Any
+    first_face: Ints
+    reflectance: Floats
+    gloss: Floats
+
+
+def _prepare_target(scene: Scene, n_threads: int) -> _Target:
+    o3d = load_open3d()
+    tree = o3d.t.geometry.RaycastingScene(nthreads=n_threads)
+    for body in scene.bodies:
+        tree.add_triangles(
+            o3d.core.Tensor(body.vertices.astype(np.float32)), o3d.core.Tensor(body.faces.astype(np.uint32))
+        )
+    counts = [len(body.faces) for body in scene.bodies]
+    reflectance = [np.broadcast_to(np.float32(body.reflectance), len(body.faces)) for body in scene.bodies]
+    gloss = np.array([body.gloss for body in scene.bodies], dtype=np.float32)
+    return _Target(tree, np.concatenate([[0], np.cumsum(counts)[:-1]]), np.concatenate(reflectance), gloss)
+
+
+@dataclass(frozen=True)
+class _Hits:
+    """What rays meet: range [m] (inf: nothing), unit normal, body and face (index into the scene's reflectances)."""
+
+    t: Floats
+    normals: Floats
+    body: Ints
+    face: Ints
+
+
+def _cast(target: _Target, rays: Floats, n_threads: int) -> _Hits:
+    o3d = load_open3d()
+    answer = target.tree.cast_rays(o3d.core.Tensor(rays), nthreads=n_threads)
+    t = answer["t_hit"].numpy()
+    met = np.isfinite(t)
+    body = np.where(met, answer["geometry_ids"].numpy(), 0)
+    face = np.where(met, answer["primitive_ids"].numpy(), 0).astype(np.int64)
+    if len(target.first_face) > 1:
+        face += target.first_face[body]
+    return _Hits(t, answer["primitive_normals"].numpy(), body, face)
+
+
+def _mirror(target: _Target, rays: Floats, hits: _Hits, n_threads: int) -> tuple[Floats, Floats]:
+    """Range (n, 1) and power (n, 1) of what the centre rays see in the mirror of a glossy surface; power 0: nothing."""
+    d, n = rays[:, 0, 3:], hits.normals[:, 0]
+    gloss = target.gloss[hits.body[:, 0]]
+    meets = np.isfinite(hits.t[:, 0]) & (gloss > 0.0)
+    first = np.where(meets, hits.t[:, 0], 0.0)
+    away = d - 2.0 * np.einsum("ij,ij->i", d, n)[:, None] * n
+    start = rays[:, 0, :3] + first[:, None] * d + 1e-4 * away
+    rays2 = np.concatenate([start, away], axis=1).astype(np.float32)[:, None]
+    second = _cast(target, rays2, n_threads)
+    t = np.where(meets[:, None], first[:, None] + 1e-4 + second.t, np.inf)
+    power = return_powers(t, rays2, second.normals, second.face, target.reflectance, np.ones(1))
+    # The light passes the mirror twice, on its way there and back.
+    return t, power * gloss[:, None] ** 2
+
+
+def _directions(azimuth: Floats, elevation: Floats) -> Floats:
+    """Return unit vectors (n, 3) in the scanner's frame."""
+    c = np.cos(elevation)
+    return np.column_stack([c * np.cos(azimuth), c * np.sin(azimuth), np.sin(elevation)])
+
+
+def _grid(low: float, high: float, step: float) -> Floats:
+    return low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
+
+
+def cyclic_error(instrument: Instrument, ranges: Floats) -> Floats:
+    """Return the cyclic range error [m] that the instrument adds at true ranges (n,) [m]; paper 000, section 2.1."""
+    turn = 2.0 * np.pi * ranges / instrument.cyclic_wavelength
+    waves = zip(instrument.cyclic_amplitudes, instrument.cyclic_phases, strict=True)
+    return sum((a * np.sin((k + 1) * turn + phase) for k, (a, phase) in enumerate(waves)), np.zeros_like(ranges))
+
+
+def range_noise(instrument: Instrument, power: Floats) -> Floats:
+    """Return the one-sigma range noise [m] of pulses that return `power`, in units of P10 (see `Instrument`)."""
+    return np.sqrt(instrument.noise_floor**2 + instrument.noise_10m**2 / np.maximum(power, 1e-12))
+
+
+def _measure_block(
+    target: _Target, instrument: Instrument, pose: Floats, angles: Floats, rng: np.random.Generator,
+    beam: tuple[Floats, Floats], n_threads: int,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Return measured ranges (n,) [m], NaN where there is none, and intensity (n,) of pulses at `angles` (n, 2)."""
+    n = len(angles)
+    error = rng.normal(scale=1.0, size=(n, 2)) * instrument.angular_noise
+    azimuth, elevation = (angles + error).T
+    azimuth = azimuth + instrument.trunnion_error * np.tan(elevation)
+    azimuth = azimuth + instrument.collimation_error / np.cos(elevation)
+    offsets, shares = beam
+    rays = make_rays(
+        pose[:3, 3], rotate(pose, _directions(azimuth, elevation)), offsets,
+        exit_sigma=instrument.beam_diameter / 4.0, divergence_sigma=instrument.beam_divergence / 4.0,
+        twist=rng.uniform(0.0, 2.0 * np.pi, n),
+    )  # fmt: skip
+    hits = _cast(target, rays, n_threads)
+    t, powers = hits.t, return_powers(hits.t, rays, hits.normals, hits.face, target.reflectance, shares)
+    if target.gloss.any():
+        mirrored = _mirror(target, rays, hits, n_threads)
+        t, powers = np.concatenate([t, mirrored[0]], axis=1), np.concatenate([powers, mirrored[1]], axis=1)
+    ranges, amplitude = measure_phase(t, powers, instrument.unit_length)
+    power = amplitude * REFERENCE_RANGE**2 / REFERENCE_REFLECTANCE
+    measured = ranges + cyclic_error(instrument, ranges) + rng.normal(size=n) * range_noise(instrument, power)
+    lost = (rng.uniform(size=n) < instrument.dropout) | (power < instrument.power_min)
+    lost |= ~((ranges >= instrument.range_min) & (ranges <= instrument.range_max))
+    intensity = np.clip(amplitude * ranges**2 * (1.0 + 0.02 * rng.normal(size=n)), 0.0, 1.0)
+    return np.where(lost, np.nan, measured), intensity
+
+
+def stream_scan(
+    scene: Scene, instrument: Instrument, T_project_scanner: Floats, window: Window, *, step: float | None = None,
+    seed: int = 0, n_subrays: int = 9, registered: Floats | None = None, name: str = "scan", n_threads: int = 2,
+) -> Iterator[Scan]:  # fmt: skip
+    """Yield a scan in blocks of whole columns; see `scan`."""
+    step = instrument.angular_step if step is None else step
+    azimuths = _grid(window.azimuth_min, window.azimuth_max, step)
+    low, high = max(window.elevation_min, instrument.elevation_min), min(window.elevation_max, instrument.elevation_max)
+    elevations = _grid(low, high, step) if high > low else np.empty(0)
+    if len(elevations) == 0:
+        raise ParameterError(f"{window}: the instrument sees no elevation of this window")
+    target, beam = _prepare_target(scene, n_threads), sample_beam(n_subrays)
+    registered = T_project_scanner if registered is None else registered
+    per_block = max(1, BLOCK_PULSES // len(elevations))
+    for first in range(0, len(azimuths), per_block):
+        columns = np.arange(first, min(first + per_block, len(azimuths)))
+        column, row = (a.ravel() for a in np.meshgrid(columns, np.arange(len(elevations)), indexing="ij"))
+        angles = np.column_stack([azimuths[column], elevations[row]])
+        rng = np.random.default_rng([seed, first])
+        ranges, intensity = _measure_block(target, instrument, T_project_scanner, angles, rng, beam, n_threads)
+        seen = np.isfinite(ranges)
+        points = ranges[seen, None] * _directions(angles[seen, 0], angles[seen, 1])
+        cloud = PointCloud(points, origins=np.zeros(3), intensity=intensity[seen])
+        yield Scan(
+            name, cloud, registered, rows=row[seen], columns=column[seen], scanner=instrument.name,
+            dropped={"no return": int((~seen).sum())},
+        )  # fmt: skip
+
+
+def simulate_scan(
+    scene: Scene, instrument: Instrument, T_project_scanner: Floats, window: Window, *, step: float | None = None,
+    seed: int = 0, n_subrays: int = 9, registered: Floats | None = None, name: str = "scan", n_threads: int = 2,
+) -> Scan:  # fmt: skip
+    """Return what an instrument measures of a scene from one station.
+
+    Parameters
+    ----------
+    scene : what stands there, in the project's frame.
+    instrument : of `monitor.simulation.instruments`.
+    T_project_scanner : (4, 4), where the scanner really stands.
+    window : the field scanned, in the scanner's frame.
+    step : rad, angular step in both directions; None: the instrument's finest.
+    seed : of all random numbers; the result does not depend on `n_threads`.
+    n_subrays : rays a pulse, 1 (no footprint) or odd from 7.
+    registered : (4, 4), the pose that the registration states; None: the true one (see `misregister`).
+
+    Returns
+    -------
+    Scan, points (n, 3) [m] in the scanner's own frame at the angles of its grid, `rows` counted from the lowest
+    elevation, `columns` from the lowest azimuth, intensity as apparent reflectance 0 to 1, pose = `registered`.
+    """
+    blocks = list(
+        stream_scan(
+            scene, instrument, T_project_scanner, window, step=step, seed=seed, n_subrays=n_subrays,
+            registered=registered, name=name, n_threads=n_threads,
+        )
+    )  # fmt: skip
+    rows, columns = (np.concatenate([getattr(b, which) for b in blocks]) for which in ("rows", "columns"))
+    cloud = PointCloud(
+        np.concatenate([b.cloud.points for b in blocks]), origins=np.zeros(3),
+        intensity=np.concatenate([b.cloud.intensity for b in blocks]),
+    )  # fmt: skip
+    dropped = {"no return": sum(b.dropped["no return"] for b in blocks)}
+    return Scan(name, cloud, blocks[0].pose, rows=rows, columns=columns, scanner=instrument.name, dropped=dropped)
