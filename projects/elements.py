@@ -1,0 +1,122 @@
+"""How each noun is written to and read from an HDF5 group, with its kind and version beside it (FORMAT.md).
+
+A noun's fields become arrays, attributes and records under their own names; a field that is None stays absent.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+
+from projects import hdf5
+from projects.errors import StoreError
+from projects.migrations import CURRENT, require_known, upgrade
+from projects.model import ComparedSurface, Comparison, PointCloud, Registration, Surface
+
+NOUNS: Mapping[str, type] = {
+    "point-cloud": PointCloud,
+    "surface": Surface,
+    "registration": Registration,
+    "compared-surface": ComparedSurface,
+    "comparison": Comparison,
+}
+SHORT = 10_000  # characters; HDF5 keeps attributes below 64 KiB beside the object, longer text becomes a record
+KIND, VERSION = "encoding-type", "encoding-version"
+
+
+def mark(item: h5py.Group | h5py.Dataset, element: str) -> None:
+    """Write an element's kind and current version."""
+    item.attrs[KIND] = element
+    item.attrs[VERSION] = CURRENT[element]
+
+
+def read_mark(item: h5py.Group | h5py.Dataset) -> tuple[str, int]:
+    """Return an element's kind and version; raise `StoreError` where this program cannot read it."""
+    where = f"{item.file.filename}: {item.name}"
+    element = str(hdf5.read_attribute(item, KIND, ""))
+    return element, require_known(element, hdf5.read_attribute(item, VERSION), where)
+
+
+def write_element(group: h5py.Group, name: str, value: Any) -> None:
+    """Write a noun, table, array, or mapping of such and of JSON values, as item `name` of the group."""
+    element = next((e for e, noun in NOUNS.items() if type(value) is noun), None)
+    if element is not None:
+        _write_noun(group.create_group(name), element, value)
+    elif isinstance(value, pd.DataFrame):
+        _write_table(group.create_group(name), value)
+    elif isinstance(value, np.ndarray):
+        hdf5.write_array(group, name, value)
+    elif isinstance(value, Mapping) and _holds_arrays(value):
+        _write_mapping(group.create_group(name), value)
+    else:
+        hdf5.write_record(group, name, value).attrs[KIND] = "json"
+
+
+def read_element(group: h5py.Group, name: str) -> Any:
+    """Return what `write_element` wrote, equal to what it was given; tuples in records come back as lists."""
+    item = hdf5.child(group, name)
+    if isinstance(item, h5py.Dataset):
+        return hdf5.read_record(item) if hdf5.read_attribute(item, KIND) == "json" else hdf5.read_array(item)
+    element, version = read_mark(item)
+    if element == "table":
+        return _read_table(item)
+    parts = {key: read_element(item, key) for key in item}
+    if element == "mapping":
+        return parts
+    if element not in NOUNS:
+        raise StoreError(f"{item.file.filename}: {item.name} is a {element}, which cannot stand here")
+    parts |= {key: hdf5.read_attribute(item, key) for key in item.attrs if key not in (KIND, VERSION)}
+    parts = upgrade(element, version, parts)
+    known = {f.name for f in dataclasses.fields(NOUNS[element])}
+    try:
+        return NOUNS[element](**{key: value for key, value in parts.items() if key in known})
+    except TypeError as error:
+        raise StoreError(f"{item.file.filename}: {item.name} is not a whole {element} ({error})") from error
+
+
+def _holds_arrays(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return any(_holds_arrays(v) for v in value.values())
+    return isinstance(value, np.ndarray | pd.DataFrame | tuple(NOUNS.values()))
+
+
+def _write_noun(group: h5py.Group, element: str, noun: Any) -> None:
+    mark(group, element)
+    for f in dataclasses.fields(noun):
+        value = getattr(noun, f.name)
+        if isinstance(value, np.generic):
+            value = value.item()
+        if isinstance(value, bool | int | float) or (isinstance(value, str) and len(value) <= SHORT):
+            hdf5.write_attribute(group, f.name, value)
+        elif value is not None:
+            write_element(group, f.name, value)
+
+
+def _write_mapping(group: h5py.Group, values: Mapping[str, Any]) -> None:
+    mark(group, "mapping")
+    for key, value in values.items():
+        if not isinstance(key, str) or key in ("", ".", "..") or "/" in key or "\0" in key:
+            raise StoreError(f"{key!r} cannot name an item of a stored mapping; text without '/' is needed")
+        write_element(group, key, value)
+
+
+def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
+    """Write a table column by column in its order; rows are numbered from 0, other row labels are not kept."""
+    mark(group, "table")
+    columns = [str(c) for c in table.columns]
+    hdf5.write_record(group, "columns", columns)
+    for k, column in enumerate(columns):
+        values = table[table.columns[k]].to_numpy()
+        hdf5.write_array(group, f"{k:03d}", values).attrs["column"] = column
+
+
+def _read_table(group: h5py.Group) -> pd.DataFrame:
+    columns = hdf5.read_record(hdf5.child(group, "columns"))
+    values = [hdf5.read_array(hdf5.child(group, f"{k:03d}")) for k in range(len(columns))]
+    series = [pd.Series(v.tolist(), dtype="str") if v.dtype.kind in "UO" else pd.Series(v) for v in values]
+    return pd.DataFrame(dict(zip(columns, series, strict=True)), columns=columns)

@@ -1,0 +1,186 @@
+"""One writer at a time: `project.lock` says who writes, where, and since when. Readers never need it.
+
+The lock is a file because shared folders know files; a lock whose process is gone from this machine is taken over.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import psutil  # type: ignore[import-untyped]
+
+from projects.errors import StoreError
+from projects.provenance import now
+
+LOCK_NAME = "project.lock"
+CLOCK_TOLERANCE = 5.0  # s; a process's start is computed from the boot time, which a clock correction moves
+
+
+@dataclass(frozen=True)
+class Owner:
+    """Who holds a lock: host (with its process namespace, since containers share host names), process and start."""
+
+    host: str
+    pid: int
+    started: float
+    since: str
+    token: str
+
+
+def this_process() -> Owner:
+    """Return this process as a new owner."""
+    started = psutil.Process().create_time()
+    return Owner(host=_host(), pid=os.getpid(), started=started, since=now(), token=uuid.uuid4().hex)
+
+
+def _host() -> str:
+    namespace = ""
+    with suppress(OSError):
+        namespace = os.readlink("/proc/self/ns/pid").removeprefix("pid:")
+    return socket.gethostname() + namespace
+
+
+def read_owner(path: Path) -> Owner | None:
+    """Return who holds the lock, None where nobody does; an unreadable lock is held by an unknown owner."""
+    try:
+        return Owner(**json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError):
+        return Owner(host="unknown", pid=0, started=0.0, since="unknown", token="")
+
+
+def is_stale(owner: Owner) -> bool:
+    """Return whether the owner ran on this machine and is gone (or its number is another process's now)."""
+    if owner.host != _host():
+        return False
+    try:
+        return abs(psutil.Process(owner.pid).create_time() - owner.started) > CLOCK_TOLERANCE
+    except psutil.NoSuchProcess:
+        return True
+    except psutil.AccessDenied:
+        return False
+
+
+class Lock:
+    """The lock of one open project: re-entrant for its thread, waiting a little for another."""
+
+    def __init__(self, root: Path) -> None:
+        self.path = root / LOCK_NAME
+        self.owner: Owner | None = None
+        self._depth = 0
+        self._threads = threading.RLock()
+
+    @contextmanager
+    def held(self, wait: float) -> Iterator[bool]:
+        """Hold the lock; yields whether it was taken just now (False inside of an outer hold)."""
+        with self._threads:
+            first = self._depth == 0
+            if first:
+                self.owner = self._take(time.monotonic() + wait)
+            self._depth += 1
+            try:
+                yield first
+            finally:
+                self._depth -= 1
+                if first:
+                    self._release()
+
+    def require_mine(self) -> None:
+        """Raise `StoreError` where another took the lock meanwhile; called just before anything is committed."""
+        found = read_owner(self.path)
+        if self.owner is None or found != self.owner:
+            raise StoreError(f"{self.path}: the lock was taken by {_describe(found)} meanwhile; nothing was entered")
+
+    def _take(self, deadline: float) -> Owner:
+        me = this_process()
+        while True:
+            if self._place(me):
+                return me
+            found = read_owner(self.path)
+            if found is not None and is_stale(found):
+                self._remove_stale(found)
+            elif found is not None and time.monotonic() >= deadline:
+                raise StoreError(
+                    f"{self.path.parent} is being written by {_describe(found)}; wait for it to end, or, if that "
+                    f"program no longer runs, remove {self.path.name} there"
+                )
+            else:
+                time.sleep(0.02)
+
+    def _place(self, me: Owner) -> bool:
+        """Return whether the lock file could be made; it appears whole, by a hard link, where links exist."""
+        draft = self.path.with_name(f"{LOCK_NAME}.{me.token}")
+        try:
+            draft.write_text(json.dumps(asdict(me)), encoding="utf-8")
+            os.link(draft, self.path)
+        except FileExistsError:
+            return False
+        except FileNotFoundError as error:
+            raise StoreError(f"{self.path.parent}: the project folder is gone") from error
+        except OSError as error:
+            return self._place_without_links(me, error)
+        finally:
+            with suppress(OSError):
+                draft.unlink(missing_ok=True)
+        return True
+
+    def _place_without_links(self, me: Owner, error: OSError) -> bool:
+        try:
+            with open(self.path, "x", encoding="utf-8") as stream:
+                stream.write(json.dumps(asdict(me)))
+        except FileExistsError:
+            return False
+        except OSError:
+            raise StoreError(
+                f"{self.path.parent} cannot be written ({error.strerror}); check its permissions"
+            ) from error
+        return True
+
+    def _remove_stale(self, stale: Owner) -> None:
+        """Remove the lock of a process that is gone, unless another has replaced it in the meantime."""
+        aside = self.path.with_name(f"{LOCK_NAME}.{uuid.uuid4().hex}")
+        with suppress(FileNotFoundError, PermissionError), _alone(self.path.parent):
+            if read_owner(self.path) == stale:
+                os.replace(self.path, aside)
+                aside.unlink()
+
+    def _release(self) -> None:
+        owner, self.owner = self.owner, None
+        if owner is not None and owner.pid == os.getpid() and read_owner(self.path) == owner:
+            with suppress(OSError):
+                self.path.unlink()
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let one process of this machine at a time remove a stale lock (two could both see it, and the second remove
+    the first one's new lock); where the system has no such lock, `require_mine` still guards every commit."""
+    try:
+        import fcntl
+
+        descriptor = os.open(folder, os.O_RDONLY)
+    except (ImportError, OSError):
+        yield
+        return
+    try:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _describe(owner: Owner | None) -> str:
+    if owner is None:
+        return "nobody known"
+    return f"process {owner.pid} on {owner.host.split('[')[0]} since {owner.since}"

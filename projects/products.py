@@ -1,0 +1,103 @@
+"""One immutable HDF5 file per product: its step, and its content; and the check that a file is the one asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+
+from projects import hdf5
+from projects.atomic import draft, place
+from projects.elements import VERSION, mark
+from projects.errors import StoreError
+from projects.identifiers import product_file
+from projects.index import ProductEntry
+from projects.migrations import require_known
+from projects.model import EpochRecord, Step
+from projects.provenance import hash_file, now, versions
+from projects.records import from_json, to_json
+
+FORMAT = "heritage-monitor product"
+CONTENT = "content"
+
+
+def write_product(root: Path, epoch: EpochRecord, write: Callable[[h5py.File], Step]) -> ProductEntry:
+    """Write a product's file durably and return its entry for the index.
+
+    `write` puts `content` into the open file and returns the step that it was (the id of raw scans is known only
+    when all of them were read). Whatever fails, no file is left and nothing was entered.
+    """
+    try:
+        with draft(root) as path:
+            with hdf5.create_file(path) as file:
+                step = complete(write(file))
+                _write_header(file, epoch, step)
+            name = product_file(epoch.object_id, epoch.epoch_id, step.product, step.step_id)
+            entry = ProductEntry(step, name.as_posix(), hash_file(path), path.stat().st_size)
+            place(path, root / name)
+    except OSError as error:
+        raise StoreError(f"{root}: a product could not be written ({error}); nothing was entered") from error
+    return entry
+
+
+def complete(step: Step) -> Step:
+    """Return the step with its time and versions filled in, and its records as they will be read back."""
+    plain = {n: from_json(to_json(getattr(step, n))) for n in ("parameters", "automatic", "counts")}
+    return replace(step, **plain, inputs=tuple(step.inputs), created=step.created or now(),
+                   versions=dict(step.versions or versions()))  # fmt: skip
+
+
+def _write_header(file: h5py.File, epoch: EpochRecord, step: Step) -> None:
+    mark(file, "product")
+    for name, text in _identity(epoch, step).items():
+        hdf5.write_attribute(file, name, text)
+    hdf5.write_record(file, "step", step)
+
+
+def _identity(epoch: EpochRecord, step: Step) -> dict[str, str]:
+    return {"format": FORMAT, "object": epoch.object_id, "epoch": epoch.epoch_id, "product": step.product,
+            "step_id": step.step_id}  # fmt: skip
+
+
+def is_whole(root: Path, entry: ProductEntry) -> bool:
+    """Return whether the product's file is there with its size (its bytes are checked where they are used)."""
+    path = root / entry.file
+    return path.is_file() and path.stat().st_size == entry.n_bytes
+
+
+@contextmanager
+def open_product(root: Path, epoch: EpochRecord, entry: ProductEntry) -> Iterator[h5py.File]:
+    """Yield a product's file, open to read, if it is whole and the one that the index names."""
+    what = f"{epoch.object_id} {epoch.epoch_id} {entry.step.product}"
+    path = require_file(root, entry, what)
+    with hdf5.open_file(path, what) as file:
+        for name, text in _identity(epoch, entry.step).items():
+            if hdf5.read_attribute(file, name) != text:
+                raise StoreError(f"{what}: {path} was replaced by another file ({name} is not {text!r})")
+        require_known("product", hdf5.read_attribute(file, VERSION), str(path))
+        yield file
+
+
+def require_file(root: Path, entry: ProductEntry, what: str) -> Path:
+    """Return the path of a product's file; raise `StoreError` where it is missing, cut off or not in the project."""
+    path = root / entry.file
+    if not path.resolve().is_relative_to(root.resolve()):
+        raise StoreError(f"{what}: {entry.file} leads out of the project; it is refused")
+    if not path.is_file():
+        raise StoreError(f"{what}: the file {path} is missing; restore it from a copy or make it anew")
+    if path.stat().st_size != entry.n_bytes:
+        raise StoreError(
+            f"{what}: {path} has {path.stat().st_size} bytes instead of {entry.n_bytes}; it was cut off or changed: "
+            "restore it from a copy or make it anew"
+        )
+    return path
+
+
+def require_bytes(root: Path, entry: ProductEntry, what: str) -> None:
+    """Raise `StoreError` where the file's SHA-256 is not the one that the index holds."""
+    path = require_file(root, entry, what)
+    if hash_file(path) != entry.sha256:
+        raise StoreError(f"{what}: the bytes of {path} were changed; restore it from a copy or make it anew")

@@ -1,0 +1,314 @@
+"""The project store: an open project folder, its objects, epochs, raw scans and products (design section 5).
+
+What each call does is written in the modules named by their nouns; here is only who calls whom, under which lock.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from projects import raw
+from projects.atomic import PARTIAL, clear_partial, draft, make_folder, place
+from projects.elements import read_element, write_element
+from projects.errors import StoreError
+from projects.identifiers import require_new_id, require_step_id, split_product
+from projects.index import (
+    INDEX_NAME,
+    EpochEntry,
+    Index,
+    ObjectEntry,
+    ProductEntry,
+    read_index,
+    with_epoch,
+    with_object,
+    with_product,
+    without_epoch,
+    without_product,
+    write_index,
+)
+from projects.lock import LOCK_NAME, Lock
+from projects.model import EpochRecord, ObjectRecord, Scan, Step, Surface
+from projects.products import CONTENT, is_whole, open_product, require_bytes, write_product
+from projects.provenance import now
+from projects.raw import Progress, ScanHeader, ScanStream
+
+LOCK_WAIT = 10.0  # s that a writer waits for another: they hold the lock for one product at a time
+
+
+class Project:
+    """An open project folder. Reading needs no lock; every change is entered whole, under the lock, or not at all."""
+
+    def __init__(self, path: Path) -> None:
+        """Use `Project.open` or `Project.create`."""
+        self.path = path
+        self._lock = Lock(path)
+        self._index: tuple[Any, Index] | None = None
+        self._verified: set[tuple[Any, ...]] = set()
+
+    @classmethod
+    def create(cls, path: Path | str, *, name: str = "", crs: str = "", description: str = "") -> Project:
+        """Make a new project in an empty or new folder; refuse any other."""
+        path = Path(path)
+        _require_empty(path)
+        try:
+            make_folder(path)
+        except OSError as error:
+            raise StoreError(f"{path} cannot be made ({error.strerror})") from error
+        project = cls(path.resolve())
+        with project.writing():
+            _require_empty(path)
+            project._commit(Index(name=name, crs=crs, description=description, created=now()))
+        return project
+
+    @classmethod
+    def open(cls, path: Path | str) -> Project:
+        """Open a project; raise `StoreError` where the folder is not one."""
+        path = Path(path)
+        if not path.exists():
+            raise StoreError(f"{path} does not exist; make a project with: monitor init {path}")
+        if not path.is_dir():
+            raise StoreError(f"{path} is a file; a project is a folder that holds {INDEX_NAME}")
+        if not (path / INDEX_NAME).is_file():
+            raise StoreError(f"{path} is not a project: it holds no {INDEX_NAME}; make one with: monitor init")
+        project = cls(path.resolve())
+        project.index()
+        return project
+
+    @property
+    def name(self) -> str:
+        """The project's name as the user wrote it."""
+        return self.index().name
+
+    @property
+    def crs(self) -> str:
+        """The coordinate reference system of the project's frame, as stated; empty where it is local."""
+        return self.index().crs
+
+    @property
+    def description(self) -> str:
+        """The project's description."""
+        return self.index().description
+
+    # what exists
+
+    def index(self) -> Index:
+        """Return the last committed state; it is read anew only when a writer has replaced it."""
+        path = self.path / INDEX_NAME
+        try:
+            seen = path.stat()
+        except OSError as error:
+            raise StoreError(f"{path} is gone ({error.strerror})") from error
+        key = (seen.st_ino, seen.st_mtime_ns, seen.st_size)
+        if self._index is None or self._index[0] != key:
+            self._index = (key, read_index(path))
+        return self._index[1]
+
+    def objects(self) -> list[ObjectRecord]:
+        """Return the objects, by id."""
+        return [entry.record for _, entry in sorted(self.index().objects.items())]
+
+    def object(self, object_id: str) -> ObjectRecord:
+        """Return an object; raise `StoreError` naming those that exist."""
+        return self._object(object_id).record
+
+    def epochs(self, object_id: str) -> list[EpochRecord]:
+        """Return the epochs of an object, by date, then id."""
+        records = [entry.record for entry in self._object(object_id).epochs.values()]
+        return sorted(records, key=lambda e: (e.date, e.epoch_id))
+
+    def epoch(self, object_id: str, epoch_id: str) -> EpochRecord:
+        """Return an epoch; raise `StoreError` naming those that exist."""
+        return self._epoch(object_id, epoch_id).record
+
+    def steps(self, object_id: str, epoch_id: str) -> list[Step]:
+        """Return the steps of all products of an epoch, in the order of their making."""
+        products = self._epoch(object_id, epoch_id).products.values()
+        return sorted((p.step for p in products), key=lambda s: (s.created, s.product))
+
+    def latest(self, object_id: str, epoch_id: str, product: str) -> Step | None:
+        """Return the step of a product, None where there is none or its file is missing or cut off."""
+        split_product(product)
+        entry = self._epoch(object_id, epoch_id).products.get(product)
+        return entry.step if entry is not None and is_whole(self.path, entry) else None
+
+    def find(self, object_id: str, epoch_id: str, product: str, step_id: str) -> Step | None:
+        """Return the step of a product if it answers exactly this question, else None: then it is to be made."""
+        step = self.latest(object_id, epoch_id, product)
+        return step if step is not None and step.step_id == step_id else None
+
+    def _object(self, object_id: str) -> ObjectEntry:
+        objects = self.index().objects
+        if object_id not in objects:
+            raise StoreError(f"{self.path} has no object {object_id!r}; {_what_exists(object_id, objects)}")
+        return objects[object_id]
+
+    def _epoch(self, object_id: str, epoch_id: str) -> EpochEntry:
+        epochs = self._object(object_id).epochs
+        if epoch_id not in epochs:
+            raise StoreError(f"object {object_id!r} has no epoch {epoch_id!r}; {_what_exists(epoch_id, epochs)}")
+        return epochs[epoch_id]
+
+    def _product(self, object_id: str, epoch_id: str, product: str, step_id: str | None = None) -> ProductEntry:
+        products = self._epoch(object_id, epoch_id).products
+        entry = products.get(product)
+        if entry is None:
+            raise StoreError(f"{object_id} {epoch_id} has no {product!r}; {_what_exists(product, products)}")
+        if step_id is not None and entry.step.step_id != step_id:
+            raise StoreError(
+                f"{object_id} {epoch_id} {product}: step {step_id} is not in the project; it holds {entry.step.step_id}"
+            )
+        return entry
+
+    # changes
+
+    @contextmanager
+    def writing(self, wait: float = LOCK_WAIT) -> Iterator[None]:
+        """Hold the project's lock, so that nobody else writes in between; re-entrant. `wait` in seconds."""
+        with self._lock.held(wait) as first:
+            if first:
+                clear_partial(self.path)
+            yield
+
+    def _commit(self, index: Index) -> None:
+        """Replace the index, atomically and durably: the one instant at which a change happens."""
+        try:
+            with draft(self.path) as path:
+                write_index(path, index)
+                self._lock.require_mine()
+                place(path, self.path / INDEX_NAME)
+        except OSError as error:
+            raise StoreError(f"{self.path}: the index could not be written ({error}); nothing was entered") from error
+
+    def add_object(self, record: ObjectRecord) -> None:
+        """Enter an object; its id must be new."""
+        with self.writing():
+            require_new_id(record.object_id, self.index().objects, "object")
+            self._commit(with_object(self.index(), ObjectEntry(record)))
+
+    def add_epoch(
+        self, record: EpochRecord, scans: Iterable[ScanStream] = (), *, mesh: Surface | None = None,
+        progress: Progress | None = None,
+    ) -> EpochRecord:  # fmt: skip
+        """Enter an epoch with its scans, streamed (product `raw`), or with a finished mesh (product `mesh`).
+
+        Any error, of a reader or of the disk, leaves the project as it was. Returns the record with its sources.
+        """
+        with self.writing():
+            require_new_id(record.epoch_id, self._object(record.object_id).epochs, "epoch")
+            if mesh is None:
+                entry = write_product(self.path, record, lambda f: raw.write_scans(f, record, scans, progress))
+                record = replace(record, sources=tuple(entry.step.parameters["sources"]))
+            else:
+                step = raw.mesh_step(record, mesh)
+                entry = write_product(self.path, record, lambda f: _write_content(f, step, mesh))
+                record = replace(record, is_mesh=True)
+            epoch = EpochEntry(record, {entry.step.product: entry})
+            self._commit(with_epoch(self.index(), epoch))
+        return record
+
+    def remove_epoch(self, object_id: str, epoch_id: str, *, purge: bool = False) -> None:
+        """Take an epoch out of the index, with the comparisons made from it; `purge` also deletes its files."""
+        with self.writing():
+            record = self.epoch(object_id, epoch_id)
+            self._commit(without_epoch(self.index(), record))
+
+    def put(self, object_id: str, epoch_id: str, step: Step, noun: Any) -> Step:
+        """Store a product and enter it: a noun, an array, a table, or a mapping of such and of JSON values.
+
+        The same step put twice is stored once. Returns the step with its time and versions.
+        """
+        _, reference = split_product(step.product)
+        require_step_id(step.step_id)
+        with self.writing():
+            epoch = self._epoch(object_id, epoch_id)
+            if reference is not None:
+                self.epoch(object_id, reference)
+            present = epoch.products.get(step.product)
+            if present is not None and present.step.step_id == step.step_id:
+                if self._is_intact(present):
+                    return present.step
+                # its file is about to be replaced: first no longer claim the old bytes
+                self._commit(without_product(self.index(), epoch.record, step.product))
+            entry = write_product(self.path, epoch.record, lambda f: _write_content(f, step, noun))
+            self._commit(with_product(self.index(), epoch.record, entry))
+        return entry.step
+
+    # contents
+
+    def get(self, object_id: str, epoch_id: str, product: str, step_id: str | None = None) -> Any:
+        """Return the noun that was put, equal to it; every byte of its file is checked against the index."""
+        epoch = self.epoch(object_id, epoch_id)
+        entry = self._product(object_id, epoch_id, product, step_id)
+        self._require_bytes(entry, f"{object_id} {epoch_id} {product}")
+        with open_product(self.path, epoch, entry) as file:
+            return read_element(file, CONTENT)
+
+    def scan_headers(self, object_id: str, epoch_id: str) -> list[ScanHeader]:
+        """Return what is known of each scan of an epoch without reading its points."""
+        with self._raw(object_id, epoch_id) as file:
+            return [raw.read_header(group) for group in raw.scan_groups(file)]
+
+    def iterate_scan(self, object_id: str, epoch_id: str, index: int, *, chunk: int = 1_000_000) -> Iterator[Scan]:
+        """Yield a raw scan in pieces of at most `chunk` points, in the scanner's frame; checksums are verified."""
+        with self._raw(object_id, epoch_id) as file:
+            groups = raw.scan_groups(file)
+            if not 0 <= index < len(groups):
+                raise StoreError(f"{object_id} {epoch_id} has scans 0 to {len(groups) - 1}; {index} was asked for")
+            yield from raw.read_chunks(groups[index], chunk)
+
+    @contextmanager
+    def _raw(self, object_id: str, epoch_id: str) -> Iterator[h5py.File]:
+        entry = self._product(object_id, epoch_id, "raw")
+        with open_product(self.path, self.epoch(object_id, epoch_id), entry) as file:
+            yield file
+
+    def _require_bytes(self, entry: ProductEntry, what: str) -> None:
+        """Check a file's hash once for as long as its size and time stay the same."""
+        seen = (self.path / entry.file).stat() if (self.path / entry.file).is_file() else None
+        key = (entry.file, entry.sha256, seen and (seen.st_ino, seen.st_mtime_ns, seen.st_size))
+        if key not in self._verified:
+            require_bytes(self.path, entry, what)
+            self._verified.add(key)
+
+    def _is_intact(self, entry: ProductEntry) -> bool:
+        try:
+            require_bytes(self.path, entry, entry.file)
+        except StoreError:
+            return False
+        return True
+
+
+def _write_content(file: h5py.File, step: Step, noun: Any) -> Step:
+    write_element(file, CONTENT, noun)
+    return step
+
+
+def _require_empty(path: Path) -> None:
+    """Raise where a folder is in use; what an interrupted `create` left there does not count."""
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise StoreError(f"{path} is a file; choose a new folder for the project")
+    if (path / INDEX_NAME).exists():
+        raise StoreError(f"{path} is a project already; open it, or choose another folder")
+    others = [p.name for p in path.iterdir() if p.name != PARTIAL and not p.name.startswith(LOCK_NAME)]
+    if others:
+        raise StoreError(f"{path} is not empty (it holds {sorted(others)[0]!r}); choose a new folder for the project")
+
+
+def _what_exists(asked: str, existing: Iterable[str]) -> str:
+    """Return the end of a message: what exists, and what was probably meant."""
+    ids = sorted(existing)
+    if not ids:
+        return "there is none yet"
+    close = difflib.get_close_matches(str(asked).lower(), [i.lower() for i in ids], n=1)
+    meant = next((i for i in ids if close and i.lower() == close[0]), None)
+    listed = ", ".join(ids[:8]) + (f" and {len(ids) - 8} more" if len(ids) > 8 else "")
+    return f"it has {listed}" + (f"; did you mean {meant!r}?" if meant else "")
