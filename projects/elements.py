@@ -82,7 +82,7 @@ def read_element(group: h5py.Group, name: str) -> Any:
 def _holds_arrays(value: Any) -> bool:
     if isinstance(value, Mapping):
         return any(_holds_arrays(v) for v in value.values())
-    return isinstance(value, np.ndarray | pd.DataFrame | tuple(NOUNS.values()))
+    return isinstance(value, (np.ndarray, pd.DataFrame, *NOUNS.values()))
 
 
 def _write_noun(group: h5py.Group, element: str, noun: Any) -> None:
