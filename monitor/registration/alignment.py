@@ -1,0 +1,117 @@
+"""The iteration of ICP: match, weigh, solve, move, until the motion is settled to a micrometre.
+
+Far off at first: pairs may be aside of each other as far as the search reaches, and Huber's weights keep every pair.
+As the steps get shorter the pairs must stand over each other, and Tukey's weights drop what does not fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.registration.matching import Matches, MatchLimits, Samples, match
+from monitor.registration.sampling import motion_rows
+from monitor.registration.sides import Side
+from monitor.registration.weights import huber_weights, residual_sigma, tukey_weights
+from projects.model import Bools, Floats
+from projects.transforms import perturb
+
+N_PAIRS_NEEDED = 30
+SHRINK = 0.5  # at most so much is the sideways limit reduced from one iteration to the next
+STEPS_ASIDE = 5.0  # pairs may be aside by so many lengths of the last step
+FINE_ANGLE_SHARE = 0.75  # of the angle between normals that is allowed once the pairs stand over each other
+SETTLED_SHARE = 0.01  # a step below one hundredth of its own sigma changes nothing that could be known
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Where the iteration ended: pose, pairs there, their weights and sigma, and what became of it."""
+
+    T_target_source: Floats
+    matches: Matches
+    weights: Floats
+    sigma: Floats
+    centre: Floats
+    converged: bool
+    reason: str
+    n_iterations: int
+
+
+@dataclass(frozen=True)
+class AlignmentRules:
+    """What `align` is bound to: search `distance` [m], `angle` [rad], smallest `n_pairs`, `precision` [m]."""
+
+    distance: float
+    angle: float
+    n_pairs: int
+    precision: float
+    max_iterations: int
+
+
+def weigh(matches: Matches, is_kept: Bools, fine: bool) -> tuple[Floats, Floats]:
+    """Return robust weights (n,) and sigma (n,) [m] of the pairs; the scale is that of the pairs kept alone."""
+    kept = is_kept[matches.source]
+    sigma = residual_sigma(matches.residuals, matches.sigma, kept)
+    u = matches.residuals / sigma
+    return np.where(kept, tukey_weights(u) if fine else huber_weights(u), 0.0), sigma
+
+
+def solve_motion(matches: Matches, weights: Floats, sigma: Floats, centre: Floats) -> tuple[Floats, Floats]:
+    """Return the motion (6,) [rad, m] about `centre` that lessens the residuals, and its normal matrix (6, 6)."""
+    rows = motion_rows(matches.points, matches.normals, centre)
+    lever = np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1))) + 1e-300
+    scale = np.repeat([1.0 / lever, 1.0], 3)
+    weighted = rows * (weights / sigma**2)[:, None]
+    normal_matrix = np.einsum("ni,nj->ij", weighted, rows)
+    right = -np.einsum("ni,n->i", weighted, matches.residuals)
+    scaled = normal_matrix * np.outer(scale, scale)
+    # a motion that nothing holds (a plane's slide) is left at zero
+    delta = scale * (np.linalg.pinv(scaled, rcond=1e-10, hermitian=True) @ (scale * right))
+    return delta, normal_matrix
+
+
+def displacement(delta: Floats, points: Floats, centre: Floats) -> float:
+    """Return the root mean square way [m] that the points go under a small motion about `centre`."""
+    way = delta[3:] + np.cross(delta[:3], points - centre)
+    return float(np.sqrt(np.mean(np.sum(way**2, axis=1))))
+
+
+def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, *,
+          is_kept: Bools | None = None, fine: bool = False, both_oriented: bool = True) -> Alignment:  # fmt: skip
+    """Move the samples onto the target by point-to-plane ICP with robust weights, starting near.
+
+    With `fine` the pairs must stand over each other from the beginning; `is_kept` (n samples) restricts what counts.
+    """
+    kept = np.ones(len(samples.points), dtype=bool) if is_kept is None else is_kept
+    T = T_start
+    aside = 0.0 if fine else rules.distance
+    weights: Floats = np.empty(0)
+    sigma: Floats = np.empty(0)
+    for iteration in range(1, rules.max_iterations + 1):
+        angle = rules.angle * (FINE_ANGLE_SHARE if fine else 1.0)
+        matches = match(samples, target, T, MatchLimits(rules.distance, aside, angle), both_oriented)
+        n_pairs = int(kept[matches.source].sum())
+        if n_pairs < rules.n_pairs:
+            reason = f"only {n_pairs} of {len(samples.points)} points found a surface that looks the same way nearby"
+            return Alignment(T, matches, np.zeros(len(matches)), np.ones(len(matches)), np.zeros(3), False, reason,
+                             iteration)  # fmt: skip
+        weights, sigma = weigh(matches, kept, fine)
+        centre = np.average(matches.points, axis=0, weights=weights)
+        delta, normal_matrix = solve_motion(matches, weights, sigma, centre)
+        step = displacement(delta, matches.points, centre)
+        if fine and step < max(rules.precision, SETTLED_SHARE * typical_sigma(normal_matrix, matches.points, centre)):
+            return Alignment(T, matches, weights, sigma, centre, True, "", iteration)
+        T = perturb(T, centre, delta)
+        aside = min(aside, max(SHRINK * aside, STEPS_ASIDE * step))
+        fine = fine or aside < float(np.median(matches.tangential)) or aside < rules.precision
+    reason = f"still moving by {1e6 * step:.1f} micrometres after {rules.max_iterations} iterations"
+    return Alignment(T, matches, weights, sigma, centre, False, reason, rules.max_iterations)
+
+
+def typical_sigma(normal_matrix: Floats, points: Floats, centre: Floats) -> float:
+    """Return the root mean square sigma [m] of the position of the points after the adjustment, noise independent."""
+    covariance = np.linalg.pinv(normal_matrix, rcond=1e-12, hermitian=True)
+    lever2 = np.mean((points - centre) ** 2, axis=0)
+    rotation = np.array([lever2[1] + lever2[2], lever2[0] + lever2[2], lever2[0] + lever2[1]])
+    return float(np.sqrt(np.trace(covariance[3:, 3:]) + rotation @ np.diag(covariance[:3, :3])))

@@ -1,0 +1,48 @@
+"""Is every motion held by the shape? A plane slides, a sphere or a vase turns: the registration cannot know.
+
+In: the pairs of the stable areas at the solution. Out: the free motion in plain words, or nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from monitor.registration.covariance import shape_information
+from monitor.registration.matching import Matches
+from monitor.registration.sampling import motion_rows
+from projects.model import Floats, Ints
+
+N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertainty so many times
+NOISE_SHARE = 0.2  # and be no less than this share of what relief and noise of the normals seem to give together
+
+
+def find_free_motion(matches: Matches, centre: Floats, patch: Ints) -> str:
+    """Return in words the motion that the shape does not hold, or an empty text where all six are held.
+
+    The information of the shape is estimated without the noise of the normals (`shape_information`); its weakest
+    direction must differ from zero under the scatter between patches.
+    """
+    lever = float(np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1))))
+    scale = np.repeat([1.0 / max(lever, 1e-300), 1.0], 3)
+    ones = np.full(len(matches), 1.0 / len(matches))
+    shape = shape_information(matches, centre, ones) * np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(shape)
+    weakest = vectors[:, 0]
+    a = motion_rows(matches.points, matches.normals_source, centre) @ (scale * weakest)
+    b = motion_rows(matches.points, matches.normals_target, centre) @ (scale * weakest)
+    _, member = np.unique(patch, return_inverse=True)
+    sums = np.bincount(member, a * b) / len(matches)
+    sigma = float(np.sqrt(np.sum(sums**2)))
+    apparent = float(np.mean(0.5 * (a**2 + b**2)))
+    if values[0] > N_SIGMAS * sigma and values[0] > NOISE_SHARE * apparent:
+        return ""
+    return f"the shape does not hold it: it can {describe(scale * weakest, lever)}"
+
+
+def describe(motion: Floats, lever: float) -> str:
+    """Return a motion (6,) [rad, m] in words: a turn about an axis or a slide along a direction."""
+    w, t = motion[:3] * lever, motion[3:]
+    turns = np.linalg.norm(w) > np.linalg.norm(t)
+    axis = w if turns else t
+    x, y, z = axis / np.linalg.norm(axis)
+    return f"{'turn about the axis' if turns else 'slide along'} ({x:.2f}, {y:.2f}, {z:.2f}) without being noticed"

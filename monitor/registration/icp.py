@@ -1,0 +1,202 @@
+"""Registration of two surfaces or clouds that lie near each other: the motion, its covariance, and what was stable.
+
+In: source and target in one frame, off by a few degrees and by a small part of their size. Out: `Registration`.
+Point-to-plane ICP with robust weights (symmetric, Rusinkiewicz 2019), on samples that hold every motion, then on the
+stable areas alone (`papers/002`: local registration of a stove that was rebuilt at a slightly different place).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor.declare import check_settings, setting
+from monitor.registration.alignment import Alignment, AlignmentRules, align
+from monitor.registration.covariance import estimate_covariance
+from monitor.registration.degeneracy import find_free_motion
+from monitor.registration.matching import Samples, make_samples
+from monitor.registration.sampling import sample_source
+from monitor.registration.sides import Side, prepare_side
+from monitor.registration.stable_areas import PatchGrid, cut_patches, find_stable
+from projects.errors import ParameterError
+from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
+from projects.transforms import perturb
+
+N_ROUNDS_STABLE = 5
+SEARCH_SHARE = 0.1  # of the smaller object's diagonal: what is farther off is not "near"
+SEARCH_MEDIANS = 4.0  # the search reaches so many median distances between the two as given
+
+
+@dataclass(frozen=True, kw_only=True)
+class IcpSettings:
+    """Fine registration of two surfaces that lie near each other."""
+
+    search_radius: float | None = setting(
+        None, unit="m", low=0.0,
+        meaning="farthest partner of a point; from the distances as given, at most a tenth of the object's diagonal",
+    )  # fmt: skip
+    normal_limit: float = setting(math.radians(60.0), unit="rad", low=0.01, high=math.pi / 2,
+                                  meaning="largest angle between the normals of partners")  # fmt: skip
+    n_samples: int = setting(40_000, unit="points", low=100, meaning="points of the source that are matched")
+    min_overlap: float = setting(0.05, unit="", low=0.0, high=1.0,
+                                 meaning="smallest share of the source that must find partners")  # fmt: skip
+    precision: float = setting(1e-6, unit="m", low=0.0, meaning="the motion is settled when a step is smaller")
+    max_iterations: int = setting(100, unit="iterations", low=1, meaning="of one alignment")
+    seed: int = setting(0, unit="", low=0, meaning="of the choice of samples")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+def register(source: Surface | PointCloud, target: Surface | PointCloud, settings: IcpSettings | None = None, *,
+             T_target_source: Floats | None = None) -> Registration:  # fmt: skip
+    """Estimate the motion that brings the stable areas of a source onto a target.
+
+    Parameters
+    ----------
+    source, target : surfaces or clouds in metres, near each other. Normals are fitted where there are none.
+    settings : see `IcpSettings`.
+    T_target_source : (4, 4), where to start; as given where left out.
+
+    Returns
+    -------
+    Registration
+        With covariance about the centre of the stable areas, `is_stable` for each vertex or point of the source,
+        `overlap` the share of samples with a partner and `stable_share` the share of these that is stable. Without
+        overlap, with a motion that the shape does not hold (a plane, a vase), or unsettled: `converged` is False, and
+        `reason` says why.
+
+    References
+    ----------
+    Rusinkiewicz 2019, A symmetric objective function for ICP; Chen & Medioni 1992; `papers/002`.
+    """
+    settings = IcpSettings() if settings is None else settings
+    shift = find_centre(target)
+    sides = prepare_side(source, shift), prepare_side(target, shift)
+    T_start = into_local(np.eye(4) if T_target_source is None else np.asarray(T_target_source, dtype=float), shift)
+    n_source = len(source.vertices if isinstance(source, Surface) else source.points)
+    local = register_sides(*sides, T_start, n_source, settings)
+    return replace(local, T_target_source=into_local(local.T_target_source, -shift), centre=local.centre + shift)
+
+
+def find_centre(target: Surface | PointCloud) -> Floats:
+    """Return the mean (3,) [m] of the target's finite points, where the local frame is put."""
+    points = target.vertices if isinstance(target, Surface) else target.points
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        raise ParameterError("the target of a registration has no points; give one that was measured")
+    return finite.mean(axis=0)
+
+
+def into_local(T_target_source: Floats, shift: Floats) -> Floats:
+    """Return the transform between frames that are both moved by `-shift` (3,) [m]."""
+    local = T_target_source.copy()
+    local[:3, 3] += T_target_source[:3, :3] @ shift - shift
+    return local
+
+
+def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, settings: IcpSettings) -> Registration:
+    """Return the registration of two prepared sides, in their local frame."""
+    rng = np.random.default_rng(settings.seed)
+    if min(len(source), len(target)) < 10:
+        return failed(T_start, f"{len(source)} and {len(target)} usable points are too few", n_source)
+    which = sample_source(source, settings.n_samples, rng)
+    samples = make_samples(source, which)
+    rules = make_rules(samples, target, T_start, settings)
+    both_oriented = source.is_oriented and target.is_oriented
+    found = align(samples, target, T_start, rules, both_oriented=both_oriented)
+    if not len(found.weights) or not found.weights.any():
+        return failed(found.T_target_source, found.reason, n_source, found, len(samples.points))
+    grid = cut_patches(source, which)
+    numbers = grid.numbers(samples.points, samples.normals)
+    found, is_kept, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented)
+    return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source, rng)
+
+
+def make_rules(samples: Samples, target: Side, T_start: Floats, settings: IcpSettings) -> AlignmentRules:
+    """Return the limits of the alignment, the search radius found from the distances as given."""
+    radius = settings.search_radius
+    if radius is None:
+        radius = find_search_radius(samples, target, T_start)
+    n_pairs = max(30, math.ceil(settings.min_overlap * len(samples.points)))
+    n_pairs = min(n_pairs, len(samples.points))
+    return AlignmentRules(radius, settings.normal_limit, n_pairs, settings.precision, settings.max_iterations)
+
+
+def find_search_radius(samples: Samples, target: Side, T_start: Floats) -> float:
+    """Return how far partners are looked for [m]: a few median distances as given, within a tenth of the object."""
+    moved = samples.points @ T_start[:3, :3].T + T_start[:3, 3]
+    diagonals = [np.linalg.norm(np.ptp(points, axis=0)) for points in (samples.points, target.points)]
+    limit = SEARCH_SHARE * float(min(diagonals))
+    distance, nearest = target.tree.query(moved, workers=-1, distance_upper_bound=limit)
+    found = np.isfinite(distance)
+    if not found.any():
+        return limit
+    spacing = float(np.median(target.spacing_of(nearest[found])))
+    return float(np.clip(SEARCH_MEDIANS * np.median(np.minimum(distance, limit)), min(5.0 * spacing, limit), limit))
+
+
+def align_stable(samples: Samples, target: Side, found: Alignment, rules: AlignmentRules, numbers: Ints,
+                 rng: np.random.Generator, both_oriented: bool) -> tuple[Alignment, Bools, int]:  # fmt: skip
+    """Return the alignment of the stable areas alone, which samples (n,) they are, and the iterations taken."""
+    n_iterations = found.n_iterations
+    is_kept = np.ones(len(samples.points), dtype=bool)
+    for _ in range(N_ROUNDS_STABLE):
+        pairs = found.matches
+        motion, pair_is_stable = find_stable(pairs, numbers[pairs.source], found.centre, rng)
+        previous, is_kept = is_kept, np.zeros(len(samples.points), dtype=bool)
+        is_kept[pairs.source] = pair_is_stable
+        T = perturb(found.T_target_source, found.centre, motion)
+        again = align(samples, target, T, rules, is_kept=is_kept, fine=True, both_oriented=both_oriented)
+        n_iterations += again.n_iterations
+        if not again.weights.any():
+            return again, is_kept, n_iterations
+        found = again
+        if np.mean(previous != is_kept) < 1e-3:
+            break
+    return found, is_kept, n_iterations
+
+
+def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment, is_kept: Bools,
+             n_iterations: int, n_source: int, rng: np.random.Generator) -> Registration:  # fmt: skip
+    """Return the registration with its covariance, its stable areas and its doubts."""
+    pairs = found.matches
+    if not found.weights.any():
+        return failed(found.T_target_source, found.reason, n_source, found, len(samples.points))
+    kept = is_kept[pairs.source]
+    stable, sigma = pairs.take(kept), found.sigma[kept]
+    centre = stable.points.mean(axis=0)
+    reason = found.reason or find_free_motion(stable, centre, numbers[stable.source])
+    covariance = np.full((6, 6), np.nan)
+    if not reason:
+        covariance = estimate_covariance(stable, sigma, numbers[stable.source], centre, rng)
+    inlier = (found.weights > 0) & kept
+    return Registration(
+        T_target_source=found.T_target_source, covariance=covariance, centre=centre,
+        converged=not reason, reason=reason,
+        n_inliers=int(inlier.sum()), n_correspondences=len(pairs), n_iterations=n_iterations,
+        rmse=float(np.sqrt(np.mean(pairs.residuals[inlier] ** 2))),
+        sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
+        overlap=len(pairs) / len(samples.points), stable_share=float(kept.mean()),
+        is_stable=spread_to_vertices(source, grid, np.unique(numbers[stable.source]), n_source),
+    )  # fmt: skip
+
+
+def spread_to_vertices(source: Side, grid: PatchGrid, stable_patches: Ints, n_source: int) -> Bools:
+    """Return for every point of the source, used or not (then False), whether it lies in a stable patch."""
+    normals = source.normals_of(np.arange(len(source))) if grid.by_direction else None
+    is_stable = np.zeros(n_source, dtype=bool)
+    is_stable[source.index] = np.isin(grid.numbers(source.points, normals), stable_patches)
+    return is_stable
+
+
+def failed(T: Floats, reason: str, n_source: int, found: Alignment | None = None, n_samples: int = 1) -> Registration:
+    """Return a registration on which nothing may be built, with its reason."""
+    n_pairs = 0 if found is None else len(found.matches)
+    return Registration(
+        T_target_source=T, covariance=np.full((6, 6), np.nan), centre=T[:3, 3] * 0.0, converged=False, reason=reason,
+        n_correspondences=n_pairs, n_iterations=0 if found is None else found.n_iterations,
+        overlap=n_pairs / n_samples, stable_share=0.0, is_stable=np.zeros(n_source, dtype=bool),
+    )  # fmt: skip

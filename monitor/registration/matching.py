@@ -1,0 +1,93 @@
+"""Correspondences between the moved samples of the source and the target, and their residuals.
+
+The residual is the symmetric point-to-plane distance of Rusinkiewicz (2019): along the mean of both normals, zero for
+any two points of one sphere, so that curvature and coarse sampling do not pull. A pair counts only where the normals
+agree and where the source point stands over the target (not beside its free edge).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.registration.sides import Side
+from projects.model import Bools, Floats, Ints
+from projects.transforms import apply, rotate
+
+TANGENTIAL_SPACINGS = 1.5  # within a sheet the nearest point is never farther aside than this many spacings
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The source's points that are matched: positions, unit normals, sigma [m] (0 where not stated), m."""
+
+    points: Floats
+    normals: Floats
+    sigma: Floats
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Pairs of a moved source point and a target point; all arrays have one row per pair.
+
+    `residuals` [m] are positive where the source lies outside of the target along `normals`; `source` numbers the
+    samples; `sigma` [m] is of both points together (0 where neither states one).
+    """
+
+    source: Ints
+    points: Floats
+    residuals: Floats
+    normals: Floats
+    normals_source: Floats
+    normals_target: Floats
+    sigma: Floats
+    tangential: Floats
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def take(self, which: Bools) -> Matches:
+        """Return the pairs selected."""
+        return Matches(**{name: value[which] for name, value in vars(self).items()})
+
+
+@dataclass(frozen=True)
+class MatchLimits:
+    """Pairs farther apart than `distance` [m], aside more than `tangential` [m] (but never less than the spacing of
+    the target allows), or with normals more than `angle` [rad] apart are refused."""
+
+    distance: float
+    tangential: float
+    angle: float
+
+
+def make_samples(side: Side, which: Ints) -> Samples:
+    """Return the samples `which` of a side."""
+    sigma = np.zeros(len(which)) if side.sigma is None else side.sigma[which]
+    return Samples(side.points[which], side.normals_of(which), sigma)
+
+
+def match(samples: Samples, target: Side, T_target_source: Floats, limits: MatchLimits, both_oriented: bool) -> Matches:
+    """Return the pairs of the moved samples with their nearest target points that pass the limits."""
+    moved = apply(T_target_source, samples.points)
+    distance, nearest = target.tree.query(moved, workers=-1, distance_upper_bound=limits.distance)
+    source = np.flatnonzero(np.isfinite(distance))
+    nearest, moved = nearest[source], moved[source]
+    n_source = rotate(T_target_source, samples.normals[source])
+    n_target = target.normals_of(nearest)
+    agreement = np.einsum("ij,ij->i", n_source, n_target)
+    if not both_oriented:
+        n_source = n_source * np.where(agreement < 0, -1.0, 1.0)[:, None]
+        agreement = np.abs(agreement)
+    normals = n_source + n_target
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    offset = moved - target.points[nearest]
+    residuals = np.einsum("ij,ij->i", offset, normals)
+    tangential = np.sqrt(np.maximum(distance[source] ** 2 - residuals**2, 0.0))
+    aside = np.maximum(limits.tangential, TANGENTIAL_SPACINGS * target.spacing_of(nearest))
+    keep = (agreement > np.cos(limits.angle)) & (tangential <= aside)
+    sigma_target = 0.0 if target.sigma is None else target.sigma[nearest]
+    sigma = np.hypot(samples.sigma[source], sigma_target)
+    pairs = Matches(source, moved, residuals, normals, n_source, n_target, sigma, tangential)
+    return pairs.take(keep)

@@ -1,0 +1,65 @@
+"""Which points of the source are matched: even over the surface, and more of those that hold the weakest motion.
+
+A mostly flat relief or a nearly round vase is held by few points. Half of the sample is spread evenly in space, the
+other half is drawn with a probability in proportion to the leverage J (J'J)^-1 J' of the point on the six parameters
+(after Gelfand et al. 2003, geometrically stable sampling; Glira et al. 2015, maximum leverage sampling).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from monitor.registration.sides import Side
+from projects.model import Floats, Ints
+
+N_CANDIDATES_PER_SAMPLE = 4
+
+
+def motion_rows(points: Floats, normals: Floats, centre: Floats) -> Floats:
+    """Return J (n, 6): the way along the normal under a small motion, J (w, t) = n'(w x (x - c) + t)."""
+    return np.hstack([np.cross(points - centre, normals), normals])
+
+
+def cell_numbers(points: Floats, cell: float) -> Ints:
+    """Return one number (n,) per point that is equal for points in the same cube of edge `cell` [m]."""
+    steps = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    sizes = steps.max(axis=0) + 1
+    return (steps[:, 0] * sizes[1] + steps[:, 1]) * sizes[2] + steps[:, 2]
+
+
+def sample_source(side: Side, n_samples: int, rng: np.random.Generator) -> Ints:
+    """Return the indices (at most `n_samples`, ascending) of the points of a side that are to be matched."""
+    if len(side) <= n_samples:
+        return np.arange(len(side))
+    n_candidates = min(len(side), N_CANDIDATES_PER_SAMPLE * n_samples)
+    candidates = np.sort(rng.choice(len(side), n_candidates, replace=False))
+    points = side.points[candidates]
+    even = even_probability(points, n_samples)
+    hold = leverage(points, side.normals_of(candidates), even)
+    probability = 0.5 * even + 0.5 * hold * even / np.sum(hold * even)
+    return np.sort(candidates[draw(probability, n_samples, rng)])
+
+
+def even_probability(points: Floats, n_samples: int) -> Floats:
+    """Return probabilities (n,) under which a drawn sample is even over the surface: one over the crowd in the cell."""
+    spread = np.sort(np.ptp(points, axis=0))
+    cell = np.sqrt(max(spread[2] * spread[1], 1e-12 * spread[2] ** 2) / n_samples) * 2.0
+    _, which, crowd = np.unique(cell_numbers(points, max(cell, 1e-12)), return_inverse=True, return_counts=True)
+    probability = 1.0 / crowd[which]
+    return probability / probability.sum()
+
+
+def leverage(points: Floats, normals: Floats, probability: Floats) -> Floats:
+    """Return the leverage (n,) of each point on the six parameters of a motion."""
+    centre = probability @ points
+    rows = motion_rows(points, np.nan_to_num(normals), centre)
+    rows[:, :3] /= np.sqrt(probability @ np.sum((points - centre) ** 2, axis=1)) + 1e-300
+    information = np.einsum("ni,nj->ij", rows * probability[:, None], rows)
+    information += 1e-6 * np.trace(information) * np.eye(6)  # a plane has motions that nothing holds
+    return np.einsum("ni,ij,nj->n", rows, np.linalg.inv(information), rows)
+
+
+def draw(probability: Floats, n: int, rng: np.random.Generator) -> Ints:
+    """Return n different indices drawn with the given probabilities (Efraimidis & Spirakis 2006)."""
+    keys = rng.exponential(size=len(probability)) / np.maximum(probability, 1e-300)
+    return np.argpartition(keys, n - 1)[:n]

@@ -1,0 +1,158 @@
+"""Stable areas: the patches of the source that moved with the majority, under their own uncertainty.
+
+In: pairs and their residuals at a pose near the solution. Out: the motion of the majority and which patches follow
+it. The start is a least median over many small sets of patches, so that nearly half of the surface may have changed,
+even all to one side; then patches are kept or dropped and the motion estimated again until nothing changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.registration.matching import Matches
+from monitor.registration.sampling import motion_rows
+from monitor.registration.sides import Side
+from monitor.registration.weights import robust_scale
+from projects.model import Bools, Floats, Ints
+
+N_PER_PATCH = 25
+N_TRIALS = 600
+N_PATCHES_PER_TRIAL = 8  # 0.6**8 = 1.7 %: ten of 600 trials are free of change where 40 % of the surface changed
+KEEP_SIGMAS = 3.0
+KEEP_SCATTER = 2.5  # a patch that scatters so many times more than the others has changed without moving as a whole
+N_ROUNDS = 20
+MEAN_OF_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
+
+
+@dataclass(frozen=True)
+class PatchGrid:
+    """Cuts a source into patches: cubes of edge `cell` [m] from `corner`, split by the way that the surface looks."""
+
+    corner: Floats
+    cell: float
+    sizes: Ints
+    by_direction: bool
+
+    def numbers(self, points: Floats, normals: Floats | None) -> Ints:
+        """Return the patch number (n,) of each point of the source."""
+        steps = np.clip(np.floor((points - self.corner) / self.cell).astype(np.int64), 0, self.sizes - 1)
+        cube = (steps[:, 0] * self.sizes[1] + steps[:, 1]) * self.sizes[2] + steps[:, 2]
+        if not self.by_direction or normals is None:
+            return cube
+        axis = np.argmax(np.abs(normals), axis=1)
+        return 6 * cube + 2 * axis + (normals[np.arange(len(normals)), axis] < 0)
+
+
+@dataclass(frozen=True)
+class StableAreas:
+    """What the patches say: the motion (6,) left to the majority, the patches that follow it, and what was matched."""
+
+    motion: Floats
+    stable_patches: Ints
+    is_stable_sample: Bools
+    share: float
+
+
+def cut_patches(side: Side, which: Ints) -> PatchGrid:
+    """Return the grid whose patches hold about 25 of the samples `which`."""
+    points = side.points[which]
+    corner, extent = points.min(axis=0), np.ptp(points, axis=0)
+    cell = float(extent.max()) / max(np.sqrt(len(which) / N_PER_PATCH), 1.0) + 1e-12
+    for _ in range(4):  # the number of samples in a cube of a surface goes with the square of its edge
+        grid = PatchGrid(corner, cell, np.floor(extent / cell).astype(np.int64) + 1, side.is_oriented)
+        mean = len(which) / len(np.unique(grid.numbers(points, side.normals_of(which))))
+        cell *= float(np.sqrt(N_PER_PATCH / mean))
+    return grid
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Sums over the pairs of each patch: count, mean residual [m], mean row, normal equations."""
+
+    count: Floats
+    mean: Floats
+    row: Floats
+    information: Floats
+    right: Floats
+    member: Ints
+
+
+def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
+    """Return the sums of each patch; `numbers` (n pairs) are patch numbers."""
+    _, member = np.unique(numbers, return_inverse=True)
+    n = int(member.max()) + 1
+    rows = motion_rows(matches.points, matches.normals, centre)
+    count = np.bincount(member, minlength=n).astype(float)
+
+    def total(values: Floats) -> Floats:
+        return np.stack([np.bincount(member, column, n) for column in values.T], axis=1)
+
+    products = (rows[:, :, None] * rows[:, None, :]).reshape(-1, 36)
+    return Patches(
+        count=count,
+        mean=np.bincount(member, matches.residuals, n) / count,
+        row=total(rows) / count[:, None],
+        information=total(products).reshape(-1, 6, 6),
+        right=-total(rows * matches.residuals[:, None]),
+        member=member,
+    )
+
+
+def find_stable(matches: Matches, numbers: Ints, centre: Floats, rng: np.random.Generator) -> tuple[Floats, Bools]:
+    """Return the motion (6,) of the majority about `centre` and, for each pair, whether its patch follows it."""
+    patches = sum_patches(matches, numbers, centre)
+    motion = start_motion(patches, rng)
+    keep = np.zeros(len(patches.count), dtype=bool)
+    for _ in range(N_ROUNDS):
+        previous, keep = keep, follows(patches, matches, motion, keep, centre)
+        if np.array_equal(previous, keep):
+            break
+        motion = solve_patches(patches, keep)
+    return motion, keep[patches.member]
+
+
+def solve_patches(patches: Patches, keep: Bools) -> Floats:
+    """Return the motion (6,) that the kept patches ask for."""
+    information, right = patches.information[keep].sum(axis=0), patches.right[keep].sum(axis=0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return scale * (np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-8, hermitian=True) @ (scale * right))
+
+
+def start_motion(patches: Patches, rng: np.random.Generator) -> Floats:
+    """Return the motion, of many from few patches each and of none, that leaves the least median residual."""
+    n = len(patches.count)
+    size = min(N_PATCHES_PER_TRIAL, n)
+    probability = patches.count / patches.count.sum()
+    picks = rng.choice(n, size=(N_TRIALS, size), p=probability)
+    information = patches.information[picks].sum(axis=1)
+    right = patches.right[picks].sum(axis=1)
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("nii->ni", information), 1e-300))
+    inverse = np.linalg.pinv(information * scale[:, :, None] * scale[:, None, :], rcond=1e-6, hermitian=True)
+    trials = scale * np.einsum("nij,nj->ni", inverse, scale * right)
+    trials = np.vstack([np.zeros(6), trials])
+    left = np.abs(patches.mean + trials @ patches.row.T)
+    return trials[np.argmin([weighted_median(row, patches.count) for row in left])]
+
+
+def weighted_median(values: Floats, weights: Floats) -> float:
+    """Return the value at half of the weights."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+
+
+def follows(patches: Patches, matches: Matches, motion: Floats, keep: Bools, centre: Floats) -> Bools:
+    """Return which patches' mean residual and scatter are explained by noise once `motion` is applied."""
+    left = patches.mean + patches.row @ motion
+    residuals = matches.residuals + motion_rows(matches.points, matches.normals, centre) @ motion
+    among = keep if keep.any() else np.abs(left) <= weighted_median(np.abs(left), patches.count)
+    sigma = robust_scale(residuals[among[patches.member]])
+    noise2 = sigma**2 / patches.count
+    # what patches scatter beyond the noise of their points: correlated errors of the surface, common to a patch
+    spread2 = robust_scale(left[among]) ** 2
+    common2 = max(spread2 - float(np.median(noise2[among])), 0.0)
+    scatter = np.bincount(patches.member, np.abs(residuals)) / patches.count
+    quiet = scatter < KEEP_SCATTER * max(float(np.median(scatter[among])), 1e-300)
+    return (np.abs(left) <= KEEP_SIGMAS * np.sqrt(noise2 + common2) + 1e-12) & quiet
