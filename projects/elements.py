@@ -111,12 +111,19 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
     columns = [str(c) for c in table.columns]
     hdf5.write_record(group, "columns", columns)
     for k, column in enumerate(columns):
-        values = table[table.columns[k]].to_numpy()
-        hdf5.write_array(group, f"{k:03d}", values).attrs["column"] = column
+        values = table.iloc[:, k]
+        dataset = hdf5.write_array(group, f"{k:03d}", values.to_numpy())
+        hdf5.write_attribute(dataset, "column", column)
+        hdf5.write_attribute(dataset, "dtype", str(values.dtype))
 
 
 def _read_table(group: h5py.Group) -> pd.DataFrame:
     columns = hdf5.read_record(hdf5.child(group, "columns"))
-    values = [hdf5.read_array(hdf5.child(group, f"{k:03d}")) for k in range(len(columns))]
-    series = [pd.Series(v.tolist(), dtype="str") if v.dtype.kind in "UO" else pd.Series(v) for v in values]
-    return pd.DataFrame(dict(zip(columns, series, strict=True)), columns=columns)
+    return pd.DataFrame({name: _read_column(hdf5.child(group, f"{k:03d}")) for k, name in enumerate(columns)})
+
+
+def _read_column(dataset: h5py.Dataset) -> pd.Series:
+    values = hdf5.read_array(dataset)
+    if values.dtype.kind not in "UO":
+        return pd.Series(values)
+    return pd.Series(values.tolist(), dtype="str" if hdf5.read_attribute(dataset, "dtype") == "str" else "object")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Protocol
@@ -12,6 +13,7 @@ import h5py
 import numpy as np
 
 from projects import hdf5
+from projects.deflated import N_THREADS, ColumnWriter
 from projects.elements import mark, read_mark
 from projects.errors import StoreError
 from projects.model import EpochRecord, Floats, PointCloud, Scan, Step, Surface
@@ -19,7 +21,6 @@ from projects.provenance import hash_file, step_id
 from projects.transforms import require_rigid
 
 Progress = Callable[[str, int], None]  # name of the scan, number of points just written
-CACHE_BYTES = 64 * 2**20
 CLOUD_FIELDS = tuple(f.name for f in fields(PointCloud))
 
 
@@ -112,54 +113,63 @@ def _sum_of(headers: list[ScanHeader]) -> dict[str, int]:
 def _write_scan(group: h5py.Group, index: int, scan: ScanStream, sha256: str, progress: Progress | None) -> ScanHeader:
     if scan.pose is None:
         raise StoreError(f"scan {scan.name!r} has no pose; state it in the file of --poses")
-    n, dropped, low, high = 0, dict[str, int](), np.full(3, np.inf), np.full(3, -np.inf)
-    for chunk in scan.chunks():
-        for reason, count in chunk.dropped.items():
-            dropped[reason] = dropped.get(reason, 0) + int(count)
-        if not len(chunk.cloud):
-            continue
-        low = np.minimum(low, chunk.cloud.points.min(axis=0))  # NaN stays NaN and is refused below
-        high = np.maximum(high, chunk.cloud.points.max(axis=0))
-        if not np.isfinite([low, high]).all():
-            raise StoreError(
-                f"scan {scan.name!r} holds points that are not finite; the reader must drop and count them"
-            )
-        _append(group, _columns(chunk), n, scan.name)
-        n += len(chunk.cloud)
-        if progress is not None:
-            progress(scan.name, len(chunk.cloud))
-    if n == 0:
-        raise StoreError(f"scan {scan.name!r} holds no points (dropped: {dropped or 'none'}); leave it out")
+    pose = require_rigid(scan.pose, f"pose of scan {scan.name!r}")
+    tally = _Tally()
+    with ThreadPoolExecutor(N_THREADS) as pool:
+        writer = ColumnWriter(group, pool)
+        for chunk in scan.chunks():
+            tally.add(chunk)
+            if not len(chunk.cloud):
+                continue
+            for name, values in _columns(chunk, writer.names, scan.name).items():
+                writer.append(name, values)
+            if progress is not None:
+                progress(scan.name, len(chunk.cloud))
+        writer.finish()
+    if tally.n_points == 0:
+        raise StoreError(f"scan {scan.name!r} holds no points (dropped: {tally.dropped or 'none'}); leave it out")
     header = ScanHeader(
-        index=index, name=scan.name, pose=require_rigid(scan.pose, f"pose of scan {scan.name!r}"),
-        origin=np.asarray(scan.origin, dtype=float), n_points=n, dropped=dropped, scanner=scan.scanner,
-        source=Path(scan.path).name, source_sha256=sha256, source_index=int(scan.index), is_grid=bool(scan.is_grid),
-        bounds=np.array([low, high]),
+        index=index, name=scan.name, pose=pose, origin=np.asarray(scan.origin, dtype=float), n_points=tally.n_points,
+        dropped=tally.dropped, scanner=scan.scanner, source=Path(scan.path).name, source_sha256=sha256,
+        source_index=int(scan.index), is_grid=bool(scan.is_grid), bounds=tally.bounds,
     )  # fmt: skip
     _write_header(group, header)
     return header
 
 
-def _columns(chunk: Scan) -> dict[str, np.ndarray]:
+class _Tally:
+    """What is counted while a scan streams by: points, what was dropped, and the bounds (2, 3) [m]."""
+
+    def __init__(self) -> None:
+        self.n_points = 0
+        self.dropped: dict[str, int] = {}
+        self.bounds = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
+
+    def add(self, chunk: Scan) -> None:
+        for reason, count in chunk.dropped.items():
+            self.dropped[reason] = self.dropped.get(reason, 0) + int(count)
+        points = chunk.cloud.points
+        if not len(points):
+            return
+        self.n_points += len(points)
+        # NaN stays NaN in these, so that one point that is none shows
+        self.bounds = np.array(
+            [np.minimum(self.bounds[0], points.min(axis=0)), np.maximum(self.bounds[1], points.max(axis=0))]
+        )
+        if not np.isfinite(self.bounds).all():
+            raise StoreError(
+                f"scan {chunk.name!r} holds points that are not finite; the reader must drop and count them"
+            )
+
+
+def _columns(chunk: Scan, expected: set[str], scan: str) -> dict[str, np.ndarray]:
     """Return what the chunk holds of each point, by name; a value shared by all points is repeated."""
     n = len(chunk.cloud)
     named = {name: getattr(chunk.cloud, name) for name in CLOUD_FIELDS} | {"rows": chunk.rows, "columns": chunk.columns}
     found = {name: values for name, values in named.items() if values is not None}
+    if expected and found.keys() != expected:
+        raise StoreError(f"scan {scan!r}: its chunks do not hold the same values ({sorted(found)}, {sorted(expected)})")
     return {name: np.broadcast_to(v, (n, 3)) if name == "origins" else v for name, v in found.items()}
-
-
-def _append(group: h5py.Group, columns: dict[str, np.ndarray], n: int, scan: str) -> None:
-    if n and columns.keys() != group.keys():
-        raise StoreError(f"scan {scan!r}: its chunks do not hold the same values ({sorted(columns)}, {sorted(group)})")
-    for name, values in columns.items():
-        if not n:
-            group.create_dataset(
-                name, (0, *values.shape[1:]), values.dtype, maxshape=(None, *values.shape[1:]),
-                chunks=(hdf5.CHUNK_ROWS, *values.shape[1:]), **hdf5.FILTERS,
-            )  # fmt: skip
-        dataset = group[name]
-        dataset.resize(n + len(values), axis=0)
-        dataset[n:] = values
 
 
 def _write_header(group: h5py.Group, header: ScanHeader) -> None:
