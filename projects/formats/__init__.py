@@ -9,10 +9,30 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from projects.formats.control import read_control as read_control
     from projects.formats.e57_writer import write_e57 as write_e57
+    from projects.formats.parsing import ReadLimits as ReadLimits
+    from projects.formats.poses import PoseLine as PoseLine
+    from projects.formats.poses import read_poses as read_poses
+    from projects.formats.poses import require_known_names as require_known_names
     from projects.formats.ptx_writer import write_ptx as write_ptx
+    from projects.formats.scans import ScanStream as ScanStream
+    from projects.formats.scans import read_scans as read_scans
+    from projects.formats.sniffing import sniff_format as sniff_format
+    from projects.formats.units import metres_per_unit as metres_per_unit
+    from projects.formats.units import question_unit as question_unit
 
 _HOME = {
+    "PoseLine": "poses",
+    "ReadLimits": "parsing",
+    "ScanStream": "scans",
+    "metres_per_unit": "units",
+    "question_unit": "units",
+    "read_control": "control",
+    "read_poses": "poses",
+    "read_scans": "scans",
+    "require_known_names": "poses",
+    "sniff_format": "sniffing",
     "write_e57": "e57_writer",
     "write_ptx": "ptx_writer",
 }

@@ -1,0 +1,50 @@
+"""PTS points in (Leica Cyclone): a line of the count, then x y z [intensity] [red green blue] in project coordinates.
+
+Runs in the child process. Several clouds may follow one another, each with its count; they are one scan here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from projects.errors import FormatError
+from projects.formats import xyz
+from projects.formats.rawscan import Columns, ScanHeader
+from projects.formats.text import skip_blank, skip_rows, whole_numbers
+
+
+def list_scans(path: str) -> list[ScanHeader]:
+    """Return the one scan of the file; its count is the sum of those of its clouds, or None without counts."""
+    header = xyz.find_layout(path)
+    if header.n_declared is None:
+        return [header]
+    parts = list(_parts(path))
+    n_declared = sum(part["n_rows"] for part in parts)
+    return [dataclasses.replace(header, n_declared=n_declared, place={**header.place, "parts": parts})]
+
+
+def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
+    """Yield the points of all clouds of the file."""
+    layout = header.place["layout"]
+    for part in header.place.get("parts", [{}]):
+        place = {**header.place, "layout": {**layout, **part}}
+        yield from xyz.read_scan(path, dataclasses.replace(header, n_declared=part.get("n_rows"), place=place))
+
+
+def _parts(path: str) -> Iterator[dict[str, Any]]:
+    """Yield where each cloud of the file begins and how many lines it has."""
+    offset, line = skip_blank(path, 0, 1)
+    while offset < os.path.getsize(path):
+        with Path(path).open("rb") as file:
+            file.seek(offset)
+            counts = whole_numbers(file.readline(1000).removeprefix(b"\xef\xbb\xbf"))
+            begin = file.tell()
+        if counts is None or len(counts) != 1:
+            raise FormatError(f"line {line} should be the number of points that follow; more points than promised?")
+        if counts[0]:
+            yield {"offset": begin, "n_rows": counts[0], "first_line": line + 1}
+        offset, line = skip_blank(path, *skip_rows(path, begin, line + 1, counts[0]))

@@ -1,0 +1,89 @@
+"""What a reader tells of a scan inside the child process: a header of plain numbers and columns of arrays.
+
+No file's own type crosses to the parent: a header is JSON, and a column has one of the kinds listed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+CHUNK = 1_000_000  # points handed over at once
+Columns = dict[str, NDArray[Any]]
+
+# the only columns that may cross, with little-endian dtype and width (0: one value a point)
+KINDS = {
+    "points": ("<f8", 3),
+    "normals": ("<f8", 3),
+    "intensity": ("<f4", 0),
+    "colors": ("|u1", 3),
+    "rows": ("<i4", 0),
+    "columns": ("<i4", 0),
+    "faces": ("<i8", 3),
+}
+
+
+@dataclass(frozen=True)
+class ScanHeader:
+    """One scan of a file, before its points are read.
+
+    `pose` is T_project_scanner in file units and `origin` the scanner's position in the scan's frame, each None where
+    the file does not say. `is_centred`: the format puts the scanner at 0 0 0, so a point there has no range.
+    `place` is whatever the reader needs to find the scan again.
+    """
+
+    label: str = ""
+    pose: list[list[float]] | None = None
+    origin: list[float] | None = None
+    n_declared: int | None = None
+    scanner: str | None = None
+    is_grid: bool = False
+    is_centred: bool = False
+    place: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the header as JSON types."""
+        return asdict(self)
+
+
+def within_unit_range(values: NDArray[Any], low: float, high: float) -> NDArray[Any]:
+    """Return values scaled so that low..high becomes 0..1 (float32); NaN where outside or not finite."""
+    if not high > low:
+        scaled = np.asarray(values, dtype=np.float64)
+    else:
+        scaled = (np.asarray(values, dtype=np.float64) - low) / (high - low)
+    near = (scaled > -1e-6) & (scaled < 1.0 + 1e-6)
+    return np.where(near, np.clip(scaled, 0.0, 1.0), np.nan).astype(np.float32)
+
+
+def guess_intensity_range(values: NDArray[Any]) -> tuple[float, float]:
+    """Return the range that instruments use and that these intensities fit: 0-1, -2048-2047, 0-255, 0-4095, 0-65535.
+
+    For formats that do not state it (PTS, PTX, text, PLY, PCD). Where none fits, the range of the values themselves.
+    """
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return 0.0, 1.0
+    low, high = float(finite.min()), float(finite.max())
+    for first, last in ((0.0, 1.0), (0.0, 255.0), (0.0, 4095.0), (-2048.0, 2047.0), (0.0, 65535.0)):
+        if low >= first and high <= last:
+            return first, last
+    return low, high
+
+
+def as_bytes_of_colour(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours (n, 3) as 0-255: fractions of one are scaled, 16-bit values are shortened.
+
+    Which of the three it is follows from the values: all within 0-1 and not all whole, above 255, or neither.
+    """
+    values = np.nan_to_num(np.asarray(values, dtype=np.float64))
+    highest = values.max(initial=0.0)
+    if highest <= 1.0 and (values != np.floor(values)).any():
+        values = values * 255.0
+    elif highest > 255.0:
+        values = values / 257.0
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)

@@ -1,0 +1,208 @@
+"""Tables of numbers in text files, in blocks: every line is checked to have as many numbers as the others.
+
+Shared by PTX, PTS, XYZ and the text forms of PLY and PCD. A line that is short, long, cut off or not a number is an
+error that names the line; nothing is guessed.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from projects.errors import FormatError
+
+BLOCK = 8 * 2**20  # bytes
+LONGEST_LINE = 2**20
+SLOWLY_PARSED = 4 * 2**20  # bytes
+NEWLINE, SPACE = 10, 32
+SHORTEST_ROW = len("0 0 0\n")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableLayout:
+    """Where a table of numbers begins in a file and how it is written.
+
+    `separator` is one character (a space stands for any white space); `n_rows` None reads to the end of the file;
+    `first_line` is the number of the table's first line, for messages.
+    """
+
+    offset: int = 0
+    n_columns: int
+    n_rows: int | None = None
+    separator: str = " "
+    has_decimal_comma: bool = False
+    first_line: int = 1
+
+
+def read_table(path: str, layout: TableLayout) -> Iterator[NDArray[np.float64]]:
+    """Yield the rows of a table, (n, n_columns), block by block.
+
+    Raises
+    ------
+    FormatError
+        A line with another number of values, a value that is no number, fewer rows than promised, a cut-off last line.
+    """
+    n_read, line = 0, layout.first_line
+    for block in line_blocks(path, layout.offset, layout.n_rows):
+        plain = _plain(block, layout)
+        rows = _numbers(plain, layout.n_columns, line)
+        n_read += len(rows)
+        line += block.count(b"\n")
+        yield rows
+    if layout.n_rows is not None and n_read != layout.n_rows:
+        raise FormatError(f"promises {layout.n_rows} rows of numbers, {n_read} are there; the file is cut off")
+
+
+def line_blocks(path: str, offset: int, n_lines: int | None = None) -> Iterator[bytes]:
+    """Yield whole lines from an offset on, many at a time; the last one gets a line end if it has none."""
+    rest, before = b"", b""
+    left = n_lines
+    with Path(path).open("rb") as file:
+        file.seek(offset)
+        while left is None or left > 0:
+            block = file.read(BLOCK)
+            if not block:
+                break
+            whole, mark, tail = block.rpartition(b"\n")
+            block, rest = (rest + whole + mark, tail) if mark else (b"", rest + tail)
+            if len(rest) > LONGEST_LINE:
+                raise FormatError("has a line longer than a million characters; it is no table of numbers")
+            if left is not None:
+                block = _first_lines(block, left)
+                left -= block.count(b"\n")
+            if block:
+                before = block
+                yield block
+    if rest.strip() and (left is None or left > 0):
+        _require_whole_line(rest, before)
+        yield rest + b"\n"
+
+
+def _first_lines(block: bytes, n: int) -> bytes:
+    """Return at most the first n lines."""
+    if block.count(b"\n") <= n:
+        return block
+    ends = np.flatnonzero(np.frombuffer(block, np.uint8) == NEWLINE)
+    return block[: ends[n - 1] + 1]
+
+
+def _require_whole_line(last: bytes, before: bytes) -> None:
+    """Raise if the last line, which has no end, has fewer decimals than every line before it."""
+    earlier = before.split(b"\n")[-200:]
+    decimals = [_decimals_at_end(line) for line in earlier if line.strip()]
+    if decimals and _decimals_at_end(last) < min(decimals):
+        raise FormatError("ends in the middle of a number; the file is cut off")
+
+
+def _decimals_at_end(line: bytes) -> int:
+    """Return how many digits follow the decimal point in the last number of a line."""
+    found = re.search(rb"[.,](\d*)\D*$", line)
+    return len(found.group(1)) if found else 0
+
+
+def _plain(block: bytes, layout: TableLayout) -> bytes:
+    """Return the block with blanks for separators and quotes, points for decimal commas, and no comment lines."""
+    if b"#" in block or b"//" in block:
+        lines = block.split(b"\n")
+        block = b"\n".join(b"" if line.lstrip().startswith((b"#", b"//")) else line for line in lines)
+    old, new = b'"\t\r\v\f', b"     "
+    if layout.has_decimal_comma:
+        old, new = old + b",", new + b"."
+    if layout.separator not in " \t":
+        old, new = old + layout.separator.encode(), new + b" "
+    return block.translate(bytes.maketrans(old, new))
+
+
+def _numbers(plain: bytes, n_columns: int, first_line: int) -> NDArray[np.float64]:
+    """Return the numbers of a block of lines, (n, n_columns)."""
+    counts = _counts_by_line(plain)
+    wrong = np.flatnonzero((counts != n_columns) & (counts > 0))
+    if len(wrong):
+        which, n = first_line + wrong[0], counts[wrong[0]]
+        raise FormatError(f"line {which} has {n} values, the lines before it {n_columns}")
+    if not counts.any():
+        return np.empty((0, n_columns))
+    try:
+        return _parsed(plain)
+    except (ValueError, UnicodeDecodeError) as problem:
+        raise FormatError(f"has something that is no number from line {first_line} on ({problem})") from problem
+
+
+def _parsed(plain: bytes) -> NDArray[np.float64]:
+    """Return a table of numbers; pandas parses five times faster than numpy but takes half a second to start."""
+    if len(plain) < SLOWLY_PARSED:
+        return np.loadtxt(io.BytesIO(plain), dtype=np.float64, comments=None, ndmin=2)
+    import pandas as pd
+
+    table = pd.read_csv(io.BytesIO(plain), sep=r"\s+", header=None, dtype=np.float64, quoting=3, engine="c")
+    return table.to_numpy()
+
+
+def _counts_by_line(plain: bytes) -> NDArray[np.int64]:
+    """Return how many values each line holds."""
+    characters = np.frombuffer(plain, np.uint8)
+    is_blank = characters <= SPACE
+    begins = ~is_blank
+    begins[1:] &= is_blank[:-1]
+    so_far = np.cumsum(begins)[characters == NEWLINE]
+    return np.diff(so_far, prepend=0)
+
+
+def skip_rows(path: str, offset: int, line: int, n_rows: int) -> tuple[int, int]:
+    """Return the offset and the number of the line after n_rows lines; fewer than promised is an error."""
+    size = os.path.getsize(path)
+    n_found, end = 0, offset
+    if n_rows * SHORTEST_ROW <= size - offset + 1:
+        for block in line_blocks(path, offset, n_rows):
+            n_found += block.count(b"\n")
+            end += len(block)
+    if n_found != n_rows:
+        raise FormatError(f"promises {n_rows} points from line {line} on, fewer are there; the file is cut off")
+    return min(end, size), line + n_rows
+
+
+def skip_blank(path: str, offset: int, line: int) -> tuple[int, int]:
+    """Return the offset and the number of the next line that is not blank."""
+    with Path(path).open("rb") as file:
+        file.seek(offset)
+        while text := file.readline(1000):
+            if text.strip():
+                break
+            offset += len(text)
+            line += 1
+    return offset, line
+
+
+def is_number(token: str) -> bool:
+    """Return whether a word of a text file is a number."""
+    try:
+        float(token)
+    except ValueError:
+        return False
+    return True
+
+
+def whole_numbers(line: bytes) -> list[int] | None:
+    """Return the whole numbers of a line, or None if it holds anything else or nothing."""
+    words = line.split()
+    return [int(word) for word in words] if words and all(re.fullmatch(rb"\d{1,18}", w) for w in words) else None
+
+
+def are_colours(values: NDArray[Any]) -> bool:
+    """Return whether columns (n, 3) look like 8-bit or 16-bit colours: whole, not negative, not all 0 or 1."""
+    whole = np.isfinite(values).all() and (values == np.floor(values)).all()
+    return bool(values.size and values.shape[1] == 3 and whole and values.min() >= 0 and 1 < values.max() <= 65535)
+
+
+def are_unit_vectors(values: NDArray[Any]) -> bool:
+    """Return whether columns (n, 3) look like normals: nine in ten of length one within a hundredth."""
+    length = np.linalg.norm(values, axis=1)
+    return bool(values.size and values.shape[1] == 3 and (np.abs(length - 1.0) < 0.01).mean() > 0.9)

@@ -1,0 +1,59 @@
+"""Units of files: metres per unit by name, and the question whether metres can be meant.
+
+The objects followed here are sculptures, stoves, staircases, rooms and buildings. Measured as metres by mistake, a
+figure of 0.1 to 50 m in millimetres reads as 100 to 50 000, so a size above 100 is questioned, and one below 5 mm,
+which no terrestrial scanner resolves, too. Formats that define metres (E57, PTX, glTF) also hold what stands around
+the object and are questioned only beyond the reach of terrestrial scanners, 2 km across. Inches and feet within these
+limits cannot be told from metres: state them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from projects.errors import ParameterError, UnitError
+from projects.model import Floats
+
+METRES = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
+SMALLEST, LARGEST, LARGEST_WHERE_METRES_ARE_DEFINED = 0.005, 100.0, 2000.0  # m
+DEFINED_IN_METRES = ("e57", "ptx", "glb")
+
+
+def metres_per_unit(name: str) -> float:
+    """Return the factor from a unit's name (m, mm, cm, in, ft) to metres."""
+    if name not in METRES:
+        raise UnitError(f"unit {name!r} is not known; one of {', '.join(METRES)} is needed")
+    return METRES[name]
+
+
+def require_unit(unit: float) -> float:
+    """Return a factor to metres if it is positive and finite; raise otherwise."""
+    if not (np.isfinite(unit) and unit > 0):
+        raise ParameterError(f"unit = {unit!r}: metres per file unit, a positive number, is needed")
+    return unit
+
+
+def question_unit(bounds: Floats, unit_stated: bool, format_name: str = "", name: str = "the scan") -> None:
+    """Raise where a size in metres is improbable and nobody said that metres are meant.
+
+    Parameters
+    ----------
+    bounds : (2, 3) least and greatest coordinates, in file units taken as metres.
+    unit_stated : the user named the unit; then nothing is questioned.
+    format_name : of `sniff_format`; formats that define metres have a wider limit.
+    name : what is measured, for the message.
+
+    Raises
+    ------
+    UnitError
+        The size, and what it would be in each unit.
+    """
+    size = float(np.ptp(np.asarray(bounds, dtype=np.float64), axis=0).max())
+    largest = LARGEST_WHERE_METRES_ARE_DEFINED if format_name in DEFINED_IN_METRES else LARGEST
+    if unit_stated or SMALLEST <= size <= largest:
+        return
+    others = ", ".join(f"{size * factor:.3g} m if in {unit}" for unit, factor in METRES.items() if unit != "m")
+    raise UnitError(
+        f"{name} is {size:.4g} m across if its numbers are metres, which is improbable ({others}); "
+        "state the unit: --unit m, mm, cm, in or ft"
+    )
