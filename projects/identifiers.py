@@ -94,7 +94,12 @@ def product_file(object_id: str, epoch_id: str, product: str, step_id: str) -> P
     require_id(epoch_id, "epoch")
     split_product(product)
     require_step_id(step_id)
-    return PurePosixPath("objects") / _folder(object_id) / _folder(epoch_id) / f"{product}-{step_id}.h5"
+    return object_folder(object_id) / _folder(epoch_id) / f"{product}-{step_id}.h5"
+
+
+def object_folder(object_id: str) -> PurePosixPath:
+    """Return the folder of an object relative to the project folder."""
+    return PurePosixPath("objects") / _folder(require_id(object_id, "object"))
 
 
 def _folder(identifier: str) -> str:

@@ -125,8 +125,10 @@ class Lock:
             os.link(draft, self.path)
         except FileExistsError:
             return False
-        except FileNotFoundError as error:
-            raise StoreError(f"{self.path.parent}: the project folder is gone") from error
+        except FileNotFoundError:  # a new owner cleared our draft away as left over; try again
+            if self.path.parent.is_dir():
+                return False
+            raise StoreError(f"{self.path.parent}: the project folder is gone") from None
         except OSError as error:
             return self._place_without_links(me, error)
         finally:
@@ -153,6 +155,12 @@ class Lock:
             if read_owner(self.path) == stale:
                 os.replace(self.path, aside)
                 aside.unlink()
+
+    def clear_drafts(self) -> None:
+        """Remove lock drafts that killed processes left; a living one whose draft goes too makes it again."""
+        for draft in self.path.parent.glob(f"{LOCK_NAME}.*"):
+            with suppress(OSError):
+                draft.unlink()
 
     def _release(self) -> None:
         owner, self.owner = self.owner, None

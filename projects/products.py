@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 
@@ -36,6 +37,8 @@ def write_product(root: Path, epoch: EpochRecord, write: Callable[[h5py.File], S
                 step = complete(write(file))
                 _write_header(file, epoch, step)
             name = product_file(epoch.object_id, epoch.epoch_id, step.product, step.step_id)
+            if not (root / name).resolve().is_relative_to(root.resolve()):
+                raise StoreError(f"{root / name} leads out of the project by a symbolic link; remove the link")
             entry = ProductEntry(step, name.as_posix(), hash_file(path), path.stat().st_size)
             place(path, root / name)
     except OSError as error:
@@ -55,6 +58,11 @@ def _write_header(file: h5py.File, epoch: EpochRecord, step: Step) -> None:
     for name, text in _identity(epoch, step).items():
         hdf5.write_attribute(file, name, text)
     hdf5.write_record(file, "step", step)
+
+
+def stored_step(file: h5py.File) -> Any:
+    """Return the step record of an open product file."""
+    return hdf5.read_record(hdf5.child(file, "step"))
 
 
 def _identity(epoch: EpochRecord, step: Step) -> dict[str, str]:

@@ -5,8 +5,7 @@ What each call does is written in the modules named by their nouns; here is only
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -20,24 +19,26 @@ from projects.elements import read_element, write_element
 from projects.errors import StoreError
 from projects.identifiers import require_new_id, require_step_id, split_product
 from projects.index import (
-    INDEX_NAME,
     EpochEntry,
     Index,
     ObjectEntry,
     ProductEntry,
-    read_index,
+    find_epoch,
+    find_object,
+    find_product,
     with_epoch,
     with_object,
     with_product,
     without_epoch,
     without_product,
-    write_index,
 )
+from projects.index_file import INDEX_NAME, read_index, write_index
 from projects.lock import LOCK_NAME, Lock
 from projects.model import EpochRecord, ObjectRecord, Scan, Step, Surface
 from projects.products import CONTENT, is_whole, open_product, require_bytes, write_product
 from projects.provenance import now
 from projects.raw import Progress, ScanHeader, ScanStream
+from projects.verify import VerifyReport, delete_unnamed, verify_project
 
 LOCK_WAIT = 10.0  # s that a writer waits for another: they hold the lock for one product at a time
 
@@ -100,14 +101,11 @@ class Project:
 
     def index(self) -> Index:
         """Return the last committed state; it is read anew only when a writer has replaced it."""
-        path = self.path / INDEX_NAME
-        try:
-            seen = path.stat()
-        except OSError as error:
-            raise StoreError(f"{path} is gone ({error.strerror})") from error
-        key = (seen.st_ino, seen.st_mtime_ns, seen.st_size)
+        key = _seen(self.path / INDEX_NAME)
+        if key is None:
+            raise StoreError(f"{self.path / INDEX_NAME} is gone; restore it from a copy")
         if self._index is None or self._index[0] != key:
-            self._index = (key, read_index(path))
+            self._index = (key, read_index(self.path / INDEX_NAME))
         return self._index[1]
 
     def objects(self) -> list[ObjectRecord]:
@@ -116,55 +114,32 @@ class Project:
 
     def object(self, object_id: str) -> ObjectRecord:
         """Return an object; raise `StoreError` naming those that exist."""
-        return self._object(object_id).record
+        return find_object(self.index(), object_id).record
 
     def epochs(self, object_id: str) -> list[EpochRecord]:
         """Return the epochs of an object, by date, then id."""
-        records = [entry.record for entry in self._object(object_id).epochs.values()]
+        records = [entry.record for entry in find_object(self.index(), object_id).epochs.values()]
         return sorted(records, key=lambda e: (e.date, e.epoch_id))
 
     def epoch(self, object_id: str, epoch_id: str) -> EpochRecord:
         """Return an epoch; raise `StoreError` naming those that exist."""
-        return self._epoch(object_id, epoch_id).record
+        return find_epoch(self.index(), object_id, epoch_id).record
 
     def steps(self, object_id: str, epoch_id: str) -> list[Step]:
         """Return the steps of all products of an epoch, in the order of their making."""
-        products = self._epoch(object_id, epoch_id).products.values()
+        products = find_epoch(self.index(), object_id, epoch_id).products.values()
         return sorted((p.step for p in products), key=lambda s: (s.created, s.product))
 
     def latest(self, object_id: str, epoch_id: str, product: str) -> Step | None:
         """Return the step of a product, None where there is none or its file is missing or cut off."""
         split_product(product)
-        entry = self._epoch(object_id, epoch_id).products.get(product)
+        entry = find_epoch(self.index(), object_id, epoch_id).products.get(product)
         return entry.step if entry is not None and is_whole(self.path, entry) else None
 
     def find(self, object_id: str, epoch_id: str, product: str, step_id: str) -> Step | None:
         """Return the step of a product if it answers exactly this question, else None: then it is to be made."""
         step = self.latest(object_id, epoch_id, product)
         return step if step is not None and step.step_id == step_id else None
-
-    def _object(self, object_id: str) -> ObjectEntry:
-        objects = self.index().objects
-        if object_id not in objects:
-            raise StoreError(f"{self.path} has no object {object_id!r}; {_what_exists(object_id, objects)}")
-        return objects[object_id]
-
-    def _epoch(self, object_id: str, epoch_id: str) -> EpochEntry:
-        epochs = self._object(object_id).epochs
-        if epoch_id not in epochs:
-            raise StoreError(f"object {object_id!r} has no epoch {epoch_id!r}; {_what_exists(epoch_id, epochs)}")
-        return epochs[epoch_id]
-
-    def _product(self, object_id: str, epoch_id: str, product: str, step_id: str | None = None) -> ProductEntry:
-        products = self._epoch(object_id, epoch_id).products
-        entry = products.get(product)
-        if entry is None:
-            raise StoreError(f"{object_id} {epoch_id} has no {product!r}; {_what_exists(product, products)}")
-        if step_id is not None and entry.step.step_id != step_id:
-            raise StoreError(
-                f"{object_id} {epoch_id} {product}: step {step_id} is not in the project; it holds {entry.step.step_id}"
-            )
-        return entry
 
     # changes
 
@@ -173,6 +148,7 @@ class Project:
         """Hold the project's lock, so that nobody else writes in between; re-entrant. `wait` in seconds."""
         with self._lock.held(wait) as first:
             if first:
+                self._lock.clear_drafts()
                 clear_partial(self.path)
             yield
 
@@ -183,6 +159,7 @@ class Project:
                 write_index(path, index)
                 self._lock.require_mine()
                 place(path, self.path / INDEX_NAME)
+            self._index = (_seen(self.path / INDEX_NAME), index)
         except OSError as error:
             raise StoreError(f"{self.path}: the index could not be written ({error}); nothing was entered") from error
 
@@ -201,7 +178,7 @@ class Project:
         Any error, of a reader or of the disk, leaves the project as it was. Returns the record with its sources.
         """
         with self.writing():
-            require_new_id(record.epoch_id, self._object(record.object_id).epochs, "epoch")
+            require_new_id(record.epoch_id, find_object(self.index(), record.object_id).epochs, "epoch")
             if mesh is None:
                 entry = write_product(self.path, record, lambda f: raw.write_scans(f, record, scans, progress))
                 record = replace(record, sources=tuple(entry.step.parameters["sources"]))
@@ -216,8 +193,18 @@ class Project:
     def remove_epoch(self, object_id: str, epoch_id: str, *, purge: bool = False) -> None:
         """Take an epoch out of the index, with the comparisons made from it; `purge` also deletes its files."""
         with self.writing():
-            record = self.epoch(object_id, epoch_id)
-            self._commit(without_epoch(self.index(), record))
+            self._commit(without_epoch(self.index(), self.epoch(object_id, epoch_id)))
+            if purge:
+                self.purge(object_id)
+
+    def purge(self, object_id: str | None = None) -> list[Path]:
+        """Delete the product files that the index does not name, of one object or of all; return what was deleted."""
+        with self.writing():
+            return delete_unnamed(self.path, self.index(), object_id)
+
+    def verify(self, progress: Callable[[str, int], None] | None = None) -> VerifyReport:
+        """Check every file against the index; `progress` is told each file and its size in bytes."""
+        return verify_project(self.path, progress)
 
     def put(self, object_id: str, epoch_id: str, step: Step, noun: Any) -> Step:
         """Store a product and enter it: a noun, an array, a table, or a mapping of such and of JSON values.
@@ -227,7 +214,7 @@ class Project:
         _, reference = split_product(step.product)
         require_step_id(step.step_id)
         with self.writing():
-            epoch = self._epoch(object_id, epoch_id)
+            epoch = find_epoch(self.index(), object_id, epoch_id)
             if reference is not None:
                 self.epoch(object_id, reference)
             present = epoch.products.get(step.product)
@@ -245,7 +232,7 @@ class Project:
     def get(self, object_id: str, epoch_id: str, product: str, step_id: str | None = None) -> Any:
         """Return the noun that was put, equal to it; every byte of its file is checked against the index."""
         epoch = self.epoch(object_id, epoch_id)
-        entry = self._product(object_id, epoch_id, product, step_id)
+        entry = find_product(find_epoch(self.index(), object_id, epoch_id), product, step_id)
         self._require_bytes(entry, f"{object_id} {epoch_id} {product}")
         with open_product(self.path, epoch, entry) as file:
             return read_element(file, CONTENT)
@@ -265,14 +252,13 @@ class Project:
 
     @contextmanager
     def _raw(self, object_id: str, epoch_id: str) -> Iterator[h5py.File]:
-        entry = self._product(object_id, epoch_id, "raw")
+        entry = find_product(find_epoch(self.index(), object_id, epoch_id), "raw")
         with open_product(self.path, self.epoch(object_id, epoch_id), entry) as file:
             yield file
 
     def _require_bytes(self, entry: ProductEntry, what: str) -> None:
         """Check a file's hash once for as long as its size and time stay the same."""
-        seen = (self.path / entry.file).stat() if (self.path / entry.file).is_file() else None
-        key = (entry.file, entry.sha256, seen and (seen.st_ino, seen.st_mtime_ns, seen.st_size))
+        key = (entry.file, entry.sha256, _seen(self.path / entry.file))
         if key not in self._verified:
             require_bytes(self.path, entry, what)
             self._verified.add(key)
@@ -283,6 +269,15 @@ class Project:
         except StoreError:
             return False
         return True
+
+
+def _seen(path: Path) -> tuple[int, int, int] | None:
+    """Return what changes when a file is replaced, None where it is missing."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size
 
 
 def _write_content(file: h5py.File, step: Step, noun: Any) -> Step:
@@ -301,14 +296,3 @@ def _require_empty(path: Path) -> None:
     others = [p.name for p in path.iterdir() if p.name != PARTIAL and not p.name.startswith(LOCK_NAME)]
     if others:
         raise StoreError(f"{path} is not empty (it holds {sorted(others)[0]!r}); choose a new folder for the project")
-
-
-def _what_exists(asked: str, existing: Iterable[str]) -> str:
-    """Return the end of a message: what exists, and what was probably meant."""
-    ids = sorted(existing)
-    if not ids:
-        return "there is none yet"
-    close = difflib.get_close_matches(str(asked).lower(), [i.lower() for i in ids], n=1)
-    meant = next((i for i in ids if close and i.lower() == close[0]), None)
-    listed = ", ".join(ids[:8]) + (f" and {len(ids) - 8} more" if len(ids) > 8 else "")
-    return f"it has {listed}" + (f"; did you mean {meant!r}?" if meant else "")

@@ -1,0 +1,126 @@
+"""Is a project whole? Every file of the index is there with its bytes, and what else lies in the folder is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from projects.atomic import PARTIAL
+from projects.errors import MonitorError
+from projects.identifiers import PRODUCT_FILE_PATTERN, object_folder
+from projects.index import Index, all_products
+from projects.index_file import INDEX_NAME, read_index
+from projects.lock import LOCK_NAME, is_stale, read_owner
+from projects.products import open_product, require_bytes, stored_step
+from projects.records import to_json
+
+ERROR, WARNING, NOTE = "error", "warning", "note"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something about a project that is not as it should be: an error loses or falsifies results, a warning may, a
+    note only informs. `path` is relative to the project."""
+
+    severity: str
+    path: str
+    message: str
+
+
+@dataclass(frozen=True)
+class VerifyReport:
+    """What a check of a project found; `ok` where nothing is lost or changed."""
+
+    findings: tuple[Finding, ...]
+    n_files: int
+    n_bytes: int
+
+    @property
+    def ok(self) -> bool:
+        """Whether no finding is an error."""
+        return all(f.severity != ERROR for f in self.findings)
+
+
+def verify_project(path: Path, progress: Callable[[str, int], None] | None = None) -> VerifyReport:
+    """Return what a check of the project folder finds; an unreadable index is a finding too, not an exception."""
+    try:
+        index = read_index(path / INDEX_NAME)
+    except MonitorError as error:
+        return VerifyReport((Finding(ERROR, INDEX_NAME, str(error)),), 0, 0)
+    findings: list[Finding] = []
+    products = all_products(index)
+    for epoch, entry in products:
+        try:
+            require_bytes(path, entry, f"{epoch.object_id} {epoch.epoch_id} {entry.step.product}")
+            with open_product(path, epoch, entry) as file:
+                if to_json(stored_step(file)) != to_json(entry.step):
+                    findings.append(Finding(ERROR, entry.file, "its step is not the one that the index holds"))
+        except MonitorError as error:
+            findings.append(Finding(ERROR, entry.file, str(error)))
+        if progress is not None:
+            progress(entry.file, entry.n_bytes)
+    findings += [*_outdated(index), *_unnamed(path, index)]
+    return VerifyReport(tuple(findings), len(products) + 1, sum(entry.n_bytes for _, entry in products))
+
+
+def _outdated(index: Index) -> Iterator[Finding]:
+    """Yield a note for each product made from a product that was made anew since."""
+    known = {entry.step.step_id for _, entry in all_products(index)}
+    for epoch, entry in all_products(index):
+        if gone := [i for i in entry.step.inputs if len(i) == 16 and i not in known]:
+            yield Finding(NOTE, entry.file, f"{epoch.epoch_id} was made from {gone[0]}, which is no longer current")
+
+
+def _unnamed(root: Path, index: Index) -> Iterator[Finding]:
+    """Yield a finding for each thing in the folder that the index does not name."""
+    named = {INDEX_NAME, *(entry.file for _, entry in all_products(index))}
+    for path in sorted(root.rglob("*")):
+        name = path.relative_to(root).as_posix()
+        if path.is_symlink():
+            yield Finding(ERROR if name in named else WARNING, name, "is a symbolic link; a project holds none")
+        elif not path.is_dir() and name not in named:
+            yield _judge(path, name)
+
+
+def _judge(path: Path, name: str) -> Finding:
+    if name == LOCK_NAME:
+        owner = read_owner(path)
+        if owner is not None and is_stale(owner):
+            return Finding(WARNING, name, "was left by a process that is gone; the next writer removes it")
+        return Finding(NOTE, name, "the project is being written now")
+    if name.startswith((f"{PARTIAL}/", f"{LOCK_NAME}.")):
+        return Finding(WARNING, name, "was left by an interrupted writer; the next writer removes it")
+    if _is_product_file(name):
+        return Finding(NOTE, name, "is of a removed epoch or was made anew since; purge deletes it")
+    return Finding(WARNING, name, "is not part of the project")
+
+
+def _is_product_file(name: str) -> bool:
+    parts = name.split("/")
+    return len(parts) == 4 and parts[0] == "objects" and bool(PRODUCT_FILE_PATTERN.fullmatch(parts[3]))
+
+
+def delete_unnamed(root: Path, index: Index, object_id: str | None) -> list[Path]:
+    """Delete product files that the index does not name, and folders that are empty then; return the files.
+
+    Only what this program wrote goes: files of other names, and links, are left where they are.
+    """
+    named = {entry.file for _, entry in all_products(index)}
+    folder = root / "objects" if object_id is None else root / object_folder(object_id)
+    deleted = []
+    for path in sorted(folder.rglob("*.h5")):
+        name = path.relative_to(root).as_posix()
+        if name not in named and _is_product_file(name) and not path.is_symlink() and _is_inside(path, root):
+            path.unlink()
+            deleted.append(path)
+    for path in sorted(folder.rglob("*"), reverse=True):
+        if path.is_dir() and not path.is_symlink():
+            with suppress(OSError):  # not empty
+                path.rmdir()
+    return deleted
+
+
+def _is_inside(path: Path, root: Path) -> bool:
+    return path.resolve().is_relative_to(root.resolve())
