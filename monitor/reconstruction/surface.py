@@ -1,0 +1,212 @@
+"""One surface from the points of an epoch: raw mesh, trimmed to what was measured, brought onto the points.
+
+In: a `PointCloud` in the project's frame. Out: a `Surface` that ends where the samples end, with the uncertainty of
+each vertex. After Nothegger, "Improving completeness of geometric models from terrestrial laser scanning data".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from monitor.declare import check_settings, setting
+from monitor.reconstruction.cell_size import Sampling, choose_cell_size, measure_sampling
+from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
+from monitor.reconstruction.open3d_poisson import poisson_mesh
+from monitor.reconstruction.projection import Projection, project_vertices
+from projects.errors import ReconstructionError
+from projects.model import Bools, Floats, Ints, PointCloud, Surface
+
+FEWEST_POINTS = 50
+SLIVER = 1e-3  # of a cell: edges and heights below it are welded or dropped
+GATE = 4.5  # sigmas of noise within which points belong to the vertex's sheet
+N_TINT = 4  # samples that give a vertex its colour, intensity and roughness
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceSettings:
+    """How a surface is made of points. Lengths in metres."""
+
+    method: str = setting("open3d", unit="", meaning="engine of the raw surface", choices=("open3d",))
+    cell_size: float | None = setting(
+        None, unit="m", meaning="edge of a cell; auto: 1.5 spacings, or 0.7 sigma of noise if larger", low=1e-6, high=10
+    )  # fmt: skip
+    trim_cells: float = setting(
+        2.5, unit="cells", meaning="the surface ends at this distance from the samples", low=0.5, high=20
+    )  # fmt: skip
+    fit_cells: float = setting(
+        3.0, unit="cells", meaning="radius of the points that a vertex is brought onto", low=1.5, high=20
+    )  # fmt: skip
+    crumb_cells: float = setting(
+        5.0, unit="cells", meaning="pieces smaller than a disc of this radius are dropped", low=0, high=1000
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class ReconstructionResult:
+    """A surface, the automatic values it was made with, and what was counted and dropped on the way."""
+
+    surface: Surface
+    automatic: Mapping[str, Any] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+def reconstruct(cloud: PointCloud, settings: SurfaceSettings | None = None) -> Surface:
+    """Return the surface of a cloud; see `reconstruct_with_record`."""
+    return reconstruct_with_record(cloud, settings).surface
+
+
+def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None = None) -> ReconstructionResult:
+    """Make a surface of a cloud, open where nothing was measured, with what was found and dropped.
+
+    Parameters
+    ----------
+    cloud : points (n, 3) in metres in any frame. Normals orient the surface; they are estimated where it has none.
+    settings : see `SurfaceSettings`; the default needs no thought.
+
+    Returns
+    -------
+    ReconstructionResult
+        The surface in the frame of the cloud: normals outwards, `sigma` (m) the standard error of each vertex along
+        its normal, `n_support` points within the fit, `sample_distance` (m) to the nearest point, roughness, colour
+        and intensity of the nearest points. NaN in `sigma` where too few points lie around the vertex.
+
+    Raises
+    ------
+    ReconstructionError
+        Where the cloud has too few usable points, or no surface comes of them.
+    """
+    settings = settings or SurfaceSettings()
+    cloud = usable_samples(with_normals(cloud))
+    shift = np.round(0.5 * (cloud.points.min(axis=0) + cloud.points.max(axis=0)), 3)
+    points = cloud.points - shift
+    sampling = measure_sampling(cloud)
+    cell = settings.cell_size or choose_cell_size(sampling)
+    assert cloud.normals is not None
+    vertices, faces, cell_used = poisson_mesh(points, cloud.normals, cell)
+    counts = {"points_used": len(points), "faces_raw": len(faces)}
+    samples = cKDTree(points)
+    faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
+    counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
+    projection, faces = settle(vertices, faces, points, cloud.normals, (cell_used, sampling.noise), settings, counts)
+    surface = finish(projection, faces, samples, cloud, shift)
+    counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
+    return ReconstructionResult(surface, automatic_values(sampling, cell_used, settings), counts)
+
+
+def with_normals(cloud: PointCloud) -> PointCloud:
+    """Return the cloud with normals, estimated robustly where it has none."""
+    if cloud.normals is not None:
+        return cloud
+    from monitor.filtering import estimate_normals  # here, so that a cloud with normals needs no filtering
+
+    return estimate_normals(cloud)
+
+
+def usable_samples(cloud: PointCloud) -> PointCloud:
+    """Return the points with finite coordinates and a normal; `ReconstructionError` where they are too few."""
+    assert cloud.normals is not None
+    usable = np.isfinite(cloud.points).all(axis=1) & np.isfinite(cloud.normals).all(axis=1)
+    usable &= np.linalg.norm(np.nan_to_num(cloud.normals), axis=1) > 0.5
+    if np.count_nonzero(usable) < FEWEST_POINTS:
+        raise ReconstructionError(
+            f"{np.count_nonzero(usable)} of {len(cloud)} points can be used (finite, with a normal); "
+            f"a surface needs at least {FEWEST_POINTS}"
+        )
+    return cloud.take(usable)
+
+
+def trim(vertices: Floats, faces: Ints, samples: cKDTree, farthest: float) -> Ints:
+    """Return the faces whose corners all lie within `farthest` (m) of a sample."""
+    distance, _ = samples.query(vertices, distance_upper_bound=farthest, workers=2)
+    return faces[np.isfinite(distance[faces]).all(axis=1)]
+
+
+def settle(
+    vertices: Floats, faces: Ints, points: Floats, normals: Floats, sizes: tuple[float, float],
+    settings: SurfaceSettings, counts: dict[str, int],
+) -> tuple[Projection, Ints]:  # fmt: skip
+    """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties."""
+    cell, noise = sizes
+    radius = fit_radius(cell, noise, settings)
+    gate = max(settings.fit_cells * cell, GATE * noise)
+    faces = weld(vertices, faces, SLIVER * cell)
+    used, faces = compact(len(vertices), faces)
+    outward = vertex_normals(vertices[used], faces)
+    projection = project_vertices(vertices[used], outward, points, normals, radius, gate, cell + GATE * noise)
+    keep = projection.is_fitted[faces].all(axis=1)
+    counts["faces_without_support"] = int(np.count_nonzero(~keep))
+    faces = faces[keep]
+    before = len(faces)
+    faces = clean(projection.vertices, faces, cell, settings.crumb_cells)
+    counts["faces_crumbs_and_slivers"] = before - len(faces)
+    used, faces = compact(len(projection.vertices), faces)
+    return projection.take(used), faces
+
+
+def fit_radius(cell: float, noise: float, settings: SurfaceSettings) -> float:
+    """Return the radius of the local fit in metres; eight sigma at least, so that noise does not pass for slope."""
+    return max(settings.fit_cells * cell, 8.0 * noise)
+
+
+def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Ints:
+    """Return faces that make a two-manifold with boundary, without slivers and crumbs."""
+    faces = weld(vertices, faces, SLIVER * cell)
+    faces = faces[~is_degenerate(vertices, faces, SLIVER**2 * cell)]
+    drop: Bools = bow_ties(faces)
+    while drop.any():
+        faces = faces[~drop]
+        drop = bow_ties(faces)
+    faces = faces[~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2)]
+    if not len(faces):
+        raise ReconstructionError(
+            f"no piece of surface is larger than a disc of {crumb_cells:g} cells of {cell:.4g} m; "
+            "give denser points or set a smaller cell size"
+        )
+    return faces
+
+
+def finish(projection: Projection, faces: Ints, samples: cKDTree, cloud: PointCloud, shift: Floats) -> Surface:
+    """Return the surface in the cloud's frame with sigma, support and what the samples carry."""
+    vertices = projection.vertices
+    distance, index = samples.query(vertices, k=N_TINT, workers=2)
+    weight = 1.0 / np.maximum(distance, 1e-3 * np.median(distance)) ** 2
+    weight /= weight.sum(axis=1, keepdims=True)
+    return Surface(
+        vertices=vertices + shift,
+        faces=faces,
+        normals=projection.normals,
+        sigma=vertex_sigma(projection, cloud, index),
+        n_support=projection.n_support,
+        sample_distance=distance[:, 0],
+        roughness=None if cloud.roughness is None else cloud.roughness[index[:, 0]],
+        colors=None if cloud.colors is None else np.round(_blend(cloud.colors, index, weight)).astype(np.uint8),
+        intensity=None if cloud.intensity is None else _blend(cloud.intensity, index, weight),
+    )
+
+
+def vertex_sigma(projection: Projection, cloud: PointCloud, index: Ints) -> Floats:
+    """Return the standard error of each vertex (m): the scatter seen, or the noise stated where that is larger."""
+    if cloud.sigma is None:
+        return projection.sigma
+    stated = np.sqrt(np.nanmean(np.nan_to_num(cloud.sigma)[index] ** 2, axis=1))
+    return projection.sigma * np.maximum(1.0, stated / np.maximum(projection.scatter, 1e-12))
+
+
+def automatic_values(sampling: Sampling, cell: float, settings: SurfaceSettings) -> dict[str, Any]:
+    """Return what was found from the data, in metres."""
+    return {"method": settings.method, "cell_size_m": cell, "spacing_m": sampling.spacing, "noise_m": sampling.noise,
+            "fit_radius_m": fit_radius(cell, sampling.noise, settings)}  # fmt: skip
+
+
+def _blend(values: Any, index: Ints, weight: Floats) -> Floats:
+    """Return the weighted mean of `values` of the nearest samples, (n,) or (n, c)."""
+    picked = np.asarray(values, float)[index]
+    return np.einsum("ij,ij...->i...", weight, picked)

@@ -1,0 +1,155 @@
+"""A surface of points whose truth is known: where it lies, where it ends, how sure it says it is."""
+
+import numpy as np
+import pytest
+
+from monitor.reconstruction import SurfaceSettings, reconstruct, reconstruct_with_record, surface_to_points
+from monitor.reconstruction.mesh import bow_ties, compact, edge_table, weld
+from projects.errors import ParameterError, ReconstructionError
+from projects.model import PointCloud, Surface
+
+RADIUS = 0.06
+FAR = np.array([431_000.0, 4_512_000.0, 210.0])
+
+
+def fibonacci_sphere(n, radius, noise, rng):
+    i = np.arange(n) + 0.5
+    z, turn = 1.0 - 2.0 * i / n, np.pi * (1.0 + 5.0**0.5) * i
+    s = np.sqrt(1.0 - z * z)
+    normals = np.c_[s * np.cos(turn), s * np.sin(turn), z]
+    eps = noise * rng.normal(size=n)
+    return PointCloud((radius + eps[:, None]) * normals, normals=normals), eps
+
+
+def grid_plane(n, spacing, noise, rng):
+    g = (np.arange(n) - 0.5 * (n - 1)) * spacing
+    x, y = (a.ravel() for a in np.meshgrid(g, g))
+    points = np.c_[x, y, noise * rng.normal(size=len(x))]
+    return PointCloud(points, normals=np.tile([0.0, 0.0, 1.0], (len(x), 1)))
+
+
+def test_noisy_sphere_is_one_closed_manifold_facing_outwards(rng):
+    cloud, _ = fibonacci_sphere(7200, RADIUS, 0.001, rng)
+    surface = reconstruct(cloud)
+    edges, _, n_faces = edge_table(surface.faces)
+    assert (n_faces == 2).all()
+    assert len(surface.vertices) - len(edges) + len(surface.faces) == 2
+    corner = surface.vertices[surface.faces]
+    volume = np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
+    assert volume == pytest.approx(4.0 / 3.0 * np.pi * RADIUS**3, rel=0.01)
+
+
+def test_noisy_sphere_has_no_bias_and_states_its_error(rng):
+    cloud, eps = fibonacci_sphere(7200, RADIUS, 0.001, rng)
+    surface = reconstruct(cloud)
+    error = np.linalg.norm(surface.vertices, axis=1) - RADIUS
+    # A tangent plane instead of a curved patch is off by more than 0.1 mm here; the mean of the noise itself is 0.012.
+    assert abs(error.mean() - eps.mean()) < 0.02e-3
+    assert error.std() < 0.35e-3
+    assert np.std(error / surface.sigma) == pytest.approx(1.0, abs=0.25)
+
+
+def test_perfect_plane_is_exact_and_ends_with_its_samples(rng):
+    surface = reconstruct(grid_plane(60, 0.001, 0.0, rng))
+    assert np.abs(surface.vertices[:, 2]).max() < 1e-6
+    cell = 0.0015
+    assert np.abs(surface.vertices[:, :2]).max() < 0.0295 + 2.6 * cell
+    assert surface.sample_distance.max() < 2.6 * cell
+    assert np.einsum("ij,j->i", surface.normals, [0, 0, 1]).min() > 0.999
+
+
+def test_hole_wider_than_the_trim_stays_open(rng):
+    cloud = grid_plane(80, 0.001, 0.0002, rng)
+    cloud = cloud.take(np.hypot(cloud.points[:, 0], cloud.points[:, 1]) > 0.012)
+    surface = reconstruct(cloud)
+    assert np.hypot(surface.vertices[:, 0], surface.vertices[:, 1]).min() > 0.012 - 2.6 * 0.0016
+
+
+def test_same_surface_far_from_the_origin_and_in_every_run(rng):
+    cloud, _ = fibonacci_sphere(4000, RADIUS, 0.0005, rng)
+    near = reconstruct(cloud)
+    again = reconstruct(cloud)
+    far = reconstruct(PointCloud(cloud.points + FAR, normals=cloud.normals))
+    assert (near.vertices == again.vertices).all()
+    assert (near.faces == again.faces).all()
+    error = np.linalg.norm(far.vertices - FAR, axis=1) - RADIUS
+    assert abs(error.mean() - (np.linalg.norm(near.vertices, axis=1) - RADIUS).mean()) < 1e-5
+
+
+def test_colour_intensity_and_roughness_come_from_the_nearest_samples(rng):
+    cloud = grid_plane(60, 0.001, 0.0, rng)
+    left = cloud.points[:, 0] < 0
+    colors = np.where(left[:, None], [200, 10, 10], [10, 10, 200]).astype(np.uint8)
+    cloud = PointCloud(cloud.points, cloud.normals, colors=colors, intensity=np.where(left, 0.25, 0.75),
+                       roughness=np.where(left, 0, 2))  # fmt: skip
+    surface = reconstruct(cloud)
+    sure = surface.vertices[:, 0] < -0.004
+    assert (surface.colors[sure] == [200, 10, 10]).all()
+    assert np.allclose(surface.intensity[sure], 0.25)
+    assert (surface.roughness[sure] == 0).all()
+
+
+def test_record_names_cell_size_and_what_was_dropped(rng):
+    result = reconstruct_with_record(grid_plane(60, 0.001, 0.0, rng))
+    assert result.automatic["cell_size_m"] == pytest.approx(0.0015, rel=0.05)
+    assert result.counts["faces"] == len(result.surface.faces)
+    set_by_hand = reconstruct_with_record(grid_plane(60, 0.001, 0.0, rng), SurfaceSettings(cell_size=0.003))
+    assert set_by_hand.automatic["cell_size_m"] == pytest.approx(0.003)
+
+
+def test_stated_noise_larger_than_the_scatter_raises_sigma(rng):
+    cloud = grid_plane(60, 0.001, 0.0001, rng)
+    calm = reconstruct(cloud, SurfaceSettings(cell_size=0.0015))
+    stated = PointCloud(cloud.points, cloud.normals, sigma=np.full(len(cloud), 0.0002))
+    assert np.median(reconstruct(stated, SurfaceSettings(cell_size=0.0015)).sigma / np.median(calm.sigma)) > 1.5
+
+
+def test_too_few_points_are_refused(rng):
+    with pytest.raises(ReconstructionError, match="needs at least 50"):
+        reconstruct(grid_plane(5, 0.001, 0.0, rng))
+    with pytest.raises(ParameterError, match=r"SurfaceSettings\.cell_size"):
+        SurfaceSettings(cell_size=-1.0)
+
+
+def square(z=0.0):
+    vertices = np.array([[0, 0, z], [1, 0, z], [1, 1, z], [0, 1, z]], float)
+    return Surface(vertices, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def test_point_above_the_surface_has_positive_distance_and_beside_it_none():
+    points = np.array([[0.3, 0.2, 0.05], [0.5, 0.5, -0.02], [1.2, 0.5, 0.0], [1.0, 1.0, 0.1], [0.25, 0.75, 0.0]])
+    distance = surface_to_points(square(), points)
+    assert distance[:2] == pytest.approx([0.05, -0.02], abs=1e-12)
+    assert np.isnan(distance[2:4]).all()
+    assert distance[4] == 0.0
+
+
+def test_point_that_looks_another_way_is_not_over_the_surface():
+    points = np.array([[0.3, 0.2, 0.05], [0.3, 0.2, 0.05]])
+    distance = surface_to_points(square(), points, normals=np.array([[0, 0, 1.0], [0, 0, -1.0]]))
+    assert distance[0] == pytest.approx(0.05)
+    assert np.isnan(distance[1])
+
+
+def test_distances_keep_their_precision_far_from_the_origin():
+    surface = Surface(square().vertices + FAR, square().faces)
+    assert surface_to_points(surface, np.array([[0.3, 0.2, 0.00012]]) + FAR)[0] == pytest.approx(0.00012, abs=2e-9)
+
+
+def test_bow_tie_keeps_its_larger_fan():
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 4, 5]])
+    assert bow_ties(faces).tolist() == [False, False, True]
+    used, kept = compact(6, faces[~bow_ties(faces)])
+    assert used.tolist() == [0, 1, 2, 3]
+    assert kept.max() == 3
+
+
+def test_edge_with_three_faces_is_opened():
+    faces = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+    assert bow_ties(faces).all()
+
+
+def test_short_edge_is_welded_without_leaving_a_hole():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1 + 1e-9, 0], [0, 1, 0]], float)
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4]])
+    assert weld(vertices, faces, 1e-6).tolist() == [[0, 1, 2], [0, 2, 4]]
