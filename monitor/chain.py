@@ -193,4 +193,4 @@ def _adopt_mesh(place: Place, notify: Notify) -> Step:
         surface = replace(mesh, sigma=cloud.sigma, roughness=cloud.roughness)
         return Made(surface, {"sigma": "scatter of the mesh's own vertices about their local planes"})
 
-    return once_step(place, Asked("surface", "surface", {"source": "mesh"}, (latest_step(place, "raw"),)), make)
+    return once_step(place, Asked("surface", "surface", {"source": "mesh"}, (latest_step(place, "mesh"),)), make)

@@ -5,7 +5,7 @@ In come paths and options of `monitor add-epoch`, or a project and a scan's numb
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,8 @@ import numpy as np
 
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
-from projects.formats import PoseLine, ScanStream, question_unit, read_scans
-from projects.model import Floats, PointCloud, Scan
+from projects.formats import PoseLine, ScanStream, question_unit, read_scans, require_known_names
+from projects.model import PointCloud, Scan
 from projects.store import Project
 from projects.transforms import apply
 
@@ -44,16 +44,24 @@ def open_scans(
         For several scans without poses.
     """
     streams: list[ScanStream] = []
-    for path in _require_files(files):
+    paths = _require_files(files)
+    require_known_names(poses, paths)
+    for path in paths:
         streams.extend(read_scans(path, unit=unit.metres, pose_lines=poses))
-    _require_known_names(poses, streams)
     without = [s.name for s in streams if s.pose is None]
     if without and len(streams) > 1 and not repeated:
         raise FormatError(
             f"{len(without)} of {len(streams)} scans have no pose ({', '.join(without[:3])}"
             f"{', ...' if len(without) > 3 else ''}); give --poses FILE with a line for each"
         )
-    return [s if s.pose is not None else replace(s, pose=np.eye(4)) for s in streams]
+    return [_complete(s) for s in streams]
+
+
+def _complete(stream: ScanStream) -> ScanStream:
+    """Return the stream with a pose, and with NaN as its origin where nothing says where the scanner stood."""
+    pose = np.eye(4) if stream.pose is None else stream.pose
+    origin = stream.origin if stream.is_origin_stated else np.full(3, np.nan)
+    return replace(stream, pose=pose, origin=origin)
 
 
 def _require_files(files: Iterable[Path]) -> list[Path]:
@@ -70,37 +78,27 @@ def _require_files(files: Iterable[Path]) -> list[Path]:
     return paths
 
 
-def _require_known_names(poses: Mapping[str, PoseLine], streams: list[ScanStream]) -> None:
-    """Refuse pose lines that name none of the scans: a misspelt name would leave a scan in the wrong place."""
-    names = {s.name for s in streams} | {Path(s.path).name for s in streams}
-    unknown = [name for name in poses if name not in names]
-    if unknown:
-        raise ParameterError(
-            f"--poses names {unknown[0]}, which is none of the files given ({', '.join(sorted(names)[:5])})"
-        )
-
-
 def with_questioned_unit(streams: list[ScanStream], unit: UnitCheck) -> Iterator[ScanStream]:
-    """Yield the scans; after the last point of the last one, question an improbable size (`UnitError`).
+    """Yield the scans, each of which ends by questioning an improbable size (`UnitError`).
 
     The store enters an epoch only when its stream has ended well, so nothing is kept of a questioned one.
     """
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for stream in streams:
-        yield replace(stream, chunks=_watched(stream, low, high))
-    if np.isfinite(low).all():
-        question_unit(np.array([low, high]), unit_stated=unit.was_stated)
+        yield replace(stream, chunks=_questioned(stream, unit))
 
 
-def _watched(stream: ScanStream, low: Floats, high: Floats) -> Any:
-    """Return the stream's `chunks` that also widens the bounds."""
+def _questioned(stream: ScanStream, unit: UnitCheck) -> Callable[[], Iterator[Scan]]:
+    """Return the stream's `chunks`, which after the last one questions the size that the scan's points have."""
 
     def chunks() -> Iterator[Scan]:
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for scan in stream.chunks():
             if len(scan.cloud):
-                np.minimum(low, scan.cloud.points.min(axis=0), out=low)
-                np.maximum(high, scan.cloud.points.max(axis=0), out=high)
+                low = np.minimum(low, scan.cloud.points.min(axis=0))
+                high = np.maximum(high, scan.cloud.points.max(axis=0))
             yield scan
+        if np.isfinite(low).all():
+            question_unit(np.array([low, high]), unit.was_stated, stream.format, stream.name)
 
     return chunks
 

@@ -8,13 +8,13 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import typer
 
 from monitor.cli.progress import show_progress
-from monitor.cli.units import metres_per_unit
 from monitor.scans import UnitCheck, open_scans, with_questioned_unit
 from projects.errors import ParameterError, StoreError
-from projects.formats import PoseLine, question_unit, read_control, read_mesh, read_poses
+from projects.formats import PoseLine, metres_per_unit, question_unit, read_control, read_mesh, read_poses
 from projects.identifiers import require_id
 from projects.model import ControlPoint, EpochRecord
 from projects.store import Project
@@ -42,7 +42,7 @@ def add_epoch_to_project(path: Path, request: EpochRequest, as_json: bool) -> No
     """Add an epoch; on any error the project stays as it was."""
     project = Project.open(path)
     _require_new(project, request)
-    unit = UnitCheck(metres_per_unit(request.unit), request.unit is not None)
+    unit = UnitCheck(metres_per_unit(request.unit or "m"), request.unit is not None)
     record = _record(request, unit)
     with show_progress() as notify:
         notify(f"{request.epoch_id}: reading {len(request.files)} file{'s' if len(request.files) > 1 else ''}")
@@ -88,11 +88,11 @@ def _date(text: str) -> datetime.date:
 
 def _scanner(preset: str | None) -> str | None:
     """Return the preset if it is known."""
-    from monitor.simulation import PRESETS
+    from monitor.simulation import INSTRUMENTS
 
-    if preset is not None and preset not in PRESETS:
+    if preset is not None and preset not in INSTRUMENTS:
         raise ParameterError(
-            f"--scanner {preset}: known presets are {', '.join(sorted(PRESETS))}; leave it out otherwise"
+            f"--scanner {preset}: known presets are {', '.join(sorted(INSTRUMENTS))}; leave it out otherwise"
         )
     return preset
 
@@ -123,9 +123,8 @@ def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit
     if not request.files[0].is_file():
         raise ParameterError(f"{request.files[0]}: no such file; give a mesh as PLY, OBJ, STL or GLB")
     mesh = read_mesh(request.files[0], unit=unit.metres)
-    bounds = mesh.vertices[[0, 0]].copy()
-    bounds[0], bounds[1] = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    question_unit(bounds, unit_stated=unit.was_stated)
+    bounds = np.array([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
+    question_unit(bounds, unit.was_stated, name=request.files[0].name)
     return project.add_epoch(record, (), mesh=mesh)
 
 

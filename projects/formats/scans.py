@@ -33,6 +33,7 @@ class ScanStream:
     ----------
     name : the file's name, with `#k` (k from 1) where the file holds several scans.
     index : k - 1.
+    path : the file.
     pose : (4, 4) T_project_scanner, m; None where neither the file nor a poses file says.
     origin : (3,) m, the scanner's position in the scan's frame; 0 0 0 where nothing says otherwise.
     is_origin_stated : whether the origin comes from the file, the poses file or the format's definition.
@@ -47,6 +48,7 @@ class ScanStream:
 
     name: str
     index: int
+    path: Path
     pose: Floats | None
     origin: Floats
     is_origin_stated: bool
@@ -132,7 +134,7 @@ def _stream(
             yield _scan(path, columns, message, unit, frame)
 
     return ScanStream(
-        name, index, pose, origin, stated, header.n_declared, header.scanner, header.is_grid, header.label,
+        name, index, path, pose, origin, stated, header.n_declared, header.scanner, header.is_grid, header.label,
         format_name, chunks,
     )  # fmt: skip
 

@@ -1,0 +1,58 @@
+"""Settings: the TOML that is printed is the TOML that is read, and a wrong line is refused with what to do."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from monitor.settings import Settings, read_settings, to_toml
+from projects.errors import ParameterError
+
+
+def test_printed_settings_read_back_to_the_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "all.toml"
+    path.write_text(to_toml())
+    assert read_settings(path) == Settings()
+
+
+def test_every_setting_says_unit_or_meaning_above_it() -> None:
+    lines = to_toml().splitlines()
+    for above, line in zip(lines, lines[1:], strict=False):
+        if "=" in line and not line.startswith("#"):
+            assert above.startswith("# ")
+            assert len(above) > 20, f"{line} has no meaning"
+
+
+def test_a_changed_setting_changes_only_itself(tmp_path: Path) -> None:
+    table = tomllib.loads(to_toml())
+    group = next(name for name in table if any(isinstance(v, float) for v in table[name].values()))
+    name, value = next((n, v) for n, v in table[group].items() if isinstance(v, float))
+    path = tmp_path / "one.toml"
+    path.write_text(f"[{group}]\n{name} = {value * 1.01!r}\n")
+    changed = read_settings(path)
+    assert getattr(getattr(changed, group), name) == value * 1.01
+    assert getattr(Settings(), group) != getattr(changed, group)
+    others = [g for g in table if g != group]
+    assert all(getattr(changed, g) == getattr(Settings(), g) for g in others)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[icp]\nmax_iteration = 3\n", "did you mean max_iterations"),
+        ("[nothing]\nx = 1\n", "there is no setting nothing"),
+        ("icp = 3\n", "a group of settings"),
+        ("[icp\n", "not valid TOML"),
+        ("[icp]\nmax_iterations = 'many'\n", "a value like"),
+    ],
+)
+def test_wrong_lines_are_refused_with_what_to_do(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=message):
+        read_settings(path)
+
+
+def test_a_missing_file_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="cannot be read"):
+        read_settings(tmp_path / "none.toml")
