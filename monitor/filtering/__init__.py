@@ -1,1 +1,19 @@
+"""From raw scans to a thinned cloud: robust normals, outliers, silhouettes, roughness, thinning to the mode, merge."""
 
+from monitor.filtering.merging import merge_scans
+from monitor.filtering.normals import NormalSettings, estimate_normals
+from monitor.filtering.scan import FilterResult, FilterSettings, filter_scan, filter_scan_with_record
+from monitor.filtering.silhouettes import SilhouetteSettings
+from monitor.filtering.thinning import ThinningSettings
+
+__all__ = [
+    "FilterResult",
+    "FilterSettings",
+    "NormalSettings",
+    "SilhouetteSettings",
+    "ThinningSettings",
+    "estimate_normals",
+    "filter_scan",
+    "filter_scan_with_record",
+    "merge_scans",
+]

@@ -1,0 +1,61 @@
+"""The second pass, on the merged cloud of an epoch (Nothegger and Dorninger 2010: the thinning applied a second time).
+
+In: the filtered clouds of the scans in the project's frame, registered; out: one cloud. The noise of the merged cloud
+holds what registration left between the scans.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from monitor.filtering.nearest import build_index, canonical_order
+from monitor.filtering.normals import fit_planes, require_points
+from monitor.filtering.scan import FilterResult, FilterSettings, describe, thin_cloud
+from projects.errors import ParameterError
+from projects.model import PointCloud
+
+
+def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = None) -> FilterResult:
+    """Merge the filtered clouds of several scans into one: normals anew, outliers, thinning again.
+
+    Parameters
+    ----------
+    clouds : as of `filter_scan`, in the project's frame and registered; `scan_index` is set to their place here.
+    settings : found from the merged cloud where not given.
+
+    Returns
+    -------
+    FilterResult
+        Its cloud has origins (n, 3) of the nearest member's scanner; the sigma of a point holds the discrepancy
+        between the scans it was merged from.
+    """
+    settings = settings or FilterSettings()
+    if not clouds:
+        raise ParameterError("no clouds were given to merge; at least one is needed")
+    merged = concatenate_clouds(clouds)
+    require_points(merged.points)
+    merged = merged.take(canonical_order(merged.points))
+    planes = fit_planes(build_index(merged.points), merged.origins, settings.normals)
+    keep = ~planes.is_outlier
+    cloud, thinned, targets = thin_cloud(merged.take(keep), planes.take(keep), settings.thinning)
+    counts = {
+        "in": len(merged), "outlier": int((~keep).sum()), "merged": int(keep.sum()) - len(cloud), "out": len(cloud),
+    }  # fmt: skip
+    return FilterResult(cloud, counts, describe(planes.take(keep), thinned, targets))
+
+
+def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
+    """Return all points in one cloud, without what one of the clouds lacks; `scan_index` is the place of the cloud."""
+    joined: dict[str, Any] = {}
+    for f in dataclasses.fields(PointCloud):
+        values = [getattr(c, f.name) for c in clouds]
+        if f.name == "scan_index":
+            values = [np.full(len(c), i, dtype=np.int32) for i, c in enumerate(clouds)]
+        elif f.name == "origins" and all(v is not None for v in values):
+            values = [np.broadcast_to(v, c.points.shape) for v, c in zip(values, clouds, strict=True)]
+        joined[f.name] = np.concatenate(values) if all(v is not None for v in values) else None
+    return PointCloud(**joined)

@@ -1,0 +1,203 @@
+"""The k nearest points of every point, and the points in a ball: a hierarchy of boxes over points in canonical order.
+
+In: points (n, 3) [m] in the order of `canonical_order`, so that a leaf is a run of the array; out: indices. Memory is
+that of the boxes; neighbours are made block by block and never for all points at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from monitor.filtering.mcd import smallest
+from projects.model import Floats, Ints
+
+MORTON_BITS = 21
+LEAF = 8  # points of a leaf, whose neighbours are gathered together
+
+
+def canonical_order(points: Floats) -> Ints:
+    """Return the order (n,) along a space-filling curve: the same for any order of the points in the file.
+
+    Neighbours in space become neighbours in memory; points of one cell of the curve are ordered by x, y, z.
+    """
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.int64)
+    side = max(float(np.ptp(points, axis=0).max()), 1e-300)
+    cells = ((points - points.min(axis=0)) * ((2**MORTON_BITS - 1) / side)).astype(np.uint64)
+    code = _spread_bits(cells[:, 0]) << 2 | _spread_bits(cells[:, 1]) << 1 | _spread_bits(cells[:, 2])
+    order = np.argsort(code, kind="stable")
+    equal = np.flatnonzero(np.diff(code[order]) == 0)
+    if len(equal):
+        tied = np.unique(np.concatenate([equal, equal + 1]))
+        p = points[order[tied]]
+        order[tied] = order[tied][np.lexsort((p[:, 2], p[:, 1], p[:, 0], code[order[tied]]))]
+    return order
+
+
+def _spread_bits(cell: Ints) -> Ints:
+    """Return the 21 bits of each cell number with two zeros between neighbours (Morton 1966)."""
+    steps = ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3))
+    for shift, mask in (*steps, (2, 0x1249249249249249)):
+        cell = (cell | cell << np.uint64(shift)) & np.uint64(mask)
+    return cell
+
+
+@dataclass(frozen=True)
+class PointIndex:
+    """Points in canonical order and the boxes over their runs; node 1 is the root, 2i and 2i + 1 the children of i."""
+
+    points: Floats
+    low: Floats
+    high: Floats
+
+    @property
+    def n_leaves(self) -> int:
+        """Number of leaves, a power of two; the last ones may be empty."""
+        return len(self.low) // 2
+
+
+def build_index(points: Floats) -> PointIndex:
+    """Return the index of points (n, 3) [m] that are in canonical order."""
+    n_leaves = 1 << max(0, math.ceil(math.log2(max(1, math.ceil(len(points) / LEAF)))))
+    low, high = np.full((2 * n_leaves, 3), np.inf), np.full((2 * n_leaves, 3), -np.inf)
+    starts = np.arange(0, len(points), LEAF)
+    low[n_leaves : n_leaves + len(starts)] = np.minimum.reduceat(points, starts)
+    high[n_leaves : n_leaves + len(starts)] = np.maximum.reduceat(points, starts)
+    level = n_leaves
+    while level > 1:
+        children = slice(level, 2 * level)
+        low[level // 2 : level] = low[children].reshape(-1, 2, 3).min(axis=1)
+        high[level // 2 : level] = high[children].reshape(-1, 2, 3).max(axis=1)
+        level //= 2
+    return PointIndex(np.ascontiguousarray(points), low, high)
+
+
+def find_nearest(index: PointIndex, first: int, last: int, k: Ints) -> Ints:
+    """Return indices (last - first, k.max()) of the `k` (last - first,) nearest points of each point, itself included.
+
+    Not in order of distance; places beyond the k of a point hold -1. `first` must be a multiple of `LEAF`.
+    """
+    return _nearest(index.points, index.low, index.high, first, last, np.minimum(k, len(index.points)), int(k.max()))
+
+
+@njit(cache=True, error_model="numpy")
+def gather_ball(points: Any, low: Any, high: Any, centre: Any, radius2: float, stack: Any, found: Any) -> int:
+    """Write the indices of the points within the ball into `found` and return their number, however many fit."""
+    n_leaves = low.shape[0] // 2
+    stack[0], top, n_found = 1, 1, 0
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        gap2 = 0.0
+        for axis in range(3):
+            gap = max(low[node, axis] - centre[axis], centre[axis] - high[node, axis], 0.0)
+            gap2 += gap * gap
+        if not gap2 <= radius2:
+            continue
+        if node < n_leaves:
+            stack[top], stack[top + 1] = 2 * node + 1, 2 * node
+            top += 2
+            continue
+        start = (node - n_leaves) * LEAF
+        for i in range(start, min(start + LEAF, points.shape[0])):
+            dx, dy, dz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+            if dx * dx + dy * dy + dz * dz <= radius2:
+                if n_found < found.shape[0]:
+                    found[n_found] = i
+                n_found += 1
+    return n_found
+
+
+@njit(cache=True, error_model="numpy")
+def _gather_all(points: Any, low: Any, high: Any, centre: Any, radius2: float, stack: Any, found: Any) -> Any:
+    """Return (indices, their number) of all points within the ball, in a larger array where `found` is too short."""
+    n_found = gather_ball(points, low, high, centre, radius2, stack, found)
+    if n_found > found.shape[0]:
+        found = np.empty(2 * n_found, dtype=np.int32)
+        n_found = gather_ball(points, low, high, centre, radius2, stack, found)
+    return found, n_found
+
+
+@njit(cache=True, error_model="numpy")
+def _squared_distances(points: Any, found: Any, n: int, centre: Any, d2: Any) -> None:
+    """Write the squared distances of the first n points of `found` to `centre` into `d2`."""
+    for j in range(n):
+        i = found[j]
+        dx, dy, dz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        d2[j] = dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True, error_model="numpy")
+def _reach(points: Any, first: int, last: int, k: int, centre: Any) -> float:
+    """Return a radius about `centre` that holds k points for certain: the k-th distance within the run of the array."""
+    start, stop = max(0, first - k), min(points.shape[0], last + k)
+    d2, work = np.empty(stop - start), np.empty(stop - start)
+    for i in range(start, stop):
+        dx, dy, dz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        d2[i - start] = dx * dx + dy * dy + dz * dz
+    return math.sqrt(smallest(d2, stop - start, k, work))
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest_of_leaf(points: Any, low: Any, high: Any, first: int, last: int, k: Any, found: Any, out: Any) -> Any:
+    """Write the neighbours of the points first to last (one leaf): candidates are gathered once and shared."""
+    stack = np.empty(128, dtype=np.int64)
+    centre = np.zeros(3)
+    for i in range(first, last):
+        for axis in range(3):
+            centre[axis] += points[i, axis] / (last - first)
+    half = 0.0
+    for i in range(first, last):
+        dx, dy, dz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        half = max(half, math.sqrt(dx * dx + dy * dy + dz * dz))
+    k_max = k.max()
+    loose = _reach(points, first, last, k_max, centre) * (1.0 + 1e-12)
+    found, n = _gather_all(points, low, high, centre, loose * loose, stack, found)
+    d2, work = np.empty(n), np.empty(n)
+    _squared_distances(points, found, n, centre, d2)
+    reach = (math.sqrt(smallest(d2, n, k_max, work)) + 2.0 * half) * (1.0 + 1e-12)
+    found, n = _gather_all(points, low, high, centre, reach * reach, stack, found)
+    d2, work = np.empty(n), np.empty(n)
+    for i in range(first, last):
+        _squared_distances(points, found, n, points[i], d2)
+        _write_nearest(found, d2, n, k[i - first], work, out[i - first])
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _write_nearest(found: Any, d2: Any, n: int, k: int, work: Any, out: Any) -> None:
+    """Write the k nearest of the n found; of points at the same distance the first in the array win."""
+    limit, n_out, n_tied = smallest(d2, n, k, work), 0, 0
+    for j in range(n):
+        if d2[j] < limit:
+            out[n_out] = found[j]
+            n_out += 1
+    n_tied = k - n_out
+    for j in range(n):
+        if n_tied > 0 and d2[j] == limit:
+            out[n_out] = found[j]
+            n_out, n_tied = n_out + 1, n_tied - 1
+    for j in range(n_out, out.shape[0]):
+        out[j] = -1
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _nearest(points: Any, low: Any, high: Any, first: int, last: int, k: Any, width: int) -> Any:
+    """Run `_nearest_of_leaf` over the leaves of a block."""
+    out = np.empty((last - first, width), dtype=np.int32)
+    leaves_per_chunk = 32
+    step = LEAF * leaves_per_chunk
+    for chunk in prange((last - first + step - 1) // step):
+        found = np.empty(4096, dtype=np.int32)
+        start = first + chunk * step
+        for leaf in range(start, min(last, start + step), LEAF):
+            stop = min(last, leaf + LEAF)
+            found = _nearest_of_leaf(
+                points, low, high, leaf, stop, k[leaf - first : stop - first], found, out[leaf - first : stop - first]
+            )
+    return out

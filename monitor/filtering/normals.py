@@ -1,0 +1,218 @@
+"""Robust normals of a cloud, with what comes with them (Nothegger and Dorninger, sections 2.2 and 2.3).
+
+In: points in canonical order and where the scanner stood; out: `TangentPlanes`. The neighbourhood size and the noise
+are found from the cloud itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from monitor.declare import check_settings, setting
+from monitor.filtering.nearest import LEAF, PointIndex, build_index, canonical_order, find_nearest
+from monitor.filtering.neighbourhoods import NeighbourhoodModel, model_neighbourhoods
+from monitor.filtering.roughness import classify_roughness
+from monitor.filtering.tangents import OUTLIER, fit_tangents
+from projects.errors import ParameterError
+from projects.model import Bools, Floats, Ints, PointCloud
+
+BLOCK = 32_768  # points whose neighbours are in memory at once; a multiple of LEAF
+N_SIZES = 14
+MIN_POINTS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalSettings:
+    """Robust normals: neighbourhood size and the minimum covariance determinant."""
+
+    n_neighbours: int | None = setting(
+        None,
+        unit="points",
+        meaning="neighbours of a tangent plane; auto: range of the variogram of lambda3",
+        low=8,
+        high=400,
+    )
+    min_neighbours: int = setting(
+        16,
+        unit="points",
+        meaning="least automatic size: more than 5 times the 3 dimensions (Rousseeuw & van Driessen)",
+        low=8,
+        high=400,
+    )
+    max_neighbours: int = setting(100, unit="points", meaning="largest automatic size", low=8, high=400)
+    n_samples: int = setting(600, unit="points", meaning="points at which the size is estimated", low=20, high=100_000)
+    h_share: float = setting(
+        0.55,
+        unit="1",
+        meaning="share of neighbours that must agree; 1 - h_share of outliers is survived",
+        low=0.5,
+        high=1.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.min_neighbours > self.max_neighbours:
+            raise ParameterError(
+                f"NormalSettings.min_neighbours = {self.min_neighbours} exceeds max_neighbours = {self.max_neighbours}"
+            )
+
+
+@dataclass(frozen=True)
+class TangentPlanes:
+    """The tangent plane of every point, in the order of the points.
+
+    Attributes
+    ----------
+    normals : (n, 3) unit vectors towards the scanner (of arbitrary sign where no origin was given).
+    lambda3, surface_variation : (n,) m2, 1: least eigenvalue (free of the bias of small n) and its share of the sum.
+    sigma : (n,) m, spread of the neighbours across the plane: noise and what roughness the plane cannot follow.
+    noise : (n,) m, noise alone, from the sills of the variograms around.
+    heights : (n,) m, height of the point above its plane, towards the scanner.
+    sigma_normal : (n,) rad, one sigma of the normal about its less certain axis.
+    n_neighbours : (n,) neighbourhood size used.
+    spacing : (n,) m, side of the square that a point has to itself: radius sqrt(pi / n).
+    reach : (n,) m, distance to the sixth nearest point.
+    is_outlier : (n,) points that belong neither to the plane of their neighbours nor to a surface of their own.
+    """
+
+    normals: Floats
+    lambda3: Floats
+    surface_variation: Floats
+    sigma: Floats
+    noise: Floats
+    heights: Floats
+    sigma_normal: Floats
+    n_neighbours: Ints
+    spacing: Floats
+    reach: Floats
+    is_outlier: Bools
+
+    def take(self, which: Bools | Ints) -> TangentPlanes:
+        """Return the planes of the points selected."""
+        return TangentPlanes(**{f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self)})
+
+
+def clean_limits(n_max: int) -> Floats:
+    """Return, for each n up to `n_max`, lambda3 over the noise variance that noise alone exceeds once in a hundred."""
+    degrees = np.maximum(np.arange(n_max + 1) - 3.0, 1.0)
+    return chi2.ppf(0.99, degrees) / degrees
+
+
+def sample_neighbourhoods(index: PointIndex, settings: NormalSettings) -> NeighbourhoodModel:
+    """Estimate neighbourhood size and noise at points sampled evenly along the space-filling curve."""
+    n_points = len(index.points)
+    largest = min(max(settings.max_neighbours, settings.n_neighbours or 0), n_points)
+    sizes = np.unique(np.rint(np.geomspace(8, largest, N_SIZES)).astype(np.int64))
+    which = np.unique(np.linspace(0, n_points - 1, min(settings.n_samples, n_points)).astype(np.int64))
+    near = np.stack([_nearest_one(index, int(i), largest) for i in which])
+    lambda3 = np.empty((len(which), len(sizes)))
+    for column, n in enumerate(sizes):
+        rows = _fit(index, which, near[:, :n], np.full(len(which), n), np.zeros(len(which)), settings)
+        lambda3[:, column] = rows[:, 5]
+    low, high = min(settings.min_neighbours, largest), largest
+    model = model_neighbourhoods(index.points[which], sizes, lambda3, (low, high))
+    if settings.n_neighbours is not None:
+        model = dataclasses.replace(model, sizes=np.full(len(which), float(largest)))
+    return model
+
+
+def _nearest_one(index: PointIndex, i: int, k: int) -> Ints:
+    """Return the k nearest points of point i, nearest first."""
+    first = i // LEAF * LEAF
+    last = min(first + LEAF, len(index.points))
+    near = find_nearest(index, first, last, np.full(last - first, k))[i - first]
+    return near[np.argsort(((index.points[near] - index.points[i]) ** 2).sum(axis=1), kind="stable")]
+
+
+def _fit(index: PointIndex, which: Ints, near: Ints, n: Ints, noise: Floats, settings: NormalSettings) -> Floats:
+    """Return the rows of `tangents.COLUMNS` for the points `which`."""
+    limits = clean_limits(near.shape[1])
+    return fit_tangents(index.points, which, np.ascontiguousarray(near), n, noise, limits, settings.h_share)
+
+
+def fit_planes(index: PointIndex, origins: Floats | None, settings: NormalSettings) -> TangentPlanes:
+    """Return the robust tangent planes of all points of the index, block by block.
+
+    Parameters
+    ----------
+    origins : (3,) or (n, 3) m, where the scanner stood; None leaves the sign of the normals open.
+    """
+    model = sample_neighbourhoods(index, settings)
+    blocks = []
+    for first in range(0, len(index.points), BLOCK):
+        last = min(first + BLOCK, len(index.points))
+        n, noise = model.at(index.points[first:last])
+        n = np.minimum(n, len(index.points))
+        rows = _fit(index, np.arange(first, last), find_nearest(index, first, last, n), n, noise, settings)
+        views = None if origins is None else np.broadcast_to(origins, index.points.shape)[first:last]
+        blocks.append(_planes(rows, n, noise, None if views is None else views - index.points[first:last]))
+    names = [f.name for f in dataclasses.fields(TangentPlanes)]
+    return TangentPlanes(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in names})
+
+
+def _planes(rows: Floats, n: Ints, noise: Floats, beams: Floats | None) -> TangentPlanes:
+    """Return the planes of a block from its rows of `tangents.COLUMNS`; `beams` (n, 3) lead to the scanner."""
+    normals, middle, lambda3 = rows[:, :3], rows[:, 4], rows[:, 5]
+    sign = np.ones(len(rows)) if beams is None else np.where((normals * beams).sum(axis=1) < 0, -1.0, 1.0)
+    return TangentPlanes(
+        normals=normals * sign[:, None],
+        lambda3=lambda3,
+        surface_variation=lambda3 / np.maximum(rows[:, 3:6].sum(axis=1), 1e-300),
+        sigma=np.sqrt(lambda3),
+        noise=noise,
+        heights=rows[:, 6] * sign,
+        sigma_normal=np.sqrt(lambda3 / np.maximum(rows[:, 9] * middle, 1e-300)),
+        n_neighbours=n.astype(np.int32),
+        spacing=rows[:, 10] * np.sqrt(np.pi / n),
+        reach=rows[:, 12],
+        is_outlier=rows[:, 8] == OUTLIER,
+    )
+
+
+def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) -> PointCloud:
+    """Estimate robust normals of a cloud whose points may come in any order, and what they tell of noise and shape.
+
+    Parameters
+    ----------
+    cloud : points; `origins` orients the normals to the scanner, without them the sign is arbitrary.
+    settings : neighbourhood size and the determinant; found from the cloud where not given.
+
+    Returns
+    -------
+    PointCloud
+        The same points in the same order with `normals`, `sigma` (spread of the neighbours across the tangent plane,
+        m; a given sigma is kept), `surface_variation`, `roughness` and `spacing`.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than 8 points, or a coordinate is not finite.
+    """
+    settings = settings or NormalSettings()
+    require_points(cloud.points)
+    order = canonical_order(cloud.points)
+    origins = cloud.origins[order] if cloud.origins is not None and cloud.origins.ndim == 2 else cloud.origins
+    planes = fit_planes(build_index(cloud.points[order]), origins, settings)
+    back = np.empty_like(order)
+    back[order] = np.arange(len(order))
+    return dataclasses.replace(
+        cloud,
+        normals=planes.normals[back],
+        sigma=planes.sigma[back] if cloud.sigma is None else cloud.sigma,
+        surface_variation=planes.surface_variation[back],
+        roughness=classify_roughness(planes.lambda3, planes.noise, planes.n_neighbours)[back],
+        spacing=planes.spacing[back] if cloud.spacing is None else cloud.spacing,
+    )
+
+
+def require_points(points: Floats) -> None:
+    """Raise `ParameterError` where there is nothing to fit a plane to."""
+    if len(points) < MIN_POINTS:
+        raise ParameterError(f"{len(points)} points were given; at least {MIN_POINTS} are needed for a tangent plane")
+    if not np.isfinite(points).all():
+        n_bad = int((~np.isfinite(points)).any(axis=1).sum())
+        raise ParameterError(f"{n_bad} points have coordinates that are not finite; drop them when reading")

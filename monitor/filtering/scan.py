@@ -1,0 +1,159 @@
+"""What happens to one scan, in order: robust normals, outliers, silhouettes, roughness, thinning to the mode.
+
+In: a `Scan` in its own frame; out: a `PointCloud` in the project's frame and a record of what each step did.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from monitor.filtering.nearest import PointIndex, build_index, canonical_order
+from monitor.filtering.normals import NormalSettings, TangentPlanes, fit_planes, require_points
+from monitor.filtering.roughness import classify_roughness
+from monitor.filtering.silhouettes import SilhouetteSettings, find_grazing, find_mixed, find_specks
+from monitor.filtering.thinning import ThinnedPoints, ThinningSettings, target_spacings, thin
+from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan
+from projects.transforms import apply, rotate
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterSettings:
+    """The filtering chain: one part for each step."""
+
+    normals: NormalSettings = field(default_factory=NormalSettings)
+    silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
+    thinning: ThinningSettings = field(default_factory=ThinningSettings)
+
+
+@dataclass(frozen=True)
+class FilterResult:
+    """A filtered cloud with what each step did.
+
+    `counts`: points in, dropped by reason, merged, out. `automatic`: the values found from the data, lengths in metres.
+    """
+
+    cloud: PointCloud
+    counts: Mapping[str, int]
+    automatic: Mapping[str, Any]
+
+
+def filter_scan(scan: Scan, settings: FilterSettings | None = None) -> PointCloud:
+    """Filter and thin one scan; see `filter_scan_with_record`, of which this is the cloud."""
+    return filter_scan_with_record(scan, settings).cloud
+
+
+def filter_scan_with_record(scan: Scan, settings: FilterSettings | None = None) -> FilterResult:
+    """Filter and thin one scan (Nothegger and Dorninger, sections 2.1 to 2.4).
+
+    Parameters
+    ----------
+    scan : points in the scanner's frame, where the scanner stood (`origin`), and the pose; not modified.
+    settings : found from the data where not given.
+
+    Returns
+    -------
+    FilterResult
+        Its cloud is in the **project's** frame, in an order that does not depend on that of the scan, with normals
+        (towards the scanner), origins (3,), sigma, n_merged, spread, surface_variation, roughness, spacing, and
+        intensity and colors where the scan has them.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than 8 points or a coordinate is not finite.
+    """
+    settings = settings or FilterSettings()
+    require_points(scan.cloud.points)
+    scan = scan.take(canonical_order(scan.cloud.points))
+    index = build_index(scan.cloud.points)
+    planes = fit_planes(index, scan.origin, settings.normals)
+    reasons = _reasons(scan, planes, settings.silhouettes)
+    keep = ~np.any(list(reasons.values()), axis=0)
+    cloud, thinned, targets = thin_cloud(scan.cloud.take(keep), planes.take(keep), settings.thinning)
+    cloud = dataclasses.replace(
+        cloud,
+        points=apply(scan.pose, cloud.points),
+        normals=rotate(scan.pose, thinned.normals),
+        origins=apply(scan.pose, scan.origin),
+    )
+    counts = {"in": len(scan.cloud), **_count_first(reasons), "merged": int(keep.sum()) - len(cloud), "out": len(cloud)}
+    return FilterResult(cloud, counts, describe(planes.take(keep), thinned, targets))
+
+
+def _reasons(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
+    """Return for each reason to drop points the mask of those that it holds for; the first that holds is counted."""
+    beams = scan.cloud.points - scan.origin
+    ranges = np.linalg.norm(beams, axis=1)
+    reasons = {"speck": find_specks(planes.reach, ranges, settings.isolation), "outlier": planes.is_outlier}
+    if scan.rows is not None and scan.columns is not None:
+        reasons["mixed_pixel"] = find_mixed(beams, scan.rows, scan.columns, planes.noise, settings.max_incidence)
+    reasons["grazing"] = find_grazing(scan.cloud.points, planes.normals, scan.origin, settings.max_incidence)
+    return reasons
+
+
+def _count_first(reasons: Mapping[str, Bools]) -> dict[str, int]:
+    """Count each point under the first of its reasons."""
+    counts, seen = {}, np.zeros(len(next(iter(reasons.values()))), dtype=bool)
+    for reason, holds in reasons.items():
+        counts[reason] = int((holds & ~seen).sum())
+        seen |= holds
+    return counts
+
+
+def thin_cloud(
+    cloud: PointCloud, planes: TangentPlanes, settings: ThinningSettings
+) -> tuple[PointCloud, ThinnedPoints, Floats]:
+    """Thin a cloud in canonical order to its modes; return it with the thinning's result and the target spacings."""
+    roughness = classify_roughness(planes.lambda3, planes.noise, planes.n_neighbours)
+    targets = target_spacings(planes.spacing, planes.noise, roughness, settings)
+    merged = np.ones(len(cloud), dtype=np.int32) if cloud.n_merged is None else cloud.n_merged
+    index: PointIndex = build_index(cloud.points)
+    thinned = thin(index, planes.normals, planes.noise, planes.spacing, merged, targets, settings.seed)
+    chosen = cloud.take(thinned.nearest)
+    thin_one = dataclasses.replace(
+        chosen, points=thinned.points, normals=thinned.normals, sigma=thinned.sigma, n_merged=thinned.n_merged,
+        spread=thinned.spread, surface_variation=planes.surface_variation[thinned.nearest],
+        roughness=roughness[thinned.nearest], spacing=planes.spacing[thinned.nearest],
+        colors=_mean_of_members(cloud.colors, thinned), intensity=_mean_of_members(cloud.intensity, thinned),
+    )  # fmt: skip
+    return thin_one, thinned, targets
+
+
+def _mean_of_members(values: Any, thinned: ThinnedPoints) -> Any:
+    """Return the mean of a property over the members of each representative, in the property's own type."""
+    if values is None:
+        return None
+    sums = np.add.reduceat(values[thinned.members].astype(np.float64), thinned.starts[:-1], axis=0)
+    counts = np.diff(thinned.starts)
+    means = sums / (counts[:, None] if values.ndim == 2 else counts)
+    return np.rint(means).astype(values.dtype) if values.dtype.kind in "ui" else means.astype(values.dtype)
+
+
+def describe(planes: TangentPlanes, thinned: ThinnedPoints, targets: Floats) -> dict[str, Any]:
+    """Return the values that were found from the data: quartiles of sizes and lengths [m], noise before and after."""
+    n_points = max(len(planes.noise), 1)
+    classes = classify_roughness(planes.lambda3, planes.noise, planes.n_neighbours)
+    return {
+        "n_neighbours_quartiles": _quartiles(planes.n_neighbours),
+        "spacing_quartiles": _quartiles(planes.spacing),
+        "target_spacing_quartiles": _quartiles(targets),
+        "noise_before": _median(planes.noise),
+        "noise_after": _median(thinned.sigma),
+        "n_merged_quartiles": _quartiles(thinned.n_merged),
+        "roughness_shares": {c.name.lower(): float((classes == c).sum() / n_points) for c in Roughness},
+    }
+
+
+def _quartiles(values: Floats | Ints) -> list[float]:
+    """Return the quartiles, NaN of nothing."""
+    return [float(v) for v in np.quantile(values, (0.25, 0.5, 0.75))] if len(values) else [float("nan")] * 3
+
+
+def _median(values: Floats) -> float:
+    """Return the median, NaN of nothing."""
+    return float(np.median(values)) if len(values) else float("nan")

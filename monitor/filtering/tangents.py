@@ -1,0 +1,175 @@
+"""Kernels that fit a robust tangent plane to the neighbours of every point (Nothegger and Dorninger, section 2.2).
+
+In: points, the indices of each point's neighbours, and the noise there where it is known; out: one row of `COLUMNS`
+per point. A neighbourhood is a disc of surface with noise across it, so the factors that make the determinant's
+covariance consistent are those of that distribution (simulated; `tests/monitor/test_mcd.py` repeats it), not those of a
+normal one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from monitor.filtering.mcd import (
+    ORDER_FREE,
+    eigenvalues,
+    eigenvector,
+    mahalanobis2,
+    minimum_covariance_determinant,
+    moments,
+    smallest,
+)
+
+# Columns of the result: unit normal (sign arbitrary), eigenvalues of the consistent covariance [m2], height of the
+# point above the plane [m], noise used to judge it [m], state, points that define the plane, radius of the
+# neighbourhood [m], determinant reached by the h-subset (NaN where none was needed), distance to the sixth nearest [m].
+COLUMNS = (
+    "nx",
+    "ny",
+    "nz",
+    "lambda1",
+    "lambda2",
+    "lambda3",
+    "height",
+    "scale",
+    "state",
+    "n_inliers",
+    "radius",
+    "det",
+    "near",
+)
+CLEAN, INLIER, SECOND, OUTLIER = 0, 1, 2, 3  # state of a point
+MIN_COMPANIONS = 6
+MAX_COMPANIONS = 16
+CUT2 = 9.348403604496148  # chi-square, 3 degrees of freedom, 0.975 (Rousseeuw and van Driessen, reweighting step)
+CHUNK = 256
+
+
+@njit(cache=True, error_model="numpy")
+def raw_factors(n: int) -> Any:
+    """Return true over raw variance across and along a flat disc, for the h-subset with h = 0.55 n."""
+    return 3.3 * (1.0 + 2.2 / n), 1.36 + 3.4 / n
+
+
+@njit(cache=True, error_model="numpy")
+def reweighted_factor(n: int) -> float:
+    """Return true over reweighted variance across a flat disc with nothing else known, after the n - 3 correction."""
+    return 1.0 + 16.0 / n
+
+
+@njit(cache=True, error_model="numpy")
+def plane_of(m: Any, c: Any) -> Any:
+    """Return eigenvalues and normal of a covariance, and the height of the origin above the plane through its mean."""
+    largest, middle, least = eigenvalues(c)
+    v = eigenvector(c, least)
+    return (largest, middle, max(least, 0.0)), v, -(m[0] * v[0] + m[1] * v[1] + m[2] * v[2])
+
+
+@njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")
+def weigh(x: Any, y: Any, z: Any, n: int, m: Any, c: Any, along: float, across2: float, w: Any, d2: Any) -> float:
+    """Write weights 1 inside the ellipsoid of `CUT2` and 0 outside, and return the robust distance^2 of the origin.
+
+    `along` scales the covariance in the plane; `across2` [m2] is the variance across it.
+    """
+    lambdas, v, height = plane_of(m, c)
+    mahalanobis2(x, y, z, n, m, c, d2)
+    least = max(lambdas[2], 1e-30)
+    for i in range(n):
+        h = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
+        inside = (d2[i] - h * h / least) / along + h * h / across2
+        w[i] = 1.0 if inside <= CUT2 else 0.0
+    return height * height / across2
+
+
+@njit(cache=True, error_model="numpy")
+def clean_plane(x: Any, y: Any, z: Any, n: int, noise: float, limit: float, m: Any, c: Any) -> bool:
+    """Tell whether the classical covariance will do: no wider across than noise makes it, and nobody far off."""
+    lambdas, v, _ = plane_of(m, c)
+    if not lambdas[2] * n / (n - 3.0) <= limit * noise * noise:
+        return False
+    worst = 0.0
+    for i in range(n):
+        h = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
+        worst = max(worst, h * h)
+    return worst <= 12.0 * noise * noise
+
+
+@njit(cache=True, error_model="numpy")
+def companions(x: Any, y: Any, z: Any, n: int, w: Any, d2: Any, work: Any) -> Any:
+    """Select, among the points outside of the plane, those nearest to the origin; return their number and reach."""
+    n_out = 0
+    for i in range(n):
+        if w[i] == 0.0:
+            work[n_out] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
+            n_out += 1
+    if n_out < MIN_COMPANIONS:
+        return n_out, math.inf
+    for i in range(n_out):
+        d2[i] = work[i]
+    reach2 = smallest(d2, n_out, min(n_out, MAX_COMPANIONS), work)
+    near2 = smallest(d2, n_out, MIN_COMPANIONS, work)
+    for i in range(n):
+        w[i] = 1.0 if w[i] == 0.0 and x[i] * x[i] + y[i] * y[i] + z[i] * z[i] <= reach2 else 0.0
+    return n_out, math.sqrt(near2)
+
+
+@njit(cache=True, error_model="numpy")
+def fit_tangent(x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: float, w: Any, d2: Any, work: Any) -> Any:
+    """Return the row of `COLUMNS` of the point at the origin, whose n neighbours (itself among them) are given."""
+    radius2 = 0.0
+    for i in range(n):
+        w[i], d2[i] = 1.0, x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
+        radius2 = max(radius2, d2[i])
+    radius, near = math.sqrt(radius2), math.sqrt(smallest(d2, n, min(n, MIN_COMPANIONS + 1), work))
+    _, m, c = moments(x, y, z, w, n)
+    if clean_plane(x, y, z, n, noise, limit, m, c):
+        ls, v, height = plane_of(m, c)
+        return (v[0], v[1], v[2], ls[0], ls[1], ls[2] * n / (n - 3.0), height, noise, 0.0, n, radius, math.nan, near)
+    det, m, c = minimum_covariance_determinant(x, y, z, n, h, w, d2, work)
+    across, along = raw_factors(n)
+    least = eigenvalues(c)[2]
+    weigh(x, y, z, n, m, c, along, max(least * across, noise * noise), w, d2)
+    s, m, c = moments(x, y, z, w, n)
+    least = eigenvalues(c)[2] * s / max(s - 3.0, 1.0) * reweighted_factor(n)
+    weigh(x, y, z, n, m, c, 1.0, max(least, noise * noise), w, d2)
+    s, m, c = moments(x, y, z, w, n)
+    ls, v, height = plane_of(m, c)
+    least = ls[2] * s / max(s - 3.0, 1.0)
+    scale = math.sqrt(max(least, noise * noise))
+    if height * height <= CUT2 * scale * scale:
+        return (v[0], v[1], v[2], ls[0], ls[1], least, height, scale, 1.0, s, radius, det, near)
+    n_out, reach = companions(x, y, z, n, w, d2, work)
+    if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
+        return (v[0], v[1], v[2], ls[0], ls[1], least, height, scale, 3.0, s, radius, det, near)
+    s2, m2, c2 = moments(x, y, z, w, n)
+    ls2, v2, height2 = plane_of(m2, c2)
+    least2 = ls2[2] * s2 / (s2 - 3.0)
+    if height2 * height2 > CUT2 * scale * scale or least2 > CUT2 * scale * scale or least2 > 0.25 * ls2[1]:
+        return (v[0], v[1], v[2], ls[0], ls[1], least, height, scale, 3.0, s, radius, det, near)
+    return (v2[0], v2[1], v2[2], ls2[0], ls2[1], least2, height2, scale, 2.0, s2, radius, det, near)
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def fit_tangents(points: Any, which: Any, neighbours: Any, n_use: Any, noise: Any, limits: Any, share: float) -> Any:
+    """Return (m, 13) rows of `COLUMNS` for the points `which`, each from its first `n_use` of `neighbours` (m, k)."""
+    n_rows, k = neighbours.shape
+    out = np.empty((n_rows, 13))
+    for chunk in prange((n_rows + CHUNK - 1) // CHUNK):
+        scratch = np.empty((6, k))
+        for r in range(chunk * CHUNK, min(n_rows, (chunk + 1) * CHUNK)):
+            i, n = which[r], n_use[r]
+            for j in range(n):
+                q = neighbours[r, j]
+                for axis in range(3):
+                    scratch[axis, j] = points[q, axis] - points[i, axis]
+            h = max((n + 4) // 2, int(share * n))
+            row = fit_tangent(
+                scratch[0], scratch[1], scratch[2], n, h, noise[r], limits[n], scratch[3], scratch[4], scratch[5]
+            )
+            for column in range(13):
+                out[r, column] = row[column]
+    return out

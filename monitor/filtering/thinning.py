@@ -1,0 +1,296 @@
+"""Thinning to the mode (Nothegger and Dorninger, section 2.4).
+
+In: points in canonical order with their tangent planes; out: fewer points, each at the mode of the measurements in a
+cylinder about the mean normal, with how many it stands for and how well it is known.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from monitor.declare import check_settings, setting
+from monitor.filtering.mcd import smallest
+from monitor.filtering.nearest import PointIndex, gather_ball
+from projects.model import Floats, Ints, Roughness
+
+DISC_PACKING = 1.2  # mean spacing over radius of points thrown at random, none nearer than the radius to another
+MODE_WIDTH = 4.0  # half width of the kernel in sigmas of the noise
+COMPATIBLE = 0.5  # cosine: members of a cylinder look the same way within 60 degrees
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThinningSettings:
+    """Thinning to the mode. Lengths in metres."""
+
+    target_spacing: float | None = setting(
+        None,
+        unit="m",
+        meaning="spacing of the thinned points; auto: from noise, spacing and footprint",
+        low=1e-6,
+        high=10.0,
+    )
+    footprint: float | None = setting(
+        None,
+        unit="m",
+        meaning="diameter of the laser's spot on the object; auto: unknown, noise alone decides",
+        low=0.0,
+        high=1.0,
+    )
+    facet_noise: float = setting(
+        0.3,
+        unit="rad",
+        meaning="tilt that noise may give to a facet between neighbouring points, one sigma",
+        low=0.01,
+        high=2.0,
+    )
+    rough_share: float = setting(
+        0.7,
+        unit="1",
+        meaning="target spacing where the surface is rough, relative to where it is smooth",
+        low=0.1,
+        high=1.0,
+    )
+    seed: int = setting(0, unit="1", meaning="seed of the order in which points are drawn", low=0, high=2**31)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class ThinnedPoints:
+    """Representatives and what they stand for.
+
+    Attributes
+    ----------
+    points : (m, 3) m, at the mode of the members along the mean normal.
+    normals : (m, 3) mean normal of the members.
+    nearest : (m,) index of the member nearest to the mode, in the points that were given.
+    members, starts : indices of the members of representative i are members[starts[i]:starts[i + 1]].
+    n_merged : (m,) number of measurements that it stands for.
+    spread : (m,) m, robust one-sigma spread of the members along the normal.
+    sigma : (m,) m, standard error of the mode.
+    """
+
+    points: Floats
+    normals: Floats
+    nearest: Ints
+    members: Ints
+    starts: Ints
+    n_merged: Ints
+    spread: Floats
+    sigma: Floats
+
+
+def target_spacings(spacing: Floats, noise: Floats, roughness: Ints, settings: ThinningSettings) -> Floats:
+    """Return the target spacing (n,) [m] of each point; at most its own spacing where the data are not redundant.
+
+    With N = (d / s)^2 measurements in a square of side d, the mode is known to about 1.1 noise / sqrt(N), and a facet
+    between two such points tilts by sqrt(2) 1.1 noise s / d^2. The automatic d is where this is `facet_noise`: closer
+    points would show noise, farther ones lose detail. Where the footprint is known, half of it is the least d, for
+    what is finer was not resolved.
+    """
+    if settings.target_spacing is not None:
+        target = np.full(len(spacing), settings.target_spacing)
+    else:
+        target = np.sqrt(math.sqrt(2.0) * 1.1 * noise * spacing / settings.facet_noise)
+        if settings.footprint is not None:
+            target = np.maximum(target, 0.5 * settings.footprint)
+    return np.where(roughness == Roughness.ROUGH, settings.rough_share * target, target)
+
+
+def draw_order(points: Floats, seed: int) -> Ints:
+    """Return the order (n,) in which points are drawn: by a hash of their coordinates, whatever their place."""
+    bits = np.ascontiguousarray(points, dtype=np.float64).view(np.uint64).reshape(-1, 3)
+    key = np.full(len(bits), np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15), dtype=np.uint64)
+    with np.errstate(over="ignore"):
+        for axis in range(3):  # the finalizer of splitmix64 (Steele, Lea and Flood 2014), once for each coordinate
+            key = key + bits[:, axis]
+            key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            key = key ^ (key >> np.uint64(31))
+    return np.argsort(key, kind="stable")
+
+
+def thin(
+    index: PointIndex, normals: Floats, noise: Floats, spacing: Floats, merged: Ints, targets: Floats, seed: int
+) -> ThinnedPoints:
+    """Thin points to the modes of cylinders drawn at random until every point is a representative or in one.
+
+    Parameters
+    ----------
+    index : of the points.
+    normals : (n, 3) robust normals.
+    noise : (n,) m, one sigma of a point along its normal.
+    spacing : (n,) m.
+    merged : (n,) measurements that each point stands for already.
+    targets : (n,) m, target spacing.
+    """
+    radii = np.where(targets > spacing, targets / DISC_PACKING, 0.0)
+    order = draw_order(index.points, seed)
+    rows, owner = _draw(index.points, index.low, index.high, normals, noise, merged, radii, order)
+    members = np.argsort(owner, kind="stable")
+    counts = np.bincount(owner, minlength=len(rows))
+    return ThinnedPoints(
+        points=rows[:, :3], normals=rows[:, 3:6], nearest=rows[:, 6].astype(np.int64), members=members,
+        starts=np.concatenate([[0], np.cumsum(counts)]), n_merged=rows[:, 7].astype(np.int32), spread=rows[:, 8],
+        sigma=rows[:, 9],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def density_mode(heights: Any, weights: Any, n: int, width: float) -> float:
+    """Return the mode of the density of `heights` under the triweight kernel (1 - u^2)^3 of half width `width`.
+
+    Its stationary points are those of Tukey's biweight location estimate; the one of greatest density is taken, found
+    from the best of the heights by fixed-point iteration.
+    """
+    best, mode = -1.0, 0.0
+    for i in range(n):
+        density = 0.0
+        for j in range(n):
+            u = (heights[j] - heights[i]) / width
+            if abs(u) < 1.0:
+                density += weights[j] * (1.0 - u * u) ** 3
+        if density > best:
+            best, mode = density, heights[i]
+    for _ in range(30):
+        total = moved = 0.0
+        for j in range(n):
+            u = (heights[j] - mode) / width
+            if abs(u) < 1.0:
+                w = weights[j] * (1.0 - u * u) ** 2
+                total += w
+                moved += w * heights[j]
+        step = moved / total - mode
+        mode += step
+        if abs(step) < 1e-6 * width:
+            break
+    return mode
+
+
+@njit(cache=True, error_model="numpy")
+def _select_members(
+    points: Any,
+    normals: Any,
+    noise: Any,
+    owner: Any,
+    found: Any,
+    n: int,
+    foot: Any,
+    axis: Any,
+    radius: float,
+    length: float,
+) -> int:
+    """Keep in `found` the free points of the cylinder that look the way of its axis; return their number."""
+    n_members = 0
+    for j in range(n):
+        q = found[j]
+        if owner[q] >= 0:
+            continue
+        turn = normals[q, 0] * axis[0] + normals[q, 1] * axis[1] + normals[q, 2] * axis[2]
+        dx, dy, dz = points[q, 0] - foot[0], points[q, 1] - foot[1], points[q, 2] - foot[2]
+        height = dx * axis[0] + dy * axis[1] + dz * axis[2]
+        aside2 = dx * dx + dy * dy + dz * dz - height * height
+        if turn >= COMPATIBLE and aside2 <= radius * radius and abs(height) <= length:
+            found[n_members] = q
+            n_members += 1
+    return n_members
+
+
+@njit(cache=True, error_model="numpy")
+def _mean_axis(normals: Any, found: Any, n: int) -> Any:
+    """Return the unit mean of the members' normals."""
+    ax = ay = az = 0.0
+    for j in range(n):
+        ax += normals[found[j], 0]
+        ay += normals[found[j], 1]
+        az += normals[found[j], 2]
+    f = 1.0 / math.sqrt(ax * ax + ay * ay + az * az)
+    return ax * f, ay * f, az * f
+
+
+@njit(cache=True, error_model="numpy")
+def _represent(
+    points: Any,
+    normals: Any,
+    noise: Any,
+    merged: Any,
+    found: Any,
+    n: int,
+    axis: Any,
+    heights: Any,
+    weights: Any,
+    row: Any,
+) -> None:
+    """Write the row of a representative: point, normal, member nearest to the mode, measurements, spread, sigma.
+
+    A member's height is carried to the axis along half of its own slope, which is exact on surfaces of second
+    order, so that curvature neither shifts nor widens the distribution.
+    """
+    cx = cy = cz = noise2 = total = 0.0
+    for j in range(n):
+        q = found[j]
+        weights[j] = merged[q]
+        total += merged[q]
+        cx += merged[q] * points[q, 0]
+        cy += merged[q] * points[q, 1]
+        cz += merged[q] * points[q, 2]
+        noise2 += merged[q] * noise[q] * noise[q]
+    cx, cy, cz, sigma = cx / total, cy / total, cz / total, math.sqrt(noise2 / total)
+    for j in range(n):
+        q = found[j]
+        dx, dy, dz = points[q, 0] - cx, points[q, 1] - cy, points[q, 2] - cz
+        height = dx * axis[0] + dy * axis[1] + dz * axis[2]
+        along = normals[q, 0] * axis[0] + normals[q, 1] * axis[1] + normals[q, 2] * axis[2]
+        aside = normals[q, 0] * dx + normals[q, 1] * dy + normals[q, 2] * dz - along * height
+        heights[j] = height + 0.5 * aside / along
+    mode = density_mode(heights, weights, n, MODE_WIDTH * max(sigma, 1e-9)) if n > 1 else 0.0
+    nearest, gap = found[0], math.inf
+    for j in range(n):
+        if abs(heights[j] - mode) < gap:
+            nearest, gap = found[j], abs(heights[j] - mode)
+        weights[j] = abs(heights[j] - mode)
+    row[0], row[1], row[2] = cx + mode * axis[0], cy + mode * axis[1], cz + mode * axis[2]
+    row[3], row[4], row[5] = axis
+    row[6], row[7] = nearest, total
+    # Few members say little of their spread: the noise around counts as the spread of ten more.
+    own = 1.4826 * smallest(weights, n, (n + 1) // 2, heights) if n > 4 else sigma
+    row[8] = math.sqrt((max(n - 1, 0) * own * own + 10.0 * sigma * sigma) / (max(n - 1, 0) + 10.0))
+    row[9] = row[8] * math.sqrt((1.0 + 0.1 * (n > 1)) / n)
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(points: Any, low: Any, high: Any, normals: Any, noise: Any, merged: Any, radii: Any, order: Any) -> Any:
+    """Draw cylinders in the given order; return a row for each representative and the owner of each point."""
+    n_points = points.shape[0]
+    owner = np.full(n_points, -1, dtype=np.int64)
+    rows = np.empty((n_points, 10))
+    stack, found = np.empty(128, dtype=np.int64), np.empty(4096, dtype=np.int32)
+    heights, weights = np.empty(4096), np.empty(4096)
+    n_rows = 0
+    for seed in order:
+        if owner[seed] >= 0:
+            continue
+        n, axis = 1, (normals[seed, 0], normals[seed, 1], normals[seed, 2])
+        found[0] = seed
+        radius = radii[seed]
+        if radius > 0.0:
+            length = radius + MODE_WIDTH * noise[seed]
+            reach2 = radius * radius + length * length
+            n = gather_ball(points, low, high, points[seed], reach2, stack, found)
+            if n > found.shape[0]:
+                found, heights, weights = np.empty(2 * n, dtype=np.int32), np.empty(2 * n), np.empty(2 * n)
+                n = gather_ball(points, low, high, points[seed], reach2, stack, found)
+            n_ball = _select_members(points, normals, noise, owner, found, n, points[seed], axis, 2.0 * radius, length)
+            axis = _mean_axis(normals, found, n_ball)
+            n = _select_members(points, normals, noise, owner, found, n_ball, points[seed], axis, radius, length)
+        _represent(points, normals, noise, merged, found, n, axis, heights, weights, rows[n_rows])
+        for j in range(n):
+            owner[found[j]] = n_rows
+        n_rows += 1
+    return rows[:n_rows].copy(), owner
