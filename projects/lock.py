@@ -64,7 +64,9 @@ def is_stale(owner: Owner) -> bool:
     if owner.host != _host():
         return False
     try:
-        return abs(psutil.Process(owner.pid).create_time() - owner.started) > CLOCK_TOLERANCE
+        process = psutil.Process(owner.pid)
+        started, ended = process.create_time(), process.status() == psutil.STATUS_ZOMBIE
+        return ended or abs(started - owner.started) > CLOCK_TOLERANCE
     except psutil.NoSuchProcess:
         return True
     except psutil.AccessDenied:
