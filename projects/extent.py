@@ -1,0 +1,187 @@
+"""The extent of an object in the project's frame: a box, or a polygon with heights, read from a small JSON file.
+
+{"box": {"min": [x, y, z], "max": [x, y, z]}} or {"polygon": [[x, y], ...], "bottom": z, "top": z}; either height may
+be left out. What lies outside is counted by the chain and not processed (design section 2, step 0).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from projects.errors import FormatError, ParameterError, ShapeError
+from projects.model import Bools, Floats
+
+MAX_BYTES = 10_000_000
+SHAPES = '{"box": {"min": [x, y, z], "max": [x, y, z]}} or {"polygon": [[x, y], ...], "bottom": z, "top": z}'
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A prism over a polygon, `corners` (n, 2) [m] in their order, from `bottom` to `top` [m], infinite where open."""
+
+    corners: Floats
+    bottom: float = -math.inf
+    top: float = math.inf
+
+
+def read_extent(path: Path | str, unit: float = 1.0) -> Extent:
+    """Return the extent of a JSON file; `unit` is the metres of one unit of the file.
+
+    Raises
+    ------
+    FormatError
+        Where the file cannot be read or is no extent, with what is allowed.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise FormatError(f"{path} is too large to be an extent")
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise FormatError(f"{path} cannot be read ({error.strerror})") from error
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"{path} is not JSON ({error}); an extent is {SHAPES}") from error
+    try:
+        return extent_from_mapping(content, unit)
+    except ParameterError as error:
+        raise FormatError(f"{path}: {error}") from error
+
+
+def extent_from_mapping(content: Any, unit: float = 1.0) -> Extent:
+    """Return the extent that a mapping of the file's form states (it is kept in that form with the object)."""
+    if not isinstance(content, Mapping) or len(content.keys() & {"box", "polygon"}) != 1:
+        raise ParameterError(f"an extent is {SHAPES}")
+    allowed = {"box"} if "box" in content else {"polygon", "bottom", "top"}
+    if unknown := sorted(str(k) for k in content.keys() - allowed):
+        raise ParameterError(f"unknown entry {unknown[0]!r}; an extent is {SHAPES}")
+    return _box(content["box"], unit) if "box" in content else _prism(content, unit)
+
+
+def extent_to_mapping(extent: Extent) -> dict[str, Any]:
+    """Return the mapping that says the extent, in metres; the form in which `ObjectRecord.extent` keeps it."""
+    mapping: dict[str, Any] = {"polygon": extent.corners.tolist()}
+    heights = {"bottom": extent.bottom, "top": extent.top}
+    return mapping | {name: value for name, value in heights.items() if math.isfinite(value)}
+
+
+def inside(extent: Extent | Mapping[str, Any], points: Floats) -> Bools:
+    """Return which points lie in the extent, its border included for boxes.
+
+    Parameters
+    ----------
+    extent : the extent, or the mapping of an object's record.
+    points : (n, 3) m, project frame.
+
+    Returns
+    -------
+    (n,) bool; a point with NaN lies outside.
+
+    Notes
+    -----
+    Even-odd rule: a point is inside where a ray to +x crosses the polygon's edges an odd number of times.
+    """
+    extent = extent if isinstance(extent, Extent) else extent_from_mapping(extent)
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ShapeError(f"points has shape {points.shape}; (n, 3) is needed")
+    x, y, z = points.T
+    within = (z >= extent.bottom) & (z <= extent.top)
+    low, high = extent.corners.min(axis=0), extent.corners.max(axis=0)
+    within &= (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
+    if not _is_rectangle(extent.corners):
+        within[within] = _in_polygon(extent.corners, x[within], y[within])
+    return within
+
+
+def _is_rectangle(corners: Floats) -> bool:
+    """Return whether the polygon is its own bounding box."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    at_corner = np.all((corners == low) | (corners == high), axis=1).all()
+    return len(corners) == 4 and bool(at_corner) and bool((corners[0] != corners[2]).all())
+
+
+def _in_polygon(corners: Floats, x: Floats, y: Floats) -> Bools:
+    odd = np.zeros(len(x), dtype=bool)
+    for (xa, ya), (xb, yb) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if ya == yb:
+            continue
+        crosses = (ya > y) != (yb > y)
+        odd ^= crosses & (x < xa + (y - ya) / (yb - ya) * (xb - xa))
+    return odd
+
+
+def _box(box: Any, unit: float) -> Extent:
+    if not isinstance(box, Mapping) or box.keys() != {"min", "max"}:
+        raise ParameterError('a box is {"min": [x, y, z], "max": [x, y, z]}')
+    low, high = _numbers(box["min"], 3, "box/min") * unit, _numbers(box["max"], 3, "box/max") * unit
+    if not (low < high).all():
+        raise ParameterError(f"the box's min {low.tolist()} is not below its max {high.tolist()} in x, y and z")
+    corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+    return Extent(corners, float(low[2]), float(high[2]))
+
+
+def _prism(content: Mapping[str, Any], unit: float) -> Extent:
+    polygon = content["polygon"]
+    if not isinstance(polygon, list | tuple) or len(polygon) < 3:
+        raise ParameterError("a polygon has at least three corners [x, y]")
+    corners = np.array([_numbers(c, 2, f"polygon/{k}") for k, c in enumerate(polygon)]) * unit
+    if (corners[0] == corners[-1]).all():
+        corners = corners[:-1]
+    if _crosses_itself(corners):
+        raise ParameterError("the polygon crosses itself; give its corners in order around the object")
+    if len(corners) < 3 or _area(corners) == 0.0:
+        raise ParameterError("the polygon encloses no area; at least three corners that are not in one line are needed")
+    heights = {
+        k: float(_numbers([content[k]], 1, k)[0]) * unit for k in ("bottom", "top") if content.get(k) is not None
+    }
+    extent = Extent(corners, **heights)
+    if not extent.bottom < extent.top:
+        raise ParameterError(f"the bottom {extent.bottom:g} m is not below the top {extent.top:g} m")
+    return extent
+
+
+def _area(corners: Floats) -> float:
+    x, y = (corners - corners.mean(axis=0)).T
+    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2.0)
+
+
+def _crosses_itself(corners: Floats) -> bool:
+    """Return whether two edges that are not neighbours cross."""
+    n = len(corners)
+    following = np.roll(corners, -1, axis=0)
+    for i in range(n):
+        others = np.array([j for j in range(i + 2, n) if (j + 1) % n != i], dtype=int)
+        if len(others) == 0:
+            continue
+        a, b, c, d = corners[i], following[i], corners[others], following[others]
+        apart_ab = _side(a, b, c) * _side(a, b, d) < 0
+        apart_cd = _side(c, d, a) * _side(c, d, b) < 0
+        if (apart_ab & apart_cd).any():
+            return True
+    return False
+
+
+def _side(a: Floats, b: Floats, p: Floats) -> Floats:
+    """Return on which side of the line a to b the point p lies, as the sign of an area."""
+    ab, ap = b - a, p - a
+    return np.sign(ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0])
+
+
+def _numbers(values: Any, n: int, where: str) -> Floats:
+    right = isinstance(values, list | tuple) and len(values) == n
+    if not right or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
+        raise ParameterError(f"{where}: {n} number{'s' if n > 1 else ''} needed, {str(values)[:60]!r} given")
+    try:
+        array = np.array([float(v) for v in values])
+    except OverflowError:
+        array = np.full(n, np.inf)
+    if not np.isfinite(array).all():
+        raise ParameterError(f"{where}: {str(values)[:60]!r} is not finite")
+    return array

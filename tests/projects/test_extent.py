@@ -1,0 +1,98 @@
+"""Box and polygon extents: what is inside, and what is said about bad files."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from projects.errors import FormatError
+from projects.extent import extent_from_mapping, extent_to_mapping, inside, read_extent
+
+L_SHAPE = {"polygon": [[0, 0], [2, 0], [2, 1], [1, 1], [1, 3], [0, 3]], "bottom": 0.5, "top": 2}
+
+
+def write(folder, content):
+    path = folder / "extent.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    return path
+
+
+def test_box_holds_its_border_and_nothing_beyond(tmp_path):
+    extent = read_extent(write(tmp_path, {"box": {"min": [0, -1, 2], "max": [1, 1, 3]}}))
+    points = np.array([[0, -1, 2], [1, 1, 3], [0.5, 0, 2.5], [1.0001, 0, 2.5], [0.5, 0, 1.999], [math.nan, 0, 2.5]])
+    assert inside(extent, points).tolist() == [True, True, True, False, False, False]
+
+
+def test_unit_turns_millimetres_of_the_file_into_metres(tmp_path):
+    path = write(tmp_path, {"polygon": [[0, 0], [1000, 0], [0, 1000]], "top": 500})
+    extent = read_extent(path, unit=0.001)
+    points = np.array([[0.3, 0.3, 0.49], [0.3, 0.3, 0.51], [0.6, 0.6, 0.0], [3.0, 3.0, 0.0]])
+    assert inside(extent, points).tolist() == [True, False, False, False]
+
+
+def test_reentrant_polygon_leaves_out_its_notch():
+    points = np.array([[0.5, 2.5, 1], [1.5, 0.5, 1], [1.5, 2.0, 1], [0.5, 0.5, 0.4], [0.5, 0.5, 2.1]])
+    assert inside(L_SHAPE, points).tolist() == [True, True, False, False, False]
+
+
+def test_polygon_agrees_with_the_winding_number_of_random_points(rng):
+    corners = np.array(L_SHAPE["polygon"], dtype=float)
+    points = np.column_stack([rng.uniform(-1, 4, (4000, 2)), np.ones(4000)])
+    to_corner = corners[None] - points[:, None, :2]
+    angles = np.arctan2(to_corner[..., 1], to_corner[..., 0])
+    turns = (np.diff(angles, axis=1, append=angles[:, :1]) + np.pi) % (2 * np.pi) - np.pi
+    assert (inside(L_SHAPE, points) == (np.abs(turns.sum(axis=1)) > np.pi)).all()
+
+
+def test_direction_and_closing_corner_make_no_difference(rng):
+    points = np.column_stack([rng.uniform(-1, 4, (500, 2)), np.ones(500)])
+    corners = L_SHAPE["polygon"]
+    other = {**L_SHAPE, "polygon": [*corners, corners[0]][::-1]}
+    assert (inside(L_SHAPE, points) == inside(other, points)).all()
+
+
+def test_far_coordinates_keep_their_millimetres():
+    far = np.array([2.6e6, 5.6e6])
+    extent = {"polygon": (np.array([[0, 0], [1, 0], [0.5, 1]]) + far).tolist()}
+    near = np.array([[0.5, 0.999, 0], [0.5, 1.001, 0], [0.002, 0.001, 0], [0.0, 0.002, 0]])
+    points = near + np.append(far, 0)
+    assert inside(extent, points).tolist() == [True, False, True, False]
+
+
+def test_extent_survives_its_mapping(rng):
+    points = rng.uniform(-1, 4, (500, 3))
+    for mapping in (L_SHAPE, {"box": {"min": [0, 0, 0], "max": [1, 2, 3]}}, {"polygon": [[0, 0], [2, 0], [0, 2]]}):
+        kept = json.loads(json.dumps(extent_to_mapping(extent_from_mapping(mapping))))
+        assert (inside(kept, points) == inside(mapping, points)).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{not json", "is not JSON"),
+        ("[1, 2]", "an extent is"),
+        ({}, "an extent is"),
+        ({"box": {"min": [0, 0], "max": [1, 1, 1]}}, "box/min: 3 numbers needed"),
+        ({"box": {"min": [0, 0, 0], "max": [1, 0, 1]}}, "is not below its max"),
+        ({"box": {"min": [0, 0, "x"], "max": [1, 0, 1]}}, "box/min: 3 numbers needed"),
+        ('{"box": {"min": [0, 0, NaN], "max": [1, 1, 1]}}', "is not finite"),
+        ({"polygon": [[0, 0], [1, 1]]}, "at least three corners"),
+        ({"polygon": [[0, 0], [1, 1], [2, 2]]}, "encloses no area"),
+        ({"polygon": [[0, 0], [3, 1], [1, 0], [0, 1]]}, "crosses itself"),
+        ({"polygon": [[0, 0], [1, 0], [0, 1]], "bottom": 2, "top": 1}, "is not below the top"),
+        ({"polygon": [[0, 0], [1, 0], [0, 1]], "bottm": 2}, "unknown entry 'bottm'"),
+    ],
+)
+def test_bad_extents_are_refused_in_one_clear_line(tmp_path, content, message):
+    with pytest.raises(FormatError, match=message) as caught:
+        read_extent(write(tmp_path, content))
+    assert "\n" not in str(caught.value)
+    assert "extent.json" in str(caught.value)
+
+
+def test_missing_extent_file_is_named(tmp_path):
+    with pytest.raises(FormatError, match=r"nothing\.json cannot be read"):
+        read_extent(tmp_path / "nothing.json")
