@@ -11,6 +11,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from projects.formats.control import read_control as read_control
     from projects.formats.e57_writer import write_e57 as write_e57
+    from projects.formats.las_writer import write_las as write_las
+    from projects.formats.mesh_writers import surface_properties as surface_properties
+    from projects.formats.mesh_writers import write_glb as write_glb
+    from projects.formats.mesh_writers import write_obj as write_obj
+    from projects.formats.mesh_writers import write_ply_mesh as write_ply_mesh
+    from projects.formats.mesh_writers import write_stl as write_stl
+    from projects.formats.meshes import read_mesh as read_mesh
     from projects.formats.parsing import ReadLimits as ReadLimits
     from projects.formats.poses import PoseLine as PoseLine
     from projects.formats.poses import read_poses as read_poses
@@ -19,6 +26,7 @@ if TYPE_CHECKING:
     from projects.formats.scans import ScanStream as ScanStream
     from projects.formats.scans import read_scans as read_scans
     from projects.formats.sniffing import sniff_format as sniff_format
+    from projects.formats.table_writer import write_csv as write_csv
     from projects.formats.units import metres_per_unit as metres_per_unit
     from projects.formats.units import question_unit as question_unit
 
@@ -29,12 +37,20 @@ _HOME = {
     "metres_per_unit": "units",
     "question_unit": "units",
     "read_control": "control",
+    "read_mesh": "meshes",
     "read_poses": "poses",
     "read_scans": "scans",
     "require_known_names": "poses",
     "sniff_format": "sniffing",
+    "surface_properties": "mesh_writers",
+    "write_csv": "table_writer",
     "write_e57": "e57_writer",
+    "write_glb": "mesh_writers",
+    "write_las": "las_writer",
+    "write_obj": "mesh_writers",
+    "write_ply_mesh": "mesh_writers",
     "write_ptx": "ptx_writer",
+    "write_stl": "mesh_writers",
 }
 
 __all__ = sorted(_HOME)

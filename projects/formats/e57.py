@@ -189,7 +189,7 @@ def _columns(fields: dict[str, Any], limits: dict[str, tuple[float, float]]) -> 
         columns["intensity"] = within_unit_range(values, *limits["intensity"])
     if set(COLOURS) <= set(fields):
         scaled = [within_unit_range(fields[name], *limits[name]) * 255.0 for name in COLOURS]
-        columns["colors"] = as_bytes_of_colour(np.rint(np.column_stack(scaled)))
+        columns["colors"] = as_bytes_of_colour(np.column_stack(scaled), 1.0)
     if set(NORMALS) <= set(fields):
         columns["normals"] = np.column_stack([fields[name] for name in NORMALS])
     if set(GRID) <= set(fields):

@@ -14,13 +14,7 @@ from typing import Any
 import numpy as np
 
 from projects.errors import FormatError
-from projects.formats.rawscan import (
-    Columns,
-    ScanHeader,
-    as_bytes_of_colour,
-    guess_intensity_range,
-    within_unit_range,
-)
+from projects.formats.rawscan import Columns, Scaling, ScanHeader
 from projects.formats.text import TableLayout, is_number, read_table, skip_blank, skip_rows, whole_numbers
 
 N_HEADER_LINES = 10
@@ -45,18 +39,16 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the points of one scan, no-returns among them as 0 0 0."""
     layout = TableLayout(**header.place["layout"])
     n_grid_rows = header.place["n_grid_rows"]
-    limits, start = None, 0
+    scaling, start = Scaling(), 0
     for rows in read_table(path, layout):
         index = np.arange(start, start + len(rows))
         start += len(rows)
         columns: Columns = {"points": rows[:, :3]}
+        has_return = (rows[:, :3] != 0.0).any(axis=1)
         if layout.n_columns in (4, 7):
-            returns = (rows[:, :3] != 0.0).any(axis=1)
-            if limits is None and returns.any():
-                limits = guess_intensity_range(rows[returns, 3])
-            columns["intensity"] = within_unit_range(rows[:, 3], *(limits or (0.0, 1.0)))
+            columns["intensity"] = scaling.intensity(np.where(has_return, rows[:, 3], np.nan))
         if layout.n_columns in (6, 7):
-            columns["colors"] = as_bytes_of_colour(rows[:, -3:])
+            columns["colors"] = scaling.colours(rows[:, -3:])
         columns["columns"], columns["rows"] = np.divmod(index, n_grid_rows)
         yield columns
 

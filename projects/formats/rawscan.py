@@ -75,15 +75,38 @@ def guess_intensity_range(values: NDArray[Any]) -> tuple[float, float]:
     return low, high
 
 
-def as_bytes_of_colour(values: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return colours (n, 3) as 0-255: fractions of one are scaled, 16-bit values are shortened.
+def guess_colour_factor(values: NDArray[Any]) -> float:
+    """Return what turns colours into 0-255: 255 for fractions of one, 1/257 for 16 bits, else 1.
 
     Which of the three it is follows from the values: all within 0-1 and not all whole, above 255, or neither.
     """
     values = np.nan_to_num(np.asarray(values, dtype=np.float64))
     highest = values.max(initial=0.0)
     if highest <= 1.0 and (values != np.floor(values)).any():
-        values = values * 255.0
-    elif highest > 255.0:
-        values = values / 257.0
-    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+        return 255.0
+    return 1.0 / 257.0 if highest > 255.0 else 1.0
+
+
+def as_bytes_of_colour(values: NDArray[Any], factor: float) -> NDArray[np.uint8]:
+    """Return colours (n, 3) times a factor as whole numbers 0-255."""
+    return np.clip(np.rint(np.nan_to_num(np.asarray(values, dtype=np.float64)) * factor), 0, 255).astype(np.uint8)
+
+
+class Scaling:
+    """Ranges of intensity and colour for formats that do not state them: found on the first points, then kept."""
+
+    def __init__(self) -> None:
+        self._limits: tuple[float, float] | None = None
+        self._factor: float | None = None
+
+    def intensity(self, values: NDArray[Any]) -> NDArray[np.float32]:
+        """Return intensity as 0-1, NaN beyond the range that was found."""
+        if self._limits is None:
+            self._limits = guess_intensity_range(values)
+        return within_unit_range(values, *self._limits)
+
+    def colours(self, values: NDArray[Any]) -> NDArray[np.uint8]:
+        """Return colours (n, 3) as 0-255."""
+        if self._factor is None:
+            self._factor = guess_colour_factor(values)
+        return as_bytes_of_colour(values, self._factor)

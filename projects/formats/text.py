@@ -146,6 +146,11 @@ def _parsed(plain: bytes) -> NDArray[np.float64]:
     return table.to_numpy()
 
 
+def numbers_of_lines(lines: list[bytes], n_columns: int, first_line: int) -> NDArray[np.float64]:
+    """Return the numbers of lines that were picked from a file, (n, n_columns)."""
+    return _numbers(b"\n".join(lines) + b"\n", n_columns, first_line)
+
+
 def _counts_by_line(plain: bytes) -> NDArray[np.int64]:
     """Return how many values each line holds."""
     characters = np.frombuffer(plain, np.uint8)

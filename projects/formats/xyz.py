@@ -15,13 +15,7 @@ from typing import Any
 import numpy as np
 
 from projects.errors import FormatError
-from projects.formats.rawscan import (
-    Columns,
-    ScanHeader,
-    as_bytes_of_colour,
-    guess_intensity_range,
-    within_unit_range,
-)
+from projects.formats.rawscan import Columns, Scaling, ScanHeader
 from projects.formats.text import (
     TableLayout,
     are_colours,
@@ -51,16 +45,14 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the points."""
     layout = TableLayout(**header.place["layout"])
     names: list[str] = header.place["names"]
-    limits, n_read = None, 0
+    scaling, n_read = Scaling(), 0
     for rows in read_table(path, layout):
         n_read += len(rows)
         columns: Columns = {"points": rows[:, [names.index(axis) for axis in "xyz"]]}
         if "intensity" in names:
-            values = rows[:, names.index("intensity")]
-            limits = limits or guess_intensity_range(values)
-            columns["intensity"] = within_unit_range(values, *limits)
+            columns["intensity"] = scaling.intensity(rows[:, names.index("intensity")])
         if "red" in names:
-            columns["colors"] = as_bytes_of_colour(rows[:, [names.index(c) for c in ("red", "green", "blue")]])
+            columns["colors"] = scaling.colours(rows[:, [names.index(c) for c in ("red", "green", "blue")]])
         if "nx" in names:
             columns["normals"] = rows[:, [names.index(n) for n in ("nx", "ny", "nz")]]
         yield columns

@@ -1,0 +1,131 @@
+"""LAS and LAZ points in (ASPRS), in project coordinates.
+
+Runs in the child process. The header is checked against the file before laspy sees it: a header can promise points
+and records that are not there, and laspy would allocate them. LAZ is decoded by lazrs, whose panics the child reports.
+Intensity is 0-65535 by the standard. Colours are 16 bits by the standard and 8 bits in many files; intensity and
+colours that are zero over the first million points are taken as absent. Withheld points count as flagged invalid.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+
+from projects.errors import FormatError
+from projects.formats.rawscan import CHUNK, Columns, Scaling, ScanHeader, within_unit_range
+
+SHORTEST_HEADER, VLR_HEADER, EVLR_HEADER = 227, 54, 60
+RECORD_LENGTHS = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)  # of point formats 0 to 10, without extra bytes
+
+
+def list_scans(path: str) -> list[ScanHeader]:
+    """Return the one scan of the file."""
+    n, is_compressed = require_sound_header(path)
+    if n and is_compressed:
+        with laspy.open(path, read_evlrs=False) as reader:
+            n = reader.header.point_count
+    return [ScanHeader(n_declared=n)]
+
+
+def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
+    """Yield the points; fewer than promised is an error."""
+    require_sound_header(path)
+    scaling, n_read = Scaling(), 0
+    kept: set[str] | None = None
+    try:
+        with laspy.open(path, read_evlrs=False) as reader:
+            _require_scales(reader.header)
+            for points in reader.chunk_iterator(CHUNK):
+                n_read += len(points)
+                columns = _columns(points, scaling, kept)
+                kept = kept or set(columns)
+                yield columns
+    except (laspy.LaspyException, struct.error, EOFError, OSError, ValueError) as problem:
+        reason = (str(problem).splitlines() or [type(problem).__name__])[0]
+        raise FormatError(f"broken after {n_read} of {header.n_declared} points: {reason}") from problem
+    if n_read != header.n_declared:
+        raise FormatError(f"promises {header.n_declared} points, {n_read} are there; the file is cut off")
+
+
+def require_sound_header(path: str) -> tuple[int, bool]:
+    """Return how many points the header promises and whether they are compressed; raise where the file is too short."""
+    size = os.path.getsize(path)
+    with Path(path).open("rb") as file:
+        head = file.read(375)
+        if len(head) < SHORTEST_HEADER:
+            raise FormatError(f"is {size} bytes long; a LAS header alone has {SHORTEST_HEADER}")
+        n_header, offset, n_vlrs, kind, length, n = struct.unpack_from("<HIIBHI", head, 94)
+        minor = head[25]
+        if minor >= 4 and len(head) >= 375:
+            n = struct.unpack_from("<Q", head, 247)[0] or n
+            _require_evlrs(file, struct.unpack_from("<QI", head, 235), size)
+        if not SHORTEST_HEADER <= n_header <= offset <= size:
+            raise FormatError(f"its header says that points begin at byte {offset}; the file has {size}")
+        _require_vlrs(file, n_header, n_vlrs, offset)
+    is_compressed = bool(kind & 0xC0)
+    number = kind & 0x3F
+    if number >= len(RECORD_LENGTHS) or length < RECORD_LENGTHS[number]:
+        raise FormatError(f"its header gives point format {number} with {length} bytes a point; the file is broken")
+    if not is_compressed and offset + n * length > size:
+        there = (size - offset) // length
+        raise FormatError(f"promises {n} points, {there} are there; the file is cut off")
+    return n, is_compressed
+
+
+def _require_vlrs(file: Any, at: int, n: int, end: int) -> None:
+    """Raise where the variable-length records do not end before the points; too few bytes for the last is tolerated.
+
+    Files whose header counts more records than it has room for exist and are read by laspy: only lengths that reach
+    beyond the points are refused.
+    """
+    if n * VLR_HEADER > end:
+        raise FormatError(f"its header counts {n} records before the points, for which there is no room")
+    for _ in range(n):
+        if at + VLR_HEADER > end:
+            return
+        file.seek(at + 20)
+        (length,) = struct.unpack("<H", file.read(2))
+        at += VLR_HEADER + length
+        if at > end:
+            raise FormatError("has a record before the points that reaches into them; the file is broken")
+
+
+def _require_evlrs(file: Any, place: tuple[int, int], size: int) -> None:
+    """Raise where extended records (their offset and number) reach beyond the end of the file."""
+    at, n = place
+    for _ in range(n):
+        if at + EVLR_HEADER > size:
+            raise FormatError("promises records after the points that are not there; the file is cut off")
+        file.seek(at + 20)
+        (length,) = struct.unpack("<Q", file.read(8))
+        at += EVLR_HEADER + length
+    if n and at > size:
+        raise FormatError("promises records after the points that are not there; the file is cut off")
+
+
+def _require_scales(header: Any) -> None:
+    """Raise where coordinates cannot be made of the stored whole numbers."""
+    scales, offsets = np.asarray(header.scales), np.asarray(header.offsets)
+    if not (np.isfinite(scales).all() and np.isfinite(offsets).all() and (scales > 0).all()):
+        raise FormatError(f"its header scales coordinates by {scales.tolist()}; positive numbers are needed")
+
+
+def _columns(points: Any, scaling: Scaling, kept: set[str] | None) -> Columns:
+    """Return the points as the columns that every format gives."""
+    columns: Columns = {"points": np.column_stack([np.asarray(getattr(points, axis)) for axis in "xyz"])}
+    columns["invalid"] = np.asarray(points.withheld).astype(bool)
+    names = set(points.point_format.dimension_names)
+    intensity = np.asarray(points.intensity)
+    if "intensity" in kept if kept else intensity.any():
+        columns["intensity"] = within_unit_range(intensity, 0.0, 65535.0)
+    if {"red", "green", "blue"} <= names:
+        colours = np.column_stack([np.asarray(points[name]) for name in ("red", "green", "blue")])
+        if "colors" in kept if kept else colours.any():
+            columns["colors"] = scaling.colours(colours)
+    return columns

@@ -1,0 +1,71 @@
+"""Finished surfaces in (photogrammetry, CAD): PLY, OBJ, STL and GLB as a `Surface` in metres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from projects.errors import FormatError
+from projects.formats.parsing import ReadLimits, ask_child
+from projects.formats.rawscan import Columns
+from projects.formats.sniffing import sniff_format
+from projects.formats.units import require_unit
+from projects.model import Surface
+
+MESH_FORMATS = ("ply", "obj", "stl", "glb")
+
+
+def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None) -> Surface:
+    """Return the triangle mesh of a file, polygons cut into triangles, triangles without three corners left out.
+
+    Parameters
+    ----------
+    path : PLY, OBJ, STL or GLB; parsed in a child process with `limits`.
+    unit : metres per unit of the file.
+
+    Raises
+    ------
+    FormatError
+        Another format, a broken file, no faces, faces that name vertices that are not there, vertices not finite.
+    """
+    path, limits = Path(path), limits or ReadLimits()
+    require_unit(unit)
+    format_name = sniff_format(path)
+    if format_name not in MESH_FORMATS:
+        raise FormatError(f"{path}: {format_name.upper()} holds no mesh; PLY, OBJ, STL or GLB is needed")
+    pieces: list[Columns] = [columns for _, columns in ask_child(path, {"format": format_name, "job": "mesh"}, limits)]
+    vertices = _joined([piece for piece in pieces if "points" in piece])
+    faces = _joined([piece for piece in pieces if "faces" in piece]).get("faces", np.empty((0, 3), np.int64))
+    return _surface(path, vertices, _true_triangles(path, faces, len(vertices.get("points", ()))), unit)
+
+
+def _joined(pieces: list[Columns]) -> Columns:
+    """Return pieces one after another."""
+    names = pieces[0] if pieces else {}
+    return {name: np.concatenate([piece[name] for piece in pieces]) for name in names}
+
+
+def _true_triangles(path: Path, faces: np.ndarray, n_vertices: int) -> np.ndarray:
+    """Return the faces with three different corners; raise where one names a vertex that is not there."""
+    if len(faces) and (faces.min() < 0 or faces.max() >= n_vertices):
+        raise FormatError(
+            f"{path}: its faces name vertices {faces.min()} to {faces.max()}; it has 0 to {n_vertices - 1}"
+        )
+    a, b, c = faces.T
+    kept = faces[(a != b) & (b != c) & (c != a)]
+    if not len(kept):
+        raise FormatError(f"{path}: holds no faces with three different corners")
+    return kept
+
+
+def _surface(path: Path, vertices: Columns, faces: np.ndarray, unit: float) -> Surface:
+    """Return the surface in metres."""
+    points = vertices["points"]
+    used = points[np.unique(faces)]
+    if not np.isfinite(used).all():
+        raise FormatError(f"{path}: has faces with corners that are not finite; the file is broken")
+    if (used == used[0]).all():
+        raise FormatError(f"{path}: all its corners lie at one place; the file is broken")
+    known = {name: vertices[name] for name in ("normals", "intensity", "colors") if name in vertices}
+    return Surface(vertices=points * unit, faces=faces, **known)
