@@ -1,0 +1,108 @@
+"""Nouns go to trimesh, pyvista, pandas and Open3D and come back the same, in order, and as copies."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from projects import convert
+from projects.errors import ShapeError
+from projects.model import ComparedSurface, PointCloud, Surface
+
+FAR = np.array([6e5, 5e6, 100.0])
+
+
+@pytest.fixture
+def cloud(rng):
+    n = 50
+    normals = rng.normal(size=(n, 3))
+    return PointCloud(
+        points=rng.normal(size=(n, 3)) + FAR,
+        normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        origins=np.array([6e5, 5e6, 110.0]),
+        sigma=np.where(np.arange(n) % 5 == 0, np.nan, 1e-4),
+        intensity=rng.random(n),
+        colors=rng.integers(0, 256, (n, 3)),
+        n_merged=rng.integers(1, 9, n),
+    )
+
+
+@pytest.fixture
+def surface(rng):
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]) + FAR
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    normals = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Surface(vertices, faces, normals, sigma=np.array([1, 2, np.nan, 4.0]), colors=np.arange(12).reshape(4, 3))
+
+
+def assert_same(got, expected):
+    for field in dataclasses.fields(expected):
+        ours, theirs = getattr(expected, field.name), getattr(got, field.name)
+        assert (ours is None) == (theirs is None), field.name
+        if ours is not None:
+            np.testing.assert_allclose(theirs, np.broadcast_to(ours, np.shape(theirs)), rtol=1e-12, err_msg=field.name)
+
+
+def test_cloud_survives_pandas(cloud):
+    table = convert.cloud_to_pandas(cloud)
+    assert list(table.columns[:6]) == ["x", "y", "z", "nx", "ny", "nz"]
+    assert table["red"].tolist() == cloud.colors[:, 0].tolist()
+    assert_same(convert.cloud_from_pandas(table), cloud)
+
+
+def test_table_without_coordinates_is_refused(cloud):
+    with pytest.raises(ShapeError, match="lacks the columns y"):
+        convert.cloud_from_pandas(convert.cloud_to_pandas(cloud).drop(columns="y"))
+
+
+def test_cloud_survives_pyvista_in_double_precision(cloud):
+    mesh = convert.cloud_to_pyvista(cloud)
+    assert mesh.points.dtype == np.float64
+    assert_same(convert.cloud_from_pyvista(mesh), cloud)
+
+
+def test_surface_survives_trimesh_with_vertices_in_order(surface):
+    assert_same(convert.surface_from_trimesh(convert.surface_to_trimesh(surface)), surface)
+
+
+def test_surface_survives_pyvista(surface):
+    assert_same(convert.surface_from_pyvista(convert.surface_to_pyvista(surface)), surface)
+
+
+def test_changing_the_converted_mesh_does_not_change_the_surface(surface):
+    before = surface.vertices.copy()
+    convert.surface_to_trimesh(surface).vertices += 1.0
+    mesh = convert.surface_to_pyvista(surface)
+    mesh.points += 1.0
+    mesh.point_data["sigma"] += 1.0
+    np.testing.assert_array_equal(surface.vertices, before)
+    assert surface.sigma[0] == 1.0
+
+
+def test_polygons_of_pyvista_become_triangles():
+    import pyvista
+
+    surface = convert.surface_from_pyvista(pyvista.Plane(i_resolution=2, j_resolution=1))
+    assert surface.faces.shape == (4, 3)
+
+
+def test_comparison_keeps_unknown_distances_unknown(surface):
+    n = len(surface.vertices)
+    distances = np.array([0.001, np.nan, -0.002, 0.0])
+    side = ComparedSurface(
+        surface, distances, abs(distances), np.array([2, 0, 2, 1], np.uint8), np.arange(n), np.zeros(n, np.uint8)
+    )
+    table = convert.compared_to_pandas(side)
+    np.testing.assert_array_equal(table["distances"], distances)
+    assert table["assessment"].tolist() == [2, 0, 2, 1]
+    mesh = convert.compared_to_pyvista(side)
+    np.testing.assert_array_equal(mesh.point_data["distances"], distances)
+    assert mesh.n_cells == len(surface.faces)
+
+
+def test_cloud_survives_open3d(cloud):
+    back = convert.cloud_from_open3d(convert.cloud_to_open3d(cloud))
+    np.testing.assert_allclose(back.points, cloud.points)
+    np.testing.assert_allclose(back.normals, cloud.normals)
+    np.testing.assert_array_equal(back.colors, cloud.colors)
