@@ -1,0 +1,104 @@
+"""How the errors of neighbouring vertices hang together: without this a million vertices are a million witnesses.
+
+In: standardized distances of stable vertices. Out: correlation against distance, nugget + sum of sills exp(-h / r),
+the area over which errors agree, and the share of variance that a mean over a patch keeps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
+
+from projects.model import Floats, Ints
+
+N_SAMPLES = 1500  # vertices whose pairs show the correlation at distance
+N_NEAR = 12
+N_BINS = 20
+N_RANGES = 8
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """rho(h) = sum sills exp(-h / ranges) for h > 0; what is missing to 1 is independent from vertex to vertex."""
+
+    sills: Floats
+    ranges: Floats
+
+    def at(self, distance: Floats) -> Floats:
+        """Return the correlation of errors `distance` [m] apart; 1 at zero distance."""
+        rho = np.exp(-distance[..., None] / self.ranges) @ self.sills
+        return np.where(distance > 0.0, rho, 1.0)
+
+    @property
+    def area(self) -> float:
+        """Area [m2] that counts as one witness: the integral of rho over the plane, 2 pi sum sill r^2."""
+        return float(2.0 * np.pi * np.sum(self.sills * self.ranges**2))
+
+    @property
+    def length(self) -> float:
+        """Correlation length [m]: radius of the disc of that area."""
+        return float(np.sqrt(self.area / np.pi))
+
+
+def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.random.Generator) -> Correlation:
+    """Estimate how standardized errors (n,) correlate with their distance in space.
+
+    Errors beyond three robust sigmas are left out, so that a change does not speak for the noise. Ranges go from the
+    spacing of the vertices to a tenth of the surface's diagonal: what agrees beyond that is a motion, not noise.
+    """
+    n = len(points)
+    spacing = float(np.sqrt(np.median(areas))) if n else 1.0
+    longest = max(0.1 * float(np.linalg.norm(np.ptp(points, axis=0))) if n else 0.0, 2.0 * spacing)
+    ranges = np.geomspace(spacing, longest, N_RANGES)
+    if n < 50:
+        return Correlation(np.zeros(N_RANGES), ranges)
+    scale = 1.4826 * float(np.median(np.abs(errors)))
+    usual = np.abs(errors) <= 3.0 * scale
+    points, errors = points[usual], errors[usual] / max(scale, 1e-300)
+    lag, product = _pair_products(points, errors, rng)
+    edges = np.geomspace(0.5 * spacing, 3.0 * longest, N_BINS + 1)
+    where = np.digitize(lag, edges) - 1
+    inside = (where >= 0) & (where < N_BINS)
+    count = np.bincount(where[inside], minlength=N_BINS)
+    used = count >= 30
+    total = np.bincount(where[inside], product[inside], minlength=N_BINS)
+    mean_lag = np.bincount(where[inside], lag[inside], minlength=N_BINS)[used] / count[used]
+    rho = total[used] / count[used] / float(np.mean(errors**2))
+    sills, _ = nnls(np.exp(-mean_lag[:, None] / ranges), rho)
+    return Correlation(sills / max(float(sills.sum()), 1.0), ranges)
+
+
+def _pair_products(points: Floats, errors: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Return the distances and products of pairs: near neighbours of some vertices, and all pairs of these."""
+    some = rng.choice(len(points), min(N_SAMPLES, len(points)), replace=False)
+    near_lag, near = cKDTree(points).query(points[some], k=min(N_NEAR + 1, len(points)))
+    i, j = np.triu_indices(len(some), 1)
+    far_lag = pdist(points[some])
+    near_product = errors[some][:, None] * errors[near[:, 1:]]
+    return (np.concatenate([near_lag[:, 1:].ravel(), far_lag]),
+            np.concatenate([near_product.ravel(), errors[some[i]] * errors[some[j]]]))  # fmt: skip
+
+
+def kept_variance(points: Floats, starts: Ints, correlation: Correlation, n_witnesses: int = 24) -> Floats:
+    """Return for each group of vertices the share (u,) of the variance that its mean keeps, between 0 and 1.
+
+    Group k holds points[starts[k]:starts[k + 1]]; `n_witnesses` of each, at even steps, stand for all.
+    """
+    sizes = np.diff(starts)
+    step = (np.arange(n_witnesses) + 0.5) / n_witnesses
+    index = starts[:-1, None] + np.minimum((sizes[:, None] * step).astype(np.int64), sizes[:, None] - 1)
+    kept = np.empty(len(sizes))
+    for first in range(0, len(sizes), 4096):
+        picked = points[index[first : first + 4096]]
+        lag = np.linalg.norm(picked[:, :, None] - picked[:, None, :], axis=-1)
+        rho = correlation.at(lag)
+        same = index[first : first + 4096, :, None] == index[first : first + 4096, None, :]
+        off = ~same
+        between = (rho * off).sum(axis=(1, 2)) / np.maximum(off.sum(axis=(1, 2)), 1)
+        n = sizes[first : first + 4096]
+        kept[first : first + 4096] = 1.0 / n + (1.0 - 1.0 / n) * between
+    return kept

@@ -1,0 +1,143 @@
+"""Which vertices have changed: false discoveries held over the whole surface, not vertex by vertex.
+
+In: the two measured sides. Out: the noise learned from what is stable, and for each side lod95, the smoothed change
+and whether each vertex is changed. Two passes: the first finds what stands out of the core of all distances; the
+second learns from all the rest, since areas chosen for their small residuals would show too little noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from monitor.comparison.level_of_detection import Z95, level_of_detection
+from monitor.comparison.noise import Masks, Noise, learn_noise
+from monitor.comparison.side import Side
+from monitor.comparison.smoothing import smooth_distances
+from monitor.comparison.units import (
+    UnitErrors,
+    Units,
+    benjamini_hochberg,
+    calibrate_units,
+    cut_units,
+    summarize_units,
+    unit_size,
+)
+from projects.model import Bools, Floats, Ints, Registration
+
+CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
+
+
+@dataclass(frozen=True)
+class Tested:
+    """The units of both sides, which of them are significant, and by what measure."""
+
+    units: tuple[Units, Units]
+    is_significant: tuple[Bools, Bools]
+    size: float
+    errors: UnitErrors
+    n_tested: int
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One side's answer: `lod95` and `smooth` [m], `smooth_lod95` [m] of the smoothed change, `is_changed`,
+    and `variance` [m2] of the change without the registration's part."""
+
+    lod95: Floats
+    smooth: Floats
+    smooth_lod95: Floats
+    is_changed: Bools
+    variance: Floats
+
+
+@dataclass(frozen=True)
+class Detected:
+    """The answer for both sides (reference, compared), the noise, and the test that it rests on."""
+
+    sides: tuple[Detection, Detection]
+    noise: Noise
+    test: Tested
+
+
+def detect(sides: tuple[Side, Side], registration: Registration, level: float, seed: int) -> Detected:
+    """Decide for both sides which vertices have changed, with a false discovery rate of `level` over the surface."""
+    rng = np.random.default_rng(seed)
+    calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
+    noise = learn_noise(sides, calm, CORE_SHARE, rng)
+    test = judge_units(sides, calm, noise, registration, level, with_tail=False)
+    rest = (away_from(sides[0], test, 0), away_from(sides[1], test, 1))
+    if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
+        calm, noise = rest, learn_noise(sides, rest, 0.95, rng)
+        test = judge_units(sides, calm, noise, registration, level, with_tail=True)
+    found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(sides))
+    return Detected((found[0], found[1]), noise, test)
+
+
+def stable_or_all(side: Side) -> Bools:
+    """Return the assessed vertices that the registration holds stable; all assessed ones where it holds none."""
+    stable = side.is_stable & side.is_assessed
+    return stable if stable.any() else side.is_assessed
+
+
+def judge_units(sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration, level: float, *,
+               with_tail: bool) -> Tested:  # fmt: skip
+    """Cut both sides into units and test all of them at once."""
+    areas = np.concatenate([s.areas[s.is_assessed] for s in sides])
+    size = unit_size(noise.correlation, areas)
+    units = tuple(summarize_units(s, cut_units(s, size), noise, registration, c)
+                  for s, c in zip(sides, calm, strict=True))  # fmt: skip
+    z = np.concatenate([u.mean / u.sigma for u in units])
+    is_tested = np.concatenate([u.is_whole for u in units])
+    is_stable = np.concatenate([u.is_stable for u in units])
+    errors = calibrate_units(z[is_tested & is_stable], with_tail)
+    is_significant = np.zeros(len(z), dtype=np.bool_)
+    is_significant[is_tested] = benjamini_hochberg(errors.p_values(z[is_tested]), level)
+    n_first = len(units[0].mean)
+    split = is_significant[:n_first], is_significant[n_first:]
+    return Tested((units[0], units[1]), split, size, errors, int(is_tested.sum()))
+
+
+def away_from(side: Side, test: Tested, which: int) -> Bools:
+    """Return which assessed vertices lie neither in a significant unit nor in one that touches it."""
+    number, hit = test.units[which].number, test.is_significant[which]
+    pairs = number[side.edges]
+    pairs = pairs[(pairs >= 0).all(axis=1)]
+    touched = np.append(hit, False)  # unit -1, not assessable, is the last
+    touched[pairs[hit[pairs[:, 0]], 1]] = True
+    touched[pairs[hit[pairs[:, 1]], 0]] = True
+    return side.is_assessed & ~touched[number]
+
+
+def mark_changed(side: Side, test: Tested, which: int, noise: Noise, calm: Bools) -> Detection:
+    """Return which vertices are changed: connected to a significant unit, of its sign, and beyond a level themselves.
+
+    Beyond a level is a vertex whose own change exceeds its lod95, or whose smoothed change exceeds what that of calm
+    vertices does in 5 %.
+    """
+    lod95 = level_of_detection(side.sigma_surfaces, side.sigma_motion, noise.floor_of(side))
+    smooth = smooth_distances(side, 0.5 * noise.correlation.length)
+    ratio = np.abs(smooth[calm]) / lod95[calm]
+    kept = min(float(np.quantile(ratio, 0.95)), 1.0) if len(ratio) else 1.0
+    smooth_lod95 = np.maximum(kept * lod95, Z95 * side.sigma_motion)
+    sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int64)
+    own = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
+    beyond = side.is_assessed & (own | (np.abs(smooth) > smooth_lod95))
+    units, hit = test.units[which], test.is_significant[which]
+    seeds = np.append(np.where(hit, np.sign(units.mean), 2), 2)[units.number] == sign
+    is_changed = _grow(seeds & beyond, beyond, sign, side.edges)
+    return Detection(lod95, smooth, smooth_lod95, is_changed, noise.variance_of(side))
+
+
+def _grow(seeds: Bools, beyond: Bools, sign: Ints, edges: Ints) -> Bools:
+    """Return the vertices of `beyond` that hang together with a seed of their sign."""
+    n = len(seeds)
+    same = beyond[edges].all(axis=1) & (sign[edges[:, 0]] == sign[edges[:, 1]])
+    graph = coo_matrix((np.ones(int(same.sum()), dtype=np.int8), edges[same].T), shape=(n, n))
+    _, part = connected_components(graph, directed=False)
+    has_seed = np.zeros(n, dtype=np.bool_)
+    has_seed[part[seeds]] = True
+    return beyond & has_seed[part]

@@ -1,0 +1,96 @@
+"""Perpendicular distances of a surface's vertices to another surface (design step 12, `papers/002`).
+
+In: two surfaces in one frame. Out: for each vertex the signed distance, its foot on the other surface and, where it
+has none, the reason. Sign: positive on the outer side of the *other* surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.comparison.feet import FOOT, NO_FOOT, ON_BORDER, find_feet
+from monitor.comparison.mesh_tree import MeshTree, angle_weighted_normals, build_tree, morton_codes
+from projects.model import Bools, Floats, Ints, NotAssessed, Surface
+
+
+@dataclass(frozen=True)
+class Feet:
+    """Where the perpendiculars of a surface's vertices meet another surface.
+
+    `distances` (n,) [m] are positive on the other surface's outer side, NaN without a foot; `faces` (n,) is the
+    face of the other surface, -1 without; `weights` (n, 3) are those of its corners; `reasons` are `NotAssessed`.
+    """
+
+    distances: Floats
+    faces: Ints
+    weights: Floats
+    reasons: Ints
+
+
+def search_limit(reference: Surface, compared: Surface, share: float) -> float:
+    """Return the largest distance looked at [m]: a share of the smaller surface's diagonal."""
+    return share * min(float(np.linalg.norm(np.ptp(s.vertices, axis=0))) for s in (reference, compared))
+
+
+def unit_normals(surface: Surface) -> Floats:
+    """Return outward unit normals (n, 3): those of the surface, angle-weighted from its faces where it has none."""
+    from_faces = angle_weighted_normals(surface.vertices - surface.vertices.mean(axis=0), surface.faces)
+    if surface.normals is None:
+        return from_faces
+    length = np.linalg.norm(surface.normals, axis=1, keepdims=True)
+    known = np.isfinite(length) & (length > 0.5)
+    return np.where(known, surface.normals / np.where(known, length, 1.0), from_faces)
+
+
+def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: float = np.pi / 3) -> Feet:
+    """Measure each vertex of a surface against the other surface along the other's normal.
+
+    The foot is on the nearest of the faces that look the same way (normals within `max_angle` [rad]) and over whose
+    interior, edge or vertex star the vertex stands, within `limit` [m].
+
+    Returns
+    -------
+    Feet
+        Positive where the vertex lies on the outer side of `other`.
+
+    References
+    ----------
+    `papers/002`; signs: Baerentzen and Aanaes (2005), Signed distance computation using the angle weighted
+    pseudonormal, IEEE TVCG 11(3).
+    """
+    shift = 0.5 * (other.vertices.min(axis=0) + other.vertices.max(axis=0))
+    return distances_to_tree(surface, build_tree(other, shift, max_angle), other, limit, max_angle)
+
+
+def distances_to_tree(surface: Surface, tree: MeshTree, other: Surface, limit: float, max_angle: float) -> Feet:
+    """Measure each vertex against a surface whose tree is made; see `normal_distances`."""
+    points = np.ascontiguousarray(surface.vertices - tree.shift)
+    normals = np.ascontiguousarray(unit_normals(surface))
+    order = np.argsort(morton_codes(points), kind="stable")
+    face, weights, distances, outcome = find_feet(tree, points, normals, order, (limit, np.cos(max_angle)))
+    reasons = np.full(len(points), NotAssessed.SHEET_BETWEEN, dtype=np.uint8)
+    reasons[outcome == FOOT] = NotAssessed.ASSESSED
+    reasons[outcome == ON_BORDER] = NotAssessed.FREE_EDGE
+    reasons[outcome == NO_FOOT] = NotAssessed.NO_FACE
+    weights = np.column_stack((1.0 - weights.sum(axis=1), weights))
+    faces = np.where(face >= 0, tree.order[face], -1)
+    reasons[(reasons == NotAssessed.ASSESSED) & _is_invented(other, faces)] = NotAssessed.NOT_SEEN
+    return Feet(distances, faces, weights, reasons)
+
+
+def interpolate_at_feet(values: Floats, other: Surface, feet: Feet) -> Floats:
+    """Return a vertex quantity (n_other, ...) of the other surface at the feet; NaN without a foot."""
+    has_foot = feet.faces >= 0
+    out = np.full((len(feet.faces), *values.shape[1:]), np.nan)
+    corners = values[other.faces[feet.faces[has_foot]]]
+    out[has_foot] = np.einsum("ij,ij...->i...", feet.weights[has_foot], corners)
+    return out
+
+
+def _is_invented(other: Surface, faces: Ints) -> Bools:
+    """Whether the foot lies on a face that closes a hole where nothing was measured."""
+    if other.face_invented is None:
+        return np.zeros(len(faces), dtype=np.bool_)
+    return (faces >= 0) & other.face_invented[faces]

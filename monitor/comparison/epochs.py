@@ -1,0 +1,163 @@
+"""The comparison of two epochs, from two surfaces to regions: the table of contents of detection.
+
+Registration (design step 11), distances both ways and level of detection (12), states and regions (13).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.comparison.detection import Detection, detect
+from monitor.comparison.distances import search_limit
+from monitor.comparison.mesh_tree import build_tree
+from monitor.comparison.regions import find_regions
+from monitor.comparison.side import Side, measure_side, move_surface
+from monitor.comparison.summary import summarize
+from monitor.declare import check_settings, setting
+from projects.errors import ComparisonError, ParameterError, RegistrationError
+from projects.model import (
+    Assessment,
+    ComparedSurface,
+    Comparison,
+    Ints,
+    NotAssessed,
+    Registration,
+    Surface,
+)
+
+MODES = ("relative", "absolute")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareSettings:
+    """Comparison of two surfaces in one frame."""
+
+    search_limit: float | None = setting(
+        None, unit="m", low=0.0, meaning="largest change looked for; a twentieth of the smaller surface's diagonal"
+    )
+    max_normal_angle: float = setting(
+        math.radians(60.0),
+        unit="rad",
+        low=0.01,
+        high=math.radians(89.0),
+        meaning="faces whose normal differs more from the vertex's do not look the same way",
+    )
+    false_discovery_rate: float = setting(
+        0.05, unit="", low=1e-9, high=0.5, meaning="expected share of false ones among the patches called changed"
+    )
+    largest_lod95: float | None = setting(
+        None, unit="m", low=0.0, meaning="a vertex with a larger level of detection is not assessable; the search limit"
+    )
+    seed: int = setting(0, unit="", low=0, meaning="of the sample of vertices that shows how errors correlate")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+def compare(reference: Surface, compared: Surface, registration: Registration | None = None,
+            settings: CompareSettings | None = None, mode: str = "relative", tolerance: float | None = None,
+            ) -> Comparison:  # fmt: skip
+    """Compare two epochs of an object and say what has changed, how much and how sure.
+
+    Parameters
+    ----------
+    reference, compared : the earlier and the later surface, m, each with `sigma` where it is known.
+    registration : of the compared surface onto the reference; estimated where left out.
+    mode : "relative" removes the motion between the epochs, "absolute" leaves it in the differences (its uncertainty
+        counts in both).
+    tolerance : m, a client's own limit, reported beside the level of detection.
+
+    Returns
+    -------
+    Comparison
+        In the reference epoch's coordinates; positive distances = material gained, on both surfaces. A vertex is
+        changed only where the change of its patch is significant with false discoveries held over both surfaces.
+
+    Raises
+    ------
+    ComparisonError
+        Where the epochs do not overlap.
+    RegistrationError
+        Where the registration did not converge.
+    """
+    settings = CompareSettings() if settings is None else settings
+    if mode not in MODES:
+        raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")
+    limit = settings.search_limit or search_limit(reference, compared, 0.05)
+    require_near(reference, compared, limit if registration is None else np.inf)
+    registration = register_epochs(reference, compared) if registration is None else registration
+    if not registration.converged:
+        raise RegistrationError(f"the epochs could not be registered: {registration.reason}")
+    moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
+    sides = measure_sides(reference, moved, registration, (limit, settings.max_normal_angle))
+    sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
+             drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
+    if not any(s.is_assessed.any() for s in sides):
+        raise ComparisonError(
+            f"no vertex of either epoch has a counterpart within {limit:.4g} m that looks the same way; "
+            "the epochs do not overlap: check their poses and units"
+        )
+    found = detect(sides, registration, settings.false_discovery_rate, settings.seed)
+    regions, numbers = find_regions(sides, found, registration)
+    on_reference, on_compared = (finish_side(s, f, r) for s, f, r in zip(sides, found.sides, numbers, strict=True))
+    statistics = {**summarize(on_compared, sides[1].areas, found, registration, tolerance), "search_limit_m": limit}
+    return Comparison(on_compared, on_reference, regions, registration, mode, statistics)
+
+
+def require_near(reference: Surface, compared: Surface, limit: float) -> None:
+    """Raise `ComparisonError` where the surfaces are empty or their boxes lie farther apart than they are large."""
+    for surface, name in ((reference, "reference"), (compared, "compared")):
+        if not len(surface.faces):
+            raise ComparisonError(f"the {name} surface has no faces; give a mesh of what was measured")
+    low = np.maximum(reference.vertices.min(axis=0), compared.vertices.min(axis=0))
+    high = np.minimum(reference.vertices.max(axis=0), compared.vertices.max(axis=0))
+    gap = float(np.linalg.norm(np.maximum(low - high, 0.0)))
+    if gap > limit:
+        raise ComparisonError(f"the epochs do not overlap: they lie {gap:.4g} m apart; check their poses and units")
+
+
+def register_epochs(reference: Surface, compared: Surface) -> Registration:
+    """Return the registration of the compared epoch onto the reference."""
+    from monitor.registration import register
+
+    return register(compared, reference)
+
+
+def measure_sides(reference: Surface, moved: Surface, registration: Registration, limits: tuple[float, float],
+                  ) -> tuple[Side, Side]:  # fmt: skip
+    """Return the sides (reference, compared), measured against each other, with what the registration held stable."""
+    shift = 0.5 * (reference.vertices.min(axis=0) + reference.vertices.max(axis=0))
+    tree_compared = build_tree(moved, shift, limits[1])
+    on_reference = measure_side(reference, moved, tree_compared, -1.0, limits, registration)
+    del tree_compared
+    on_compared = measure_side(moved, reference, build_tree(reference, shift, limits[1]), 1.0, limits, registration)
+    if registration.is_stable is None or len(registration.is_stable) != len(moved.vertices):
+        return on_reference, on_compared
+    corner = on_reference.feet.weights.argmax(axis=1)
+    foot = moved.faces[np.maximum(on_reference.feet.faces, 0), corner]
+    seen = on_reference.is_assessed & registration.is_stable[foot]
+    return (dataclasses.replace(on_reference, is_stable=seen),
+            dataclasses.replace(on_compared, is_stable=registration.is_stable))  # fmt: skip
+
+
+def drop_uncertain(side: Side, largest: float) -> Side:
+    """Return the side without the vertices whose level of detection exceeds `largest` [m] before any floor."""
+    sigma = np.hypot(side.sigma_surfaces, side.sigma_motion)
+    too_uncertain = side.is_assessed & ~(1.96 * sigma <= largest)
+    reasons = np.where(too_uncertain, NotAssessed.TOO_UNCERTAIN, side.reasons).astype(np.uint8)
+    return dataclasses.replace(side, reasons=reasons, distances=np.where(too_uncertain, np.nan, side.distances))
+
+
+def finish_side(side: Side, found: Detection, region: Ints) -> ComparedSurface:
+    """Return one side as the result holds it: changed is what belongs to a region."""
+    state = np.full(len(region), Assessment.NOT_ASSESSABLE, dtype=np.uint8)
+    state[side.is_assessed] = Assessment.UNCHANGED
+    state[region > 0] = Assessment.CHANGED
+    lod95 = np.where(side.is_assessed, found.lod95, np.nan)
+    return ComparedSurface(
+        side.surface, side.distances, lod95, state, region.astype(np.int32), side.reasons.astype(np.uint8)
+    )

@@ -1,0 +1,145 @@
+"""The figures of one change region: area, volume, extreme, mean, each with a sigma that knows of correlation.
+
+Volume and mean are those of both surfaces' view: seen from the reference a curved gain looks too small, from the
+compared surface too large, and the mean of the two is the volume between them to second order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from monitor.comparison.correlation import Correlation, kept_variance
+from monitor.comparison.detection import Detected, Detection
+from monitor.comparison.level_of_detection import Z95
+from monitor.comparison.side import Side
+from monitor.comparison.units import motion_variance
+from projects.model import Floats, Ints, Registration
+
+Pair = tuple[Side, Side]
+N_WITNESSES = 200  # vertices that stand for a region where correlation is summed up
+UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
+WIDE = 20.0  # a layer: as wide as this many times its thickness
+
+
+def spread_margin(side: Side, region: Ints, width: float) -> Ints:
+    """Return the region whose margin of `width` [m] along the surface each vertex lies in (n,), 0 for none.
+
+    The flanks of a change lie below the level of detection and still hold volume; the margin takes them in whatever
+    they measure, so it adds no bias.
+    """
+    inside = np.flatnonzero(region > 0)
+    if not len(inside):
+        return np.zeros(len(region), dtype=region.dtype)
+    edges = side.edges
+    length = np.linalg.norm(side.surface.vertices[edges[:, 0]] - side.surface.vertices[edges[:, 1]], axis=1)
+    graph = coo_matrix((np.maximum(length, 1e-300), edges.T), shape=(len(region), len(region))).tocsr()
+    _, _, source = dijkstra(graph, directed=False, indices=inside, limit=width, min_only=True,
+                            return_predecessors=True)  # fmt: skip
+    out = np.where(source >= 0, region[np.maximum(source, 0)], 0)
+    return np.where(side.is_assessed, out, 0).astype(region.dtype)
+
+
+def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints],
+                    margins: tuple[Ints, Ints], registration: Registration) -> list[Any]:  # fmt: skip
+    """Return the row of one region in the order of `REGION_COLUMNS`."""
+    views = [view_region(sides[k], found, k, np.flatnonzero(regions[k] == number),
+                         np.flatnonzero(margins[k] == number), registration)
+             for k in range(2) if (regions[k] == number).any()]  # fmt: skip
+    area, sigma_area = combine([v.area for v in views], [v.sigma_area for v in views])
+    volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
+    mean, sigma_mean = combine([v.mean for v in views], [v.sigma_mean for v in views])
+    extreme, sigma_extreme = max((v.extreme for v in views), key=lambda e: abs(e[0]))
+    centroid = np.mean([v.centroid for v in views], axis=0)
+    kind = name_kind(mean, sigma_mean, float(np.mean([v.unevenness for v in views])), area)
+    return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid]
+
+
+def combine(values: list[float], sigmas: list[float]) -> tuple[float, float]:
+    """Return the mean of what both sides say, and its sigma: theirs (the same errors) and half their disagreement."""
+    return float(np.mean(values)), float(np.hypot(np.mean(sigmas), 0.5 * np.ptp(values)))
+
+
+def name_kind(mean: float, sigma_mean: float, spread: float, area: float) -> str:
+    """Return lost, added, cleaned (thin, uniform, wide loss), coated (such a gain), or unclear within its sigma."""
+    if abs(mean) < Z95 * sigma_mean:
+        return "unclear"
+    is_layer = spread < UNIFORM * abs(mean) and np.sqrt(area) > WIDE * abs(mean)
+    return ("cleaned" if is_layer else "lost") if mean < 0 else ("coated" if is_layer else "added")
+
+
+@dataclass(frozen=True)
+class RegionView:
+    """A region as one side sees it; metres, m2, m3; `unevenness` [m] is how the change varies beyond noise."""
+
+    area: float
+    sigma_area: float
+    volume: float
+    sigma_volume: float
+    mean: float
+    sigma_mean: float
+    extreme: tuple[float, float]
+    centroid: Floats
+    unevenness: float
+
+
+def view_region(side: Side, found: Detected, which: int, vertices: Ints, margin: Ints,
+                registration: Registration) -> RegionView:  # fmt: skip
+    """Return the figures of a region from its vertices on one side, the volume from its margin too."""
+    here, correlation = found.sides[which], found.noise.correlation
+    weight, change = side.areas[vertices], side.distances[vertices]
+    mean = float(np.average(change, weights=weight))
+    noise2 = float(np.average(here.variance[vertices], weights=weight))
+    spread2 = float(np.average((change - mean) ** 2, weights=weight))
+    return RegionView(
+        area=float(weight.sum()),
+        sigma_area=sigma_of_area(side, here, vertices, margin, correlation),
+        volume=float(side.areas[margin] @ side.distances[margin]),
+        sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, which, margin, registration),
+        mean=mean,
+        sigma_mean=sigma_of_mean(side, found, which, vertices, registration),
+        extreme=find_extreme(side, here, vertices, correlation),
+        centroid=np.average(side.surface.vertices[vertices], axis=0, weights=weight),
+        unevenness=float(np.sqrt(max(spread2 - noise2, 0.0))),
+    )
+
+
+def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, registration: Registration) -> float:
+    """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, and the motion's."""
+    weight = side.areas[vertices] / side.areas[vertices].sum()
+    within2 = float(weight @ found.sides[which].variance[vertices]) * found.test.errors.scale**2
+    starts, group = np.array([0, len(vertices)]), np.zeros(len(vertices), dtype=np.int64)
+    kept = kept_variance(side.surface.vertices[vertices], starts, found.noise.correlation, N_WITNESSES)
+    motion2 = motion_variance(side, vertices, group, weight, registration, 1)
+    return float(np.sqrt(within2 * kept[0] + motion2[0]))
+
+
+def find_extreme(side: Side, found: Detection, vertices: Ints, correlation: Correlation) -> tuple[float, float]:
+    """Return the largest change [m] and its sigma: the median around the place where the smoothed change is largest.
+
+    The neighbourhood is half a correlation length, at least the seven nearest vertices: no single vertex decides.
+    """
+    points = side.surface.vertices[vertices]
+    peak = int(np.argmax(np.abs(found.smooth[vertices])))
+    distance = np.linalg.norm(points - points[peak], axis=1)
+    nearest = np.sort(distance)[min(6, len(distance) - 1)]
+    around = vertices[distance <= max(0.5 * correlation.length, nearest)]
+    return float(np.median(side.distances[around])), float(np.median(found.lod95[around])) / Z95
+
+
+def sigma_of_area(side: Side, found: Detection, vertices: Ints, margin: Ints, correlation: Correlation) -> float:
+    """Return one sigma [m2] of the area: how far the border moves when the change there is a sigma more or less.
+
+    Errors along the border agree over a correlation length only, so the whole border moves less than a part of it.
+    """
+    size, level, weight = np.abs(found.smooth[margin]), found.smooth_lod95[margin], side.areas[margin]
+    low = float(weight[size > level * (1.0 + 1.0 / Z95)].sum())
+    high = float(weight[size > level * (1.0 - 1.0 / Z95)].sum())
+    perimeter = 2.0 * np.sqrt(np.pi * float(side.areas[vertices].sum()))
+    share = min(np.sqrt(2.0 * correlation.length / perimeter), 1.0)
+    step = np.sqrt(perimeter * float(np.median(side.areas[vertices])) ** 1.5)  # a vertex in or out along the border
+    return float(np.hypot(0.5 * (high - low) * share, step))

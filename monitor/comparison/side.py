@@ -1,0 +1,96 @@
+"""One side of a comparison while it is worked on: a surface, its change at each vertex, and what limits it.
+
+Everything is in the reference epoch's coordinates; distances are positive where material was gained, on both sides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor.comparison.distances import Feet, distances_to_tree, interpolate_at_feet, unit_normals
+from monitor.comparison.mesh_tree import MeshTree
+from monitor.registration.covariance import propagate
+from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
+from projects.transforms import apply, rotate
+
+
+@dataclass(frozen=True)
+class Side:
+    """A surface and its change; arrays over its n vertices.
+
+    `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `edges` (e, 2) are those of the surface,
+    each once; `areas` [m2] are a third of the faces around;
+    `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_motion` [m] that of the registration.
+    """
+
+    surface: Surface
+    other: Surface
+    feet: Feet
+    normals: Floats
+    edges: Ints
+    areas: Floats
+    distances: Floats
+    sigma_surfaces: Floats
+    sigma_motion: Floats
+    is_stable: Bools
+    reasons: Ints
+
+    @property
+    def is_assessed(self) -> Bools:
+        """Where the change could be measured."""
+        return self.reasons == NotAssessed.ASSESSED
+
+
+def move_surface(surface: Surface, T_target_source: Floats) -> Surface:
+    """Return the surface in the target's coordinates."""
+    normals = None if surface.normals is None else rotate(T_target_source, surface.normals)
+    return replace(surface, vertices=apply(T_target_source, surface.vertices), normals=normals)
+
+
+def measure_side(surface: Surface, other: Surface, tree: MeshTree, sign: float, limits: tuple[float, float],
+                 registration: Registration) -> Side:  # fmt: skip
+    """Measure one side against the tree of the other; `sign` is +1 on the compared side, -1 on the reference's.
+
+    A stated sigma that is NaN makes the vertex too uncertain; a surface that states none at all leaves its noise to
+    the floor that the stable areas show.
+    """
+    feet = distances_to_tree(surface, tree, other, *limits)
+    normals = unit_normals(surface)
+    own = np.zeros(len(normals)) if surface.sigma is None else surface.sigma
+    foot = np.zeros(len(normals)) if other.sigma is None else interpolate_at_feet(other.sigma, other, feet)
+    sigma = np.hypot(own, foot)
+    reasons = feet.reasons.copy()
+    reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
+    reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
+    distances = np.where(reasons == NotAssessed.ASSESSED, sign * feet.distances, np.nan)
+    motion = propagate(registration.covariance, registration.centre, surface.vertices, normals)
+    is_stable = np.zeros(len(normals), dtype=np.bool_)
+    edges, areas = mesh_edges(surface), vertex_areas(surface)
+    return Side(surface, other, feet, normals, edges, areas, distances, sigma, motion, is_stable, reasons)
+
+
+def vertex_areas(surface: Surface) -> Floats:
+    """Return the area each vertex stands for (n,) [m2]: a third of the faces around it."""
+    corners = surface.vertices[surface.faces]
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    total = np.bincount(surface.faces.ravel(), np.repeat(area / 3.0, 3), minlength=len(surface.vertices))
+    return np.asarray(total, dtype=np.float64)
+
+
+def mesh_edges(surface: Surface) -> Ints:
+    """Return the edges (e, 2) of a surface, each once."""
+    pairs = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
+    key = np.unique(pairs.min(axis=1).astype(np.int64) * len(surface.vertices) + pairs.max(axis=1))
+    return np.column_stack(np.divmod(key, len(surface.vertices)))
+
+
+def _rests_on_nothing(surface: Surface) -> Bools:
+    """Whether all faces around a vertex close a hole where nothing was measured."""
+    n = len(surface.vertices)
+    if surface.face_invented is None:
+        return np.zeros(n, dtype=np.bool_)
+    measured = np.zeros(n, dtype=np.bool_)
+    measured[surface.faces[~surface.face_invented]] = True
+    return ~measured

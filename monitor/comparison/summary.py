@@ -1,0 +1,60 @@
+"""The figures of a comparison as a whole: how well the epochs agree where they should, and what was not seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from monitor.comparison.detection import Detected
+from monitor.registration.significance import motion_significance
+from projects.model import Assessment, ComparedSurface, NotAssessed, Registration
+
+
+def summarize(on_compared: ComparedSurface, areas: np.ndarray, found: Detected, registration: Registration,
+              tolerance: float | None) -> dict[str, Any]:  # fmt: skip
+    """Return the statistics of `Comparison`, over the vertices of the compared surface; lengths in metres.
+
+    Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones.
+    """
+    state = on_compared.assessment
+    assessed = state != Assessment.NOT_ASSESSABLE
+    calm = on_compared.distances[state == Assessment.UNCHANGED]
+    d, lod = on_compared.distances[assessed], on_compared.lod95[assessed]
+    motion = motion_significance(registration)
+    figures = {
+        "stable_share": float(registration.stable_share),
+        "bias_m": _or_nan(np.mean, calm),
+        "nmad_m": _or_nan(lambda v: 1.4826 * np.median(np.abs(v - np.median(v))), calm),
+        "rmse_m": _or_nan(lambda v: np.sqrt(np.mean(v**2)), calm),
+        "lod95_median_m": _or_nan(np.median, lod),
+        "n_vertices": len(state),
+        "n_not_assessable": int((~assessed).sum()),
+        "n_unchanged": int((state == Assessment.UNCHANGED).sum()),
+        "n_changed": int((state == Assessment.CHANGED).sum()),
+        "share_above_lod95": _or_nan(np.mean, (np.abs(d) > lod).astype(float)),
+        "motion_significance": float(1.0 - motion.probability_unmoved),
+        "motion_displacement_m": motion.displacement,
+        "motion_angle_rad": motion.angle,
+        "motion_is_significant": bool(motion.is_significant),
+        "assessed_area_share": float(areas[assessed].sum() / max(areas.sum(), 1e-300)),
+        "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
+        "not_assessed": {r.name.lower(): int((on_compared.reasons == r).sum()) for r in NotAssessed if r},
+        "floor_m": float(found.noise.floors.max()),
+        "floors_m": [float(f) for f in found.noise.floors],
+        "correlation_length_m": found.noise.correlation.length,
+        "unit_size_m": found.test.size,
+        "n_units": found.test.n_tested,
+        "n_significant_units": sum(int(s.sum()) for s in found.test.is_significant),
+        "unit_error_scale": found.test.errors.scale,
+        "unit_error_dof": found.test.errors.dof,
+    }
+    if tolerance is not None:
+        figures["tolerance_m"] = float(tolerance)
+        figures["share_beyond_tolerance"] = _or_nan(np.mean, (np.abs(d) > tolerance).astype(float))
+    return figures
+
+
+def _or_nan(figure: Any, values: np.ndarray) -> float:
+    """Return the figure of the values, NaN where there are none."""
+    return float(figure(values)) if len(values) else float("nan")

@@ -1,0 +1,154 @@
+"""Two epochs in, what changed out: simulated pairs with known truth."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from monitor.comparison import CompareSettings, compare
+from projects.errors import ComparisonError, ParameterError, RegistrationError
+from projects.model import Assessment, Floats, Registration, Surface
+
+NOISE = 1e-4
+
+
+def make_sheet(rng: np.random.Generator, n: int = 120, step: float = 1e-3, change: Floats | None = None) -> Surface:
+    """Return a bumpy sheet of n x n vertices with correlated and white noise, `change` (n, n) added upwards."""
+    from scipy.ndimage import gaussian_filter
+
+    x, y = np.meshgrid(np.arange(n) * step, np.arange(n) * step, indexing="ij")
+    z = 5e-3 * np.sin(x / 0.02) * np.cos(y / 0.03)
+    smooth = gaussian_filter(rng.normal(size=(n, n)), 2.0)
+    z = z + NOISE * (0.8 * smooth / smooth.std() + 0.6 * rng.normal(size=(n, n)))
+    if change is not None:
+        z = z + change
+    i, j = np.meshgrid(np.arange(n - 1), np.arange(n - 1), indexing="ij")
+    a = (i * n + j).ravel()
+    faces = np.vstack([np.column_stack([a, a + n, a + n + 1]), np.column_stack([a, a + n + 1, a + 1])])
+    vertices = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    return Surface(vertices, faces, sigma=np.full(n * n, NOISE))
+
+
+def known_motion(surface: Surface) -> Registration:
+    """Return an identity registration known to a hundredth of the noise."""
+    covariance = np.diag([1e-6 / 0.05] * 3 + [1e-6] * 3) ** 2
+    is_stable = np.ones(len(surface.vertices), dtype=bool)
+    return Registration(np.eye(4), covariance, surface.vertices.mean(axis=0), True, stable_share=1.0,
+                        is_stable=is_stable)  # fmt: skip
+
+
+def bowl(n: int, step: float, depth: float, radius: float) -> Floats:
+    """Return a cosine bowl in the middle of the sheet, downwards."""
+    x, y = np.meshgrid(np.arange(n) * step, np.arange(n) * step, indexing="ij")
+    r = np.hypot(x - x.mean(), y - y.mean())
+    return np.where(r < radius, -0.5 * depth * (1.0 + np.cos(np.pi * r / radius)), 0.0)
+
+
+def test_unchanged_pairs_rarely_show_a_region_and_exceed_lod95_at_five_percent(rng: np.random.Generator) -> None:
+    n_with_region, shares = 0, []
+    for _ in range(20):
+        reference, compared = make_sheet(rng, 80), make_sheet(rng, 80)
+        result = compare(reference, compared, known_motion(compared))
+        n_with_region += len(result.regions) > 0
+        shares.append(result.statistics["share_above_lod95"])
+    assert n_with_region <= 3  # 5 % of 20 pairs: more than 3 has a chance of 1.6 %
+    assert np.mean(shares) == pytest.approx(0.05, abs=0.01)
+
+
+@pytest.mark.parametrize(("sign", "kind"), [(1.0, "lost"), (-1.0, "added")])
+def test_a_bowl_is_found_with_its_sign_place_and_volume(rng: np.random.Generator, sign: float, kind: str) -> None:
+    change = sign * bowl(120, 1e-3, 2e-3, 0.02)
+    reference, compared = make_sheet(rng), make_sheet(rng, change=change)
+    result = compare(reference, compared, known_motion(compared))
+    assert len(result.regions) == 1
+    region = result.regions.iloc[0]
+    truth = float(change.sum()) * 1e-6
+    assert region.kind == kind
+    assert region.volume_m3 == pytest.approx(truth, rel=0.05)
+    assert abs(region.volume_m3 - truth) < 3.0 * region.sigma_volume_m3
+    assert region.extreme_m == pytest.approx(-sign * 2e-3, abs=2e-4)
+    assert 0.6 * np.pi * 0.02**2 < region.area_m2 < 1.1 * np.pi * 0.02**2
+    assert np.hypot(region.x - 0.0595, region.y - 0.0595) < 1e-3
+    changed = result.on_compared.assessment == Assessment.CHANGED
+    assert np.all(np.sign(result.on_compared.distances[changed & (np.abs(change.ravel()) > 1e-3)]) == -sign)
+
+
+def test_both_sides_agree_in_sign_and_swapping_the_epochs_flips_it(rng: np.random.Generator) -> None:
+    reference, compared = make_sheet(rng), make_sheet(rng, change=bowl(120, 1e-3, 2e-3, 0.02))
+    there = compare(reference, compared, known_motion(compared))
+    back = compare(compared, reference, known_motion(reference))
+    middle = 60 * 120 + 60
+    assert there.on_compared.distances[middle] == pytest.approx(-2e-3, abs=4e-4)
+    assert there.on_reference.distances[middle] == pytest.approx(-2e-3, abs=4e-4)
+    np.testing.assert_allclose(back.on_reference.distances, -there.on_compared.distances, atol=1e-12)
+
+
+def test_states_and_numbers_are_nan_and_zero_where_nothing_can_be_said(rng: np.random.Generator) -> None:
+    reference, compared = make_sheet(rng), make_sheet(rng)
+    half = dataclasses.replace(reference, faces=reference.faces[reference.faces.max(axis=1) < 60 * 120])
+    result = compare(half, compared, known_motion(compared))
+    unseen = result.on_compared.assessment == Assessment.NOT_ASSESSABLE
+    beyond = compared.vertices[:, 0] > 0.062
+    assert unseen[beyond].all()
+    assert not unseen[compared.vertices[:, 0] < 0.056].mean() > 0.03  # the sheet's own rim
+    np.testing.assert_array_equal(np.isnan(result.on_compared.distances), unseen)
+    np.testing.assert_array_equal(np.isnan(result.on_compared.lod95), unseen)
+    np.testing.assert_array_equal(result.on_compared.reasons == 0, ~unseen)
+
+
+def test_unknown_sigma_is_not_assessable(rng: np.random.Generator) -> None:
+    reference, compared = make_sheet(rng), make_sheet(rng)
+    sigma = compared.sigma.copy()
+    sigma[:50] = np.nan
+    result = compare(reference, dataclasses.replace(compared, sigma=sigma), known_motion(compared))
+    assert (result.on_compared.assessment[:50] == Assessment.NOT_ASSESSABLE).all()
+    assert np.isnan(result.on_compared.lod95[:50]).all()
+
+
+def test_relative_mode_removes_a_motion_that_absolute_mode_shows(rng: np.random.Generator) -> None:
+    reference, compared = make_sheet(rng), make_sheet(rng)
+    T = np.eye(4)
+    T[:3, 3] = [0.0, 0.0, 3e-3]
+    lowered = dataclasses.replace(compared, vertices=compared.vertices - T[:3, 3])
+    registration = dataclasses.replace(known_motion(compared), T_target_source=T)
+    relative = compare(reference, lowered, registration)
+    absolute = compare(reference, lowered, registration, mode="absolute")
+    assert abs(np.nanmedian(relative.on_compared.distances)) < 2e-5
+    assert np.nanmedian(absolute.on_compared.distances) == pytest.approx(-2.9e-3, abs=1e-4)  # along tilted normals
+    assert absolute.statistics["motion_displacement_m"] == pytest.approx(3e-3)
+
+
+def test_a_registration_that_did_not_converge_is_refused_with_its_reason(rng: np.random.Generator) -> None:
+    sheet = make_sheet(rng, 20)
+    failed = dataclasses.replace(known_motion(sheet), converged=False, reason="a plane slides")
+    with pytest.raises(RegistrationError, match="a plane slides"):
+        compare(sheet, sheet, failed)
+
+
+def test_epochs_that_do_not_overlap_are_refused(rng: np.random.Generator) -> None:
+    sheet = make_sheet(rng, 20)
+    far = dataclasses.replace(sheet, vertices=sheet.vertices + 5.0)
+    with pytest.raises(ComparisonError, match="do not overlap"):
+        compare(sheet, far)
+    with pytest.raises(ComparisonError, match="do not overlap"):
+        compare(sheet, far, known_motion(sheet))
+
+
+def test_settings_and_mode_out_of_range_are_refused(rng: np.random.Generator) -> None:
+    sheet = make_sheet(rng, 20)
+    with pytest.raises(ParameterError, match="relative and absolute"):
+        compare(sheet, sheet, known_motion(sheet), mode="both")
+    with pytest.raises(ParameterError, match="search_limit"):
+        CompareSettings(search_limit=-1.0)
+
+
+def test_the_result_is_the_same_twice_and_inputs_are_untouched(rng: np.random.Generator) -> None:
+    reference, compared = make_sheet(rng, 60), make_sheet(rng, 60, change=bowl(60, 1e-3, 2e-3, 0.012))
+    before = compared.vertices.copy()
+    first = compare(reference, compared, known_motion(compared))
+    second = compare(reference, compared, known_motion(compared))
+    np.testing.assert_array_equal(first.on_reference.distances, second.on_reference.distances)
+    assert first.regions.equals(second.regions)
+    np.testing.assert_array_equal(compared.vertices, before)
