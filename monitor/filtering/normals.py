@@ -22,6 +22,7 @@ from projects.model import Bools, Floats, Ints, PointCloud
 
 BLOCK = 32_768  # points whose neighbours are in memory at once; a multiple of LEAF
 N_SIZES = 14
+LEAST_SIZE = 10
 MIN_POINTS = 8
 
 
@@ -106,7 +107,7 @@ def sample_neighbourhoods(index: PointIndex, settings: NormalSettings) -> Neighb
     """Estimate neighbourhood size and noise at points sampled evenly along the space-filling curve."""
     n_points = len(index.points)
     largest = min(max(settings.max_neighbours, settings.n_neighbours or 0), n_points)
-    sizes = np.unique(np.rint(np.geomspace(8, largest, N_SIZES)).astype(np.int64))
+    sizes = np.unique(np.rint(np.geomspace(min(LEAST_SIZE, largest), largest, N_SIZES)).astype(np.int64))
     which = np.unique(np.linspace(0, n_points - 1, min(settings.n_samples, n_points)).astype(np.int64))
     near = np.stack([_nearest_one(index, int(i), largest) for i in which])
     lambda3 = np.empty((len(which), len(sizes)))

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit, prange
 
 from monitor.filtering.mcd import (
+    N_STARTS,
     ORDER_FREE,
     eigenvalues,
     eigenvector,
@@ -52,13 +53,19 @@ CHUNK = 256
 @njit(cache=True, error_model="numpy")
 def raw_factors(n: int) -> Any:
     """Return true over raw variance across and along a flat disc, for the h-subset with h = 0.55 n."""
-    return 3.3 * (1.0 + 2.2 / n), 1.36 + 3.4 / n
+    return 3.65 * (1.0 + 4.6 / n), 1.4
 
 
 @njit(cache=True, error_model="numpy")
 def reweighted_factor(n: int) -> float:
     """Return true over reweighted variance across a flat disc with nothing else known, after the n - 3 correction."""
-    return 1.0 + 16.0 / n
+    return 1.0 + 22.0 / (n + 14.0)
+
+
+@njit(cache=True, error_model="numpy")
+def final_factor(n: int) -> float:
+    """Return the same after the second reweighting, for the median of lambda3."""
+    return 1.0 + 9.3 / n + 60.0 / n**2
 
 
 @njit(cache=True, error_model="numpy")
@@ -89,7 +96,7 @@ def weigh(x: Any, y: Any, z: Any, n: int, m: Any, c: Any, along: float, across2:
 def clean_plane(x: Any, y: Any, z: Any, n: int, noise: float, limit: float, m: Any, c: Any) -> bool:
     """Tell whether the classical covariance will do: no wider across than noise makes it, and nobody far off."""
     lambdas, v, _ = plane_of(m, c)
-    if not lambdas[2] * n / (n - 3.0) <= limit * noise * noise:
+    if not lambdas[2] * n / max(n - 3.0, 1.0) <= limit * noise * noise:
         return False
     worst = 0.0
     for i in range(n):
@@ -118,39 +125,67 @@ def companions(x: Any, y: Any, z: Any, n: int, w: Any, d2: Any, work: Any) -> An
 
 
 @njit(cache=True, error_model="numpy")
-def fit_tangent(x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: float, w: Any, d2: Any, work: Any) -> Any:
+def robust_plane(x: Any, y: Any, z: Any, n: int, h: int, noise: float, w: Any, d2: Any, work: Any, subsets: Any) -> Any:
+    """Return (mean, covariance, lambda3 free of bias, determinant); `w` holds 1 for the points of the plane.
+
+    The covariance of least determinant is made consistent and used to weigh all points; what that gives weighs them
+    once more (with few points the first is too uncertain). No point within the noise is cast out.
+    """
+    det = minimum_covariance_determinant(x, y, z, n, h, w, d2, work, subsets)
+    _, m, c = moments(x, y, z, w, n)
+    across, along = raw_factors(n)
+    across2 = max(eigenvalues(c)[2] * across, noise * noise)
+    weigh(x, y, z, n, m, c, along, across2, w, d2)
+    s, m, c = moments(x, y, z, w, n)
+    across2 = max(eigenvalues(c)[2] * s / max(s - 3.0, 1.0) * reweighted_factor(n), noise * noise)
+    weigh(x, y, z, n, m, c, 1.0, across2, w, d2)
+    s, m, c = moments(x, y, z, w, n)
+    least = eigenvalues(c)[2] * s / max(s - 3.0, 1.0)
+    return m, c, least if noise > 0.0 else least * final_factor(n), det
+
+
+@njit(cache=True, error_model="numpy")
+def second_plane(x: Any, y: Any, z: Any, n: int, radius: float, scale: float, w: Any, d2: Any, work: Any) -> Any:
+    """Return (found, mean, covariance, lambda3) of a surface that the origin has with points outside of the plane `w`.
+
+    The other side of an edge, an ornament seen by few points: enough of them, as near as the points of a surface are,
+    no thicker than the main plane's noise explains, and the origin among them.
+    """
+    n_out, reach = companions(x, y, z, n, w, d2, work)
+    if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
+        return False, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), 0.0
+    s, m, c = moments(x, y, z, w, n)
+    lambdas, _, height = plane_of(m, c)
+    least, limit = lambdas[2] * s / (s - 3.0), CUT2 * scale * scale
+    return height * height <= limit and least <= limit and least <= 0.25 * lambdas[1], m, c, least
+
+
+@njit(cache=True, error_model="numpy")
+def fit_tangent(x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: float, scratch: Any) -> Any:
     """Return the row of `COLUMNS` of the point at the origin, whose n neighbours (itself among them) are given."""
+    w, d2, work, subsets = scratch[0], scratch[1], scratch[2], scratch[3:]
     radius2 = 0.0
     for i in range(n):
         w[i], d2[i] = 1.0, x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
         radius2 = max(radius2, d2[i])
     radius, near = math.sqrt(radius2), math.sqrt(smallest(d2, n, min(n, MIN_COMPANIONS + 1), work))
-    _, m, c = moments(x, y, z, w, n)
-    if clean_plane(x, y, z, n, noise, limit, m, c):
-        ls, v, height = plane_of(m, c)
-        return (v[0], v[1], v[2], ls[0], ls[1], ls[2] * n / (n - 3.0), height, noise, 0.0, n, radius, math.nan, near)
-    det, m, c = minimum_covariance_determinant(x, y, z, n, h, w, d2, work)
-    across, along = raw_factors(n)
-    least = eigenvalues(c)[2]
-    weigh(x, y, z, n, m, c, along, max(least * across, noise * noise), w, d2)
     s, m, c = moments(x, y, z, w, n)
-    least = eigenvalues(c)[2] * s / max(s - 3.0, 1.0) * reweighted_factor(n)
-    weigh(x, y, z, n, m, c, 1.0, max(least, noise * noise), w, d2)
-    s, m, c = moments(x, y, z, w, n)
-    ls, v, height = plane_of(m, c)
-    least = ls[2] * s / max(s - 3.0, 1.0)
-    scale = math.sqrt(max(least, noise * noise))
-    if height * height <= CUT2 * scale * scale:
-        return (v[0], v[1], v[2], ls[0], ls[1], least, height, scale, 1.0, s, radius, det, near)
-    n_out, reach = companions(x, y, z, n, w, d2, work)
-    if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
-        return (v[0], v[1], v[2], ls[0], ls[1], least, height, scale, 3.0, s, radius, det, near)
-    s2, m2, c2 = moments(x, y, z, w, n)
-    ls2, v2, height2 = plane_of(m2, c2)
-    least2 = ls2[2] * s2 / (s2 - 3.0)
-    if height2 * height2 > CUT2 * scale * scale or least2 > CUT2 * scale * scale or least2 > 0.25 * ls2[1]:
-        return (v[0], v[1], v[2], ls[0], ls[1], least, height, scale, 3.0, s, radius, det, near)
-    return (v2[0], v2[1], v2[2], ls2[0], ls2[1], least2, height2, scale, 2.0, s2, radius, det, near)
+    state, scale, det = CLEAN, noise, math.nan
+    least = eigenvalues(c)[2] * n / max(n - 3.0, 1.0)
+    if not clean_plane(x, y, z, n, noise, limit, m, c):
+        m, c, least, det = robust_plane(x, y, z, n, h, noise, w, d2, work, subsets)
+        scale = math.sqrt(max(least, noise * noise))
+        height = plane_of(m, c)[2]
+        state = INLIER if height * height <= CUT2 * scale * scale else OUTLIER
+    if state == OUTLIER:
+        found, m2, c2, least2 = second_plane(x, y, z, n, radius, scale, w, d2, work)
+        if found:
+            state, m, c, least = SECOND, m2, c2, least2
+    s = 0.0
+    for i in range(n):
+        s += w[i]
+    lambdas, v, height = plane_of(m, c)
+    return (v[0], v[1], v[2], lambdas[0], lambdas[1], least, height, scale, float(state), s, radius, det, near)
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -159,17 +194,15 @@ def fit_tangents(points: Any, which: Any, neighbours: Any, n_use: Any, noise: An
     n_rows, k = neighbours.shape
     out = np.empty((n_rows, 13))
     for chunk in prange((n_rows + CHUNK - 1) // CHUNK):
-        scratch = np.empty((6, k))
+        xyz, scratch = np.empty((3, k)), np.empty((3 + N_STARTS, k))
         for r in range(chunk * CHUNK, min(n_rows, (chunk + 1) * CHUNK)):
             i, n = which[r], n_use[r]
             for j in range(n):
                 q = neighbours[r, j]
                 for axis in range(3):
-                    scratch[axis, j] = points[q, axis] - points[i, axis]
+                    xyz[axis, j] = points[q, axis] - points[i, axis]
             h = max((n + 4) // 2, int(share * n))
-            row = fit_tangent(
-                scratch[0], scratch[1], scratch[2], n, h, noise[r], limits[n], scratch[3], scratch[4], scratch[5]
-            )
+            row = fit_tangent(xyz[0], xyz[1], xyz[2], n, h, noise[r], limits[n], scratch)
             for column in range(13):
                 out[r, column] = row[column]
     return out
