@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import laspy
+import lazrs
 import numpy as np
 
 from projects.errors import FormatError
@@ -46,7 +47,7 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
                 columns = _columns(points, scaling, kept)
                 kept = kept or set(columns)
                 yield columns
-    except (laspy.LaspyException, struct.error, EOFError, OSError, ValueError) as problem:
+    except (laspy.LaspyException, lazrs.LazrsError, struct.error, EOFError, OSError, ValueError) as problem:
         reason = (str(problem).splitlines() or [type(problem).__name__])[0]
         raise FormatError(f"broken after {n_read} of {header.n_declared} points: {reason}") from problem
     if n_read != header.n_declared:

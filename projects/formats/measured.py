@@ -63,9 +63,10 @@ def _sifted(blocks: Iterable[Columns], is_centred: bool, dropped: Counter[str]) 
     n_zero = 0
     for columns in blocks:
         points = columns["points"]
-        finite = np.isfinite(points).all(axis=1) & (np.abs(points) <= FARTHEST).all(axis=1)
+        x, y, z = points.T
+        finite = (np.abs(x) <= FARTHEST) & (np.abs(y) <= FARTHEST) & (np.abs(z) <= FARTHEST)
         valid = finite & ~columns.pop("invalid", np.zeros(len(points), bool))
-        zero = valid & (points == 0.0).all(axis=1)
+        zero = valid & (x == 0.0) & (y == 0.0) & (z == 0.0)
         reasons = {"not finite": ~finite, "flagged invalid": finite & ~valid, "no return": zero & is_centred}
         dropped.update({reason: int(mask.sum()) for reason, mask in reasons.items() if mask.any()})
         if not is_centred and zero.any():

@@ -26,8 +26,10 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     scaling, line, n_columns = Scaling(), 1, 0
     for block in line_blocks(path, 0):
         lines = [text.lstrip() for text in block.split(b"\n")]
-        told = [text[2:].split(b"#")[0] for text in lines if text.startswith((b"v ", b"v\t"))]
+        told = [text[2:].split(b"#")[0] for text in lines if text.startswith((b"v ", b"v\t")) or text.strip() == b"v"]
         if told:
+            if not all(text.strip() for text in told):
+                raise FormatError(f"has a vertex without numbers after line {line}; the file is broken")
             n_columns = n_columns or len(told[0].split())
             yield _columns(numbers_of_lines(told, n_columns, line), scaling)
         line += block.count(b"\n")

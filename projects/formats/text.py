@@ -23,6 +23,7 @@ BLOCK = 8 * 2**20  # bytes
 LONGEST_LINE = 2**20
 SLOWLY_PARSED = 4 * 2**20  # bytes
 NEWLINE, SPACE = 10, 32
+_SIGNS = tuple(bytes([c]) for c in b"-+.0123456789")
 SHORTEST_ROW = len("0 0 0\n")
 
 
@@ -95,9 +96,11 @@ def _first_lines(block: bytes, n: int) -> bytes:
 
 
 def _require_whole_line(last: bytes, before: bytes) -> None:
-    """Raise if the last line, which has no end, has fewer decimals than every line before it."""
-    earlier = before.split(b"\n")[-200:]
-    decimals = [_decimals_at_end(line) for line in earlier if line.strip()]
+    """Raise if the last line, which has no end, has fewer decimals than every line of its kind before it."""
+    word = (last.split() or [b""])[0]
+    kind = b"" if word[:1].isdigit() or word[:1] in b"-+." else word  # such as the v of OBJ
+    earlier = [line.split() for line in before.split(b"\n")[-200:]]
+    decimals = [_decimals_at_end(words[-1]) for words in earlier if words and words[0].startswith(kind or _SIGNS)]
     if decimals and _decimals_at_end(last) < min(decimals):
         raise FormatError("ends in the middle of a number; the file is cut off")
 
@@ -157,7 +160,7 @@ def _counts_by_line(plain: bytes) -> NDArray[np.int64]:
     is_blank = characters <= SPACE
     begins = ~is_blank
     begins[1:] &= is_blank[:-1]
-    so_far = np.cumsum(begins)[characters == NEWLINE]
+    so_far = np.searchsorted(np.flatnonzero(begins), np.flatnonzero(characters == NEWLINE))
     return np.diff(so_far, prepend=0)
 
 
