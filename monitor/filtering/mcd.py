@@ -258,7 +258,8 @@ def write_start(
 ) -> None:
     """Write the weights of one deterministic start; `m`, `c`, `v` are the classical mean, covariance and axes.
 
-    0 the classical ellipsoid; 1 the points nearest to the centre; 2 the nearest quarter; 3-8 the lower and the upper share along each axis (a sheet behind a sheet, the two sides of an edge).
+    0 the classical ellipsoid; 1 the points nearest to the centre; 2 the nearest quarter; 3-8 the lower and the upper
+    share along each axis (a sheet behind a sheet, the two sides of an edge).
     """
     n_kept = h
     if start == 0:
@@ -296,7 +297,7 @@ def minimum_covariance_determinant(
         dets[start] = concentrate(x, y, z, n, h, N_STEPS, subset, d2, work)
     best = math.inf
     for _ in range(N_SURVIVORS):
-        start = np.argmin(dets)
+        start = int(np.argmin(dets))
         if dets[start] == math.inf:
             break
         same = dets[start] * (1.0 + 1e-9)

@@ -34,12 +34,12 @@ def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = 
         between the scans it was merged from.
     """
     settings = settings or FilterSettings()
-    if not clouds:
-        raise ParameterError("no clouds were given to merge; at least one is needed")
+    if not any(len(c) for c in clouds):
+        raise ParameterError("no points were given to merge; at least one cloud must have some")
     merged = concatenate_clouds(clouds)
     require_points(merged.points)
     merged = merged.take(canonical_order(merged.points))
-    planes = fit_planes(build_index(merged.points), merged.origins, settings.normals)
+    planes = fit_planes(build_index(merged.points), merged.normals, settings.normals)
     keep = ~planes.is_outlier
     cloud, thinned, targets = thin_cloud(merged.take(keep), planes.take(keep), settings.thinning)
     counts = {
@@ -49,13 +49,17 @@ def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = 
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Return all points in one cloud, without what one of the clouds lacks; `scan_index` is the place of the cloud."""
+    """Return all points in one cloud, without what one of the clouds lacks; `scan_index` is kept, else it is the place."""
+    numbered = [
+        c if c.scan_index is not None else dataclasses.replace(c, scan_index=np.full(len(c), i, dtype=np.int32))
+        for i, c in enumerate(clouds)
+    ]
     joined: dict[str, Any] = {}
     for f in dataclasses.fields(PointCloud):
-        values = [getattr(c, f.name) for c in clouds]
-        if f.name == "scan_index":
-            values = [np.full(len(c), i, dtype=np.int32) for i, c in enumerate(clouds)]
-        elif f.name == "origins" and all(v is not None for v in values):
-            values = [np.broadcast_to(v, c.points.shape) for v, c in zip(values, clouds, strict=True)]
-        joined[f.name] = np.concatenate(values) if all(v is not None for v in values) else None
+        values = [getattr(c, f.name) for c in numbered if len(c)]
+        if any(v is None for v in values):
+            continue
+        if f.name == "origins":
+            values = [np.broadcast_to(v, (len(c), 3)) for v, c in zip(values, filter(len, numbered), strict=True)]
+        joined[f.name] = np.concatenate(values)
     return PointCloud(**joined)

@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from monitor.declare import check_settings, setting
 from monitor.filtering.nearest import LEAF, PointIndex, build_index, canonical_order, find_nearest
 from monitor.filtering.neighbourhoods import NeighbourhoodModel, model_neighbourhoods
+from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.tangents import OUTLIER, fit_tangents
 from projects.errors import ParameterError
@@ -68,11 +69,11 @@ class TangentPlanes:
 
     Attributes
     ----------
-    normals : (n, 3) unit vectors towards the scanner (of arbitrary sign where no origin was given).
+    normals : (n, 3) unit vectors towards the scanner, or outward where its place is not known.
     lambda3, surface_variation : (n,) m2, 1: least eigenvalue (free of the bias of small n) and its share of the sum.
     sigma : (n,) m, spread of the neighbours across the plane: noise and what roughness the plane cannot follow.
     noise : (n,) m, noise alone, from the sills of the variograms around.
-    heights : (n,) m, height of the point above its plane, towards the scanner.
+    heights : (n,) m, height of the point above its plane, along the normal.
     sigma_normal : (n,) rad, one sigma of the normal about its less certain axis.
     n_neighbours : (n,) neighbourhood size used.
     spacing : (n,) m, side of the square that a point has to itself: radius sqrt(pi / n).
@@ -135,12 +136,13 @@ def _fit(index: PointIndex, which: Ints, near: Ints, n: Ints, noise: Floats, set
     return fit_tangents(index.points, which, np.ascontiguousarray(near), n, noise, limits, settings.h_share)
 
 
-def fit_planes(index: PointIndex, origins: Floats | None, settings: NormalSettings) -> TangentPlanes:
+def fit_planes(index: PointIndex, towards: Floats | None, settings: NormalSettings) -> TangentPlanes:
     """Return the robust tangent planes of all points of the index, block by block.
 
     Parameters
     ----------
-    origins : (3,) or (n, 3) m, where the scanner stood; None leaves the sign of the normals open.
+    towards : (n, 3) directions that each normal shall have a positive product with: to the scanner, or of an earlier
+        normal. None: neighbouring normals are made to agree and to look outward (`consistent_signs`).
     """
     model = sample_neighbourhoods(index, settings)
     blocks = []
@@ -149,16 +151,19 @@ def fit_planes(index: PointIndex, origins: Floats | None, settings: NormalSettin
         n, noise = model.at(index.points[first:last])
         n = np.minimum(n, len(index.points))
         rows = _fit(index, np.arange(first, last), find_nearest(index, first, last, n), n, noise, settings)
-        views = None if origins is None else np.broadcast_to(origins, index.points.shape)[first:last]
-        blocks.append(_planes(rows, n, noise, None if views is None else views - index.points[first:last]))
+        blocks.append(_planes(rows, n, noise, None if towards is None else towards[first:last]))
     names = [f.name for f in dataclasses.fields(TangentPlanes)]
-    return TangentPlanes(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in names})
+    planes = TangentPlanes(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in names})
+    if towards is not None:
+        return planes
+    signs = consistent_signs(index.points, planes.normals)
+    return dataclasses.replace(planes, normals=planes.normals * signs[:, None], heights=planes.heights * signs)
 
 
-def _planes(rows: Floats, n: Ints, noise: Floats, beams: Floats | None) -> TangentPlanes:
-    """Return the planes of a block from its rows of `tangents.COLUMNS`; `beams` (n, 3) lead to the scanner."""
+def _planes(rows: Floats, n: Ints, noise: Floats, towards: Floats | None) -> TangentPlanes:
+    """Return the planes of a block from its rows of `tangents.COLUMNS`."""
     normals, middle, lambda3 = rows[:, :3], rows[:, 4], rows[:, 5]
-    sign = np.ones(len(rows)) if beams is None else np.where((normals * beams).sum(axis=1) < 0, -1.0, 1.0)
+    sign = np.ones(len(rows)) if towards is None else np.where((normals * towards).sum(axis=1) < 0, -1.0, 1.0)
     return TangentPlanes(
         normals=normals * sign[:, None],
         lambda3=lambda3,
@@ -179,7 +184,8 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
 
     Parameters
     ----------
-    cloud : points; `origins` orients the normals to the scanner, without them the sign is arbitrary.
+    cloud : points; `origins` orients the normals to the scanner, else `normals` do, else neighbours are made to agree
+        and to look outward.
     settings : neighbourhood size and the determinant; found from the cloud where not given.
 
     Returns
@@ -196,8 +202,8 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
     settings = settings or NormalSettings()
     require_points(cloud.points)
     order = canonical_order(cloud.points)
-    origins = cloud.origins[order] if cloud.origins is not None and cloud.origins.ndim == 2 else cloud.origins
-    planes = fit_planes(build_index(cloud.points[order]), origins, settings)
+    towards = known_directions(cloud)
+    planes = fit_planes(build_index(cloud.points[order]), None if towards is None else towards[order], settings)
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     return dataclasses.replace(
@@ -210,10 +216,22 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
     )
 
 
+def known_directions(cloud: PointCloud) -> Floats | None:
+    """Return directions (n, 3) towards the side from which each point was seen, None where that is not known of all."""
+    if cloud.origins is not None and np.isfinite(cloud.origins).all():
+        return cloud.origins - cloud.points
+    return cloud.normals if cloud.normals is not None and np.isfinite(cloud.normals).all() else None
+
+
 def require_points(points: Floats) -> None:
     """Raise `ParameterError` where there is nothing to fit a plane to."""
     if len(points) < MIN_POINTS:
         raise ParameterError(f"{len(points)} points were given; at least {MIN_POINTS} are needed for a tangent plane")
+    require_finite(points)
+
+
+def require_finite(points: Floats) -> None:
+    """Raise `ParameterError` where a coordinate is not a number."""
     if not np.isfinite(points).all():
         n_bad = int((~np.isfinite(points)).any(axis=1).sum())
         raise ParameterError(f"{n_bad} points have coordinates that are not finite; drop them when reading")

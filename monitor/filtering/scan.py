@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order
-from monitor.filtering.normals import NormalSettings, TangentPlanes, fit_planes, require_points
+from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_finite
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.silhouettes import SilhouetteSettings, find_grazing, find_mixed, find_specks
 from monitor.filtering.thinning import ThinnedPoints, ThinningSettings, target_spacings, thin
@@ -59,20 +59,22 @@ def filter_scan_with_record(scan: Scan, settings: FilterSettings | None = None) 
     -------
     FilterResult
         Its cloud is in the **project's** frame, in an order that does not depend on that of the scan, with normals
-        (towards the scanner), origins (3,), sigma, n_merged, spread, surface_variation, roughness, spacing, and
-        intensity and colors where the scan has them.
+        (towards the scanner, or outward where its place is not known), origins (3,), sigma, n_merged, spread,
+        surface_variation, roughness, spacing, and intensity and colors where the scan has them.
 
     Raises
     ------
     ParameterError
-        If there are fewer than 8 points or a coordinate is not finite.
+        If a coordinate is not finite.
     """
     settings = settings or FilterSettings()
-    require_points(scan.cloud.points)
+    if len(scan.cloud) < MIN_POINTS:
+        return _nothing_left(scan)
+    require_finite(scan.cloud.points)
     scan = scan.take(canonical_order(scan.cloud.points))
-    index = build_index(scan.cloud.points)
-    planes = fit_planes(index, scan.origin, settings.normals)
-    reasons = _reasons(scan, planes, settings.silhouettes)
+    beams = scan.origin - scan.cloud.points if np.isfinite(scan.origin).all() else None
+    planes = fit_planes(build_index(scan.cloud.points), beams, settings.normals)
+    reasons = _reasons(scan, beams, planes, settings.silhouettes)
     keep = ~np.any(list(reasons.values()), axis=0)
     cloud, thinned, targets = thin_cloud(scan.cloud.take(keep), planes.take(keep), settings.thinning)
     cloud = dataclasses.replace(
@@ -85,14 +87,24 @@ def filter_scan_with_record(scan: Scan, settings: FilterSettings | None = None) 
     return FilterResult(cloud, counts, describe(planes.take(keep), thinned, targets))
 
 
-def _reasons(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
-    """Return for each reason to drop points the mask of those that it holds for; the first that holds is counted."""
-    beams = scan.cloud.points - scan.origin
+def _nothing_left(scan: Scan) -> FilterResult:
+    """Return the result of a scan with too few points to have a surface."""
+    counts = {"in": len(scan.cloud), "too_few": len(scan.cloud), "merged": 0, "out": 0}
+    return FilterResult(PointCloud(np.empty((0, 3)), origins=apply(scan.pose, scan.origin)), counts, {})
+
+
+def _reasons(scan: Scan, beams: Floats | None, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
+    """Return for each reason to drop points the mask of those that it holds for; the first that holds is counted.
+
+    `beams` (n, 3) lead to the scanner; what needs them is left out where its place is not known.
+    """
+    if beams is None:
+        return {"speck": find_specks(planes.reach, planes.spacing, settings.isolation), "outlier": planes.is_outlier}
     ranges = np.linalg.norm(beams, axis=1)
     reasons = {"speck": find_specks(planes.reach, ranges, settings.isolation), "outlier": planes.is_outlier}
     if scan.rows is not None and scan.columns is not None:
-        reasons["mixed_pixel"] = find_mixed(beams, scan.rows, scan.columns, planes.noise, settings.max_incidence)
-    reasons["grazing"] = find_grazing(scan.cloud.points, planes.normals, scan.origin, settings.max_incidence)
+        reasons["mixed_pixel"] = find_mixed(-beams, scan.rows, scan.columns, planes.noise, settings.max_incidence)
+    reasons["grazing"] = find_grazing(beams, planes.normals, settings.max_incidence)
     return reasons
 
 

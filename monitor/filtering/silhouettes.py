@@ -40,11 +40,9 @@ class SilhouetteSettings:
         check_settings(self)
 
 
-def find_grazing(points: Floats, normals: Floats, origins: Floats, max_incidence: float) -> Bools:
-    """Return the points (n,) whose incidence angle, between beam and normal, exceeds `max_incidence` [rad]."""
-    beams = origins - points
-    ranges = np.linalg.norm(beams, axis=1)
-    return np.abs((beams * normals).sum(axis=1)) < math.cos(max_incidence) * ranges
+def find_grazing(beams: Floats, normals: Floats, max_incidence: float) -> Bools:
+    """Return the points (n,) whose incidence angle, between beam (n, 3) and normal, exceeds `max_incidence` [rad]."""
+    return np.abs((beams * normals).sum(axis=1)) < math.cos(max_incidence) * np.linalg.norm(beams, axis=1)
 
 
 def find_mixed(beams: Floats, rows: Ints, columns: Ints, noise: Floats, max_incidence: float) -> Bools:
@@ -85,7 +83,8 @@ def find_specks(reach: Floats, ranges: Floats, isolation: float) -> Bools:
     Parameters
     ----------
     reach : (n,) m, distance to the sixth nearest point.
-    ranges : (n,) m, from the scanner; ones where there is none.
+    ranges : (n,) m, from the scanner, to which the spacing of its points is proportional; where it is not known, the
+        spacing of the neighbourhood in its place.
     """
     relative = reach / np.maximum(ranges, 1e-300)
     return relative > isolation * np.median(relative)
