@@ -94,18 +94,20 @@ def _header_lines(lines: list[str]) -> tuple[str, int | None, int]:
     names, n_declared = "", None
     for k, line in enumerate(lines):
         text = line.strip()
-        bare = text.lstrip("#/%;! ").strip()
+        bare = re.sub(r"\s*[\[(].*?[\])]", "", text.lstrip("#/%;! ")).strip()  # without marks and units
         counts = whole_numbers(text.encode())
-        if not bare or (bare != text and not _are_names(bare)):
-            continue
         if _are_names(bare):
             names = bare
+        elif not text or text.startswith(("#", "//", "%", ";", "!")):
+            continue
         elif counts and len(counts) == 1 and n_declared is None:
             n_declared = counts[0]
-        elif any(is_number(word) for word in re.split(r"[\s,;]+", text.replace('"', " "))):
+        elif is_number(re.split(r"[\s,;]+", text.replace('"', " ").strip())[0].replace(",", ".")):
             return names, n_declared, k
-        elif names or n_declared is not None:
-            raise FormatError(f"line {k + 1} is neither numbers nor names of columns: {text[:60]!r}")
+        else:
+            raise FormatError(
+                f"line {k + 1} is neither numbers nor names of columns with x, y and z among them: {text[:60]!r}"
+            )
     return names, n_declared, len(lines)
 
 
