@@ -6,7 +6,7 @@ Every array is chunked, shuffled, deflated (gzip, which every HDF5 program reads
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,18 @@ FILTERS = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletc
 
 @contextmanager
 def create_file(path: Path) -> Iterator[h5py.File]:
-    """Yield a new HDF5 file to write; it is flushed and closed afterwards."""
-    with h5py.File(path, "w", libver=LIBRARY_BOUNDS, locking=False) as file:
+    """Yield a new HDF5 file to write, closed afterwards; raises `OSError` where the disk is full or fails."""
+    file = h5py.File(path, "w", libver=LIBRARY_BOUNDS, locking=False)
+    try:
         yield file
         file.flush()
+        file.close()
+    except BaseException as error:
+        with suppress(OSError, RuntimeError):  # what could not be written cannot be flushed either
+            file.close()
+        if type(error) is RuntimeError:  # HDF5 says so where a file cannot be extended
+            raise OSError(_first_line(error)) from error
+        raise
 
 
 @contextmanager

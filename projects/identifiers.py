@@ -103,9 +103,9 @@ def object_folder(object_id: str) -> PurePosixPath:
 
 
 def _folder(identifier: str) -> str:
-    """Return the folder's name of an id: the id, with '_' (in no id) after what Windows would take for another name."""
-    unsafe = WINDOWS_DEVICES.fullmatch(identifier) or identifier.endswith(".")
-    return identifier + "_" if unsafe else identifier
+    """Return the folder's name of an id: with '_', which is in no id, where Windows would take it for another name."""
+    before = "_" if WINDOWS_DEVICES.fullmatch(identifier) else ""
+    return before + identifier + ("_" if identifier.endswith(".") else "")
 
 
 def _shown(text: object) -> str:

@@ -1,0 +1,505 @@
+"""What a hostile or clumsy user gives is refused in one line, and the project stays as it was."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import multiprocessing
+import os
+import shutil
+import socket
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from store_examples import example_project, example_step, example_stream, example_surface
+
+from projects import hdf5, index_file
+from projects.errors import MonitorError, ParameterError, StoreError
+from projects.identifiers import PRODUCT_FILE_PATTERN, product_file, require_id, split_product, suggest_id
+from projects.lock import LOCK_NAME, this_process
+from projects.model import EpochRecord, ObjectRecord, PointCloud
+from projects.store import Project
+
+NAMES = {
+    "../../etc": "etc",
+    "..": "object-1",
+    ".": "object-1",
+    "": "object-1",
+    "/etc/passwd": "etc-passwd",
+    "a/b": "a-b",
+    "a\\b": "a-b",
+    "Heilige Barbara": "Heilige-Barbara",
+    "Tür über Größe": "Tuer-ueber-Groesse",
+    "u\u0308ber": "ueber",
+    "Café": "Cafe",
+    "ſtove": "stove",
+    "stаtue": "st-tue",  # the third letter is Cyrillic
+    "stove\n": "stove",
+    "stove\0": "stove",
+    "-rf": "rf",
+    ".hidden": "hidden",
+    "a_b": "a-b",
+    "石": "object-1",
+    "x" * 65: "x" * 64,
+    "\udcff": "object-1",
+}
+
+
+@pytest.fixture
+def project(tmp_path, rng):
+    return example_project(tmp_path, rng)
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def epoch(key: str = "E2") -> EpochRecord:
+    return EpochRecord("stove", key, datetime.date(2025, 1, 1))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_name_that_is_no_id_is_refused_with_a_suggestion_and_nothing_changes(project, tmp_path, rng, name):
+    stream = example_stream(tmp_path, rng)
+    before = snapshot(tmp_path)
+    with pytest.raises(ParameterError) as caught:
+        project.add_object(ObjectRecord(name))
+    message = str(caught.value)
+    assert f"for example {NAMES[name]!r}" in message
+    assert "--name" in message
+    assert message.isprintable()
+    assert len(message) < 400
+    with pytest.raises(ParameterError, match="epoch id"):
+        project.add_epoch(epoch(name), [stream])
+    assert snapshot(tmp_path) == before
+
+
+def test_suggestions_are_ids_themselves(rng):
+    alphabet = [*"aZ9.-_/ äß\u0301\0\n\u202e石", "\udc80"]
+    for length in rng.integers(0, 90, 500):
+        assert require_id(suggest_id("".join(rng.choice(alphabet, length)), "object"), "object")
+
+
+def test_look_alike_letter_is_named(project):
+    with pytest.raises(ParameterError, match="cyrillic small letter a"):
+        project.add_object(ObjectRecord("stаtue"))
+
+
+def test_ids_that_differ_only_in_case_are_refused(project, tmp_path, rng):
+    with pytest.raises(StoreError, match="differs only in upper and lower case from the existing 'stove'"):
+        project.add_object(ObjectRecord("Stove"))
+    with pytest.raises(StoreError, match="existing 'E1'"):
+        project.add_epoch(epoch("e1"), [example_stream(tmp_path, rng)])
+    with pytest.raises(StoreError, match="exists already"):
+        project.add_object(ObjectRecord("stove"))
+
+
+@pytest.mark.parametrize("object_id", ["a", "con", "COM1.x", "a..b", "trailing.", "a-b.c", "x" * 64])
+def test_every_id_gives_its_own_file_inside_the_project(object_id):
+    file = product_file(object_id, "E.1", "comparison-E-0.1", "0123456789abcdef")
+    assert len(file.parts) == 4
+    assert file.parts[0] == "objects"
+    assert not file.is_absolute()
+    assert ".." not in file.parts
+    assert PRODUCT_FILE_PATTERN.fullmatch(file.name)
+    assert not file.parts[1].endswith(".")
+    assert file.parts[1].split(".")[0].lower() not in ("con", "com1")
+
+
+@pytest.mark.parametrize("product", ["../x", "Surface", "a b", "comparison-", "comparison-../E1", "", "a/b", "x-\0"])
+def test_product_names_that_are_none_are_refused(project, product):
+    with pytest.raises(ParameterError, match="not a product name"):
+        project.put("stove", "E1", example_step(product), {"x": 1})
+
+
+def test_reference_is_kept_apart_from_the_kind(project, rng, tmp_path):
+    assert split_product("comparison-E-0.1") == ("comparison", "E-0.1")
+    with pytest.raises(StoreError, match="no epoch 'E9'"):
+        project.put("stove", "E1", example_step("comparison-E9"), {"x": 1})
+
+
+def test_step_ids_that_are_none_are_refused(project):
+    for step_id in ("", "../../../../etc", "ABCDEF0123456789", "12"):
+        step = example_step()
+        object.__setattr__(step, "step_id", step_id)
+        with pytest.raises(ParameterError, match="step id"):
+            project.put("stove", "E1", step, {"x": 1})
+
+
+# folders that are no project
+
+
+def test_what_is_no_project_is_said_to_be_none(tmp_path, rng):
+    with pytest.raises(StoreError, match="does not exist; make a project"):
+        Project.open(tmp_path / "nothing")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(StoreError, match="is a file"):
+        Project.open(tmp_path / "file")
+    with pytest.raises(StoreError, match="is a file"):
+        Project.create(tmp_path / "file")
+    with pytest.raises(StoreError, match="is not a project"):
+        Project.open(tmp_path)
+    with pytest.raises(StoreError, match=r"is not empty \(it holds 'file'\)"):
+        Project.create(tmp_path)
+    with pytest.raises(StoreError, match="cannot be made"):
+        Project.create(tmp_path / "file" / "below")
+    Project.create(tmp_path / "p")
+    with pytest.raises(StoreError, match="is a project already"):
+        Project.create(tmp_path / "p")
+
+
+def test_index_that_is_text_cut_off_or_of_another_program_is_refused(project):
+    path = project.path / index_file.INDEX_NAME
+    whole = path.read_bytes()
+    for octets, message in (
+        (b"hello", "damaged or is not an HDF5 file"),
+        (b"", "damaged or is not an HDF5 file"),
+        (whole[: len(whole) // 2], "damaged"),
+    ):
+        path.write_bytes(octets)
+        with pytest.raises(StoreError, match=message):
+            Project.open(project.path)
+    path.unlink()
+    with h5py.File(path, "w") as file:
+        file.attrs["format"] = "something else"
+    with pytest.raises(StoreError, match="not the index of a heritage-monitor project"):
+        Project.open(project.path)
+
+
+def test_any_changed_byte_of_the_index_is_noticed_or_harmless(project, rng):
+    path = project.path / index_file.INDEX_NAME
+    whole = path.read_bytes()
+    good = index_file.read_index(path)
+    n_noticed = 0
+    for position in rng.integers(0, len(whole), 150):
+        octets = bytearray(whole)
+        octets[position] ^= 1 << int(rng.integers(8))
+        path.write_bytes(octets)
+        try:
+            assert repr(index_file.read_index(path)) == repr(good)
+        except StoreError:
+            n_noticed += 1
+    assert n_noticed > 10
+
+
+def test_newer_versions_are_refused_in_one_line(project, rng):
+    project.put("stove", "E1", example_step(), example_surface(rng))
+    entry = project.index().objects["stove"].epochs["E1"].products["surface"]
+    with h5py.File(project.path / entry.file, "r+") as file:
+        file["content"].attrs["encoding-version"] = 2
+    with (
+        h5py.File(project.path / entry.file) as file,
+        pytest.raises(StoreError, match=r"surface version 2 is newer than this program reads \(1\); update"),
+    ):
+        hdf5_read(file)
+    with h5py.File(project.path / index_file.INDEX_NAME, "r+") as file:
+        file.attrs["encoding-version"] = 7
+    with pytest.raises(StoreError, match="project version 7 is newer"):
+        Project.open(project.path)
+
+
+def hdf5_read(file: h5py.File) -> object:
+    from projects.elements import read_element
+
+    return read_element(file, "content")
+
+
+# products that are not what they were
+
+
+def surface_file(project: Project, rng: np.random.Generator) -> Path:
+    project.put("stove", "E1", example_step(), example_surface(rng))
+    return project.path / project.index().objects["stove"].epochs["E1"].products["surface"].file
+
+
+def findings(project: Project) -> list[tuple[str, str]]:
+    return [(f.severity, f.message) for f in project.verify().findings]
+
+
+def test_cut_off_changed_or_missing_products_are_found_and_can_be_made_anew(project, rng):
+    path = surface_file(project, rng)
+    whole = path.read_bytes()
+    step = project.latest("stove", "E1", "surface")
+    path.write_bytes(whole[:-100])
+    with pytest.raises(StoreError, match="cut off or changed"):
+        project.get("stove", "E1", "surface")
+    assert project.find("stove", "E1", "surface", step.step_id) is None
+    assert not project.verify().ok
+    for position in rng.integers(0, len(whole), 40):
+        octets = bytearray(whole)
+        octets[position] ^= 16
+        path.write_bytes(octets)
+        with pytest.raises(StoreError, match="were changed"):
+            Project.open(project.path).get("stove", "E1", "surface")
+        assert not project.verify().ok
+    path.unlink()
+    with pytest.raises(StoreError, match="is missing"):
+        project.get("stove", "E1", "surface")
+    assert findings(project)[0][0] == "error"
+    project.put("stove", "E1", step, example_surface(rng))
+    assert project.find("stove", "E1", "surface", step.step_id) is not None
+    assert findings(project) == []
+
+
+def test_changed_raw_points_are_never_read_as_points(project, rng):
+    path = next(project.path.glob("objects/stove/E1/raw-*.h5"))
+    whole = path.read_bytes()
+    good = repr(list(project.iterate_scan("stove", "E1", 0)))
+    n_refused = 0
+    for position in rng.integers(0, len(whole), 150):
+        octets = bytearray(whole)
+        octets[position] ^= 1 << int(rng.integers(8))
+        path.write_bytes(octets)
+        try:
+            assert repr(list(Project.open(project.path).iterate_scan("stove", "E1", 0))) == good
+        except MonitorError:
+            n_refused += 1
+    assert n_refused > 20
+    path.write_bytes(whole)
+    assert project.verify().ok
+
+
+def test_product_put_in_the_place_of_another_is_found(project, rng):
+    path = surface_file(project, rng)
+    other = example_step(other=True)
+    project.put("stove", "E1", other, example_surface(rng))
+    shutil.copy(project.path / f"objects/stove/E1/surface-{other.step_id}.h5", path.with_suffix(".new"))
+    current = project.path / f"objects/stove/E1/surface-{other.step_id}.h5"
+    os.replace(path, current)  # of the same size or not, it is not the one that the index names
+    with pytest.raises(StoreError, match="changed"):
+        project.get("stove", "E1", "surface")
+    assert not project.verify().ok
+
+
+def test_link_that_climbs_out_of_the_project_is_refused(project, tmp_path):
+    secret = tmp_path / "secret.h5"
+    with h5py.File(secret, "w") as file:
+        file["x"] = 1
+    links = ["../secret.h5", str(secret), "objects/stove/../../../secret.h5", "objects/stove/E1/..", "C:\\secret.h5"]
+    index = project.index()
+    for link in links:
+        object.__setattr__(index.objects["stove"].epochs["E1"].products["raw"], "file", link)
+        index_file.write_index(project.path / index_file.INDEX_NAME, index)
+        with pytest.raises(StoreError, match="does not lie in the project; it is refused"):
+            Project.open(project.path)
+
+
+def test_link_inside_a_product_is_never_followed(tmp_path):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["secret"] = np.arange(3)
+    with h5py.File(tmp_path / "product.h5", "w") as file:
+        file["external"] = h5py.ExternalLink("other.h5", "/secret")
+        file["soft"] = h5py.SoftLink("/external")
+        file.create_dataset("outside", (3,), "i8", external=[(str(tmp_path / "raw.bin"), 0, h5py.h5f.UNLIMITED)])
+        layout = h5py.VirtualLayout((3,), "i8")
+        layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "secret", (3,))
+        file.create_virtual_dataset("virtual", layout)
+    with hdf5.open_file(tmp_path / "product.h5", "product") as file:
+        for name in ("external", "soft"):
+            with pytest.raises(StoreError, match="a link to another place"):
+                hdf5.child(file, name)
+        for name in ("outside", "virtual"):
+            with pytest.raises(StoreError, match="in another file"):
+                hdf5.read_array(hdf5.child(file, name))
+
+
+def test_symbolic_links_do_not_lead_out_of_the_project(project, tmp_path, rng):
+    elsewhere = tmp_path / "elsewhere"
+    (project.path / "objects/stove/E1").rename(elsewhere)
+    (project.path / "objects/stove/E1").symlink_to(elsewhere)
+    with pytest.raises(StoreError, match="leads out of the project"):
+        list(project.iterate_scan("stove", "E1", 0))
+    before = snapshot(elsewhere)
+    with pytest.raises(StoreError, match="leads out of the project"):
+        project.put("stove", "E1", example_step(), example_surface(rng))
+    project.remove_epoch("stove", "E1", purge=True)
+    assert snapshot(elsewhere) == before
+
+
+def test_files_of_others_are_named_and_left_alone(project, rng):
+    for name in ("notes.txt", "objects/stove/E1/photo.jpg", "objects/stove/E1/mine.h5"):
+        (project.path / name).write_text("mine")
+    surface_file(project, rng)
+    project.remove_epoch("stove", "E1", purge=True)
+    assert {f.path for f in project.verify().findings} == {
+        "notes.txt",
+        "objects/stove/E1/photo.jpg",
+        "objects/stove/E1/mine.h5",
+    }
+    assert not list(project.path.rglob("raw-*.h5"))
+
+
+# epochs that cannot be added
+
+
+def test_failing_reader_leaves_the_project_as_it_was(project, tmp_path, rng):
+    good, bad = example_stream(tmp_path, rng, n=60, name="a"), example_stream(tmp_path, rng, n=60, name="b")
+    bad.fails_after = 3
+    before = snapshot(project.path)
+    with pytest.raises(StoreError, match="the scanner file ends here"):
+        project.add_epoch(epoch(), [good, bad])
+    assert snapshot(project.path) == before
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda s: setattr(s, "pose", None), "has no pose; state it"),
+        (lambda s: setattr(s, "pose", 2 * np.eye(4)), "rigid|not a 4 x 4"),
+        (lambda s: setattr(s, "cloud", PointCloud(np.zeros((0, 3)))), "holds no points"),
+        (lambda s: s.cloud.points.__setitem__((5, 1), np.nan), "not finite"),
+        (lambda s: s.cloud.points.__setitem__((5, 1), -np.inf), "not finite"),
+        (lambda s: s.path.unlink(), "cannot be read"),
+    ],
+)
+def test_scans_that_cannot_be_kept_are_refused(project, tmp_path, rng, spoil, message):
+    stream = example_stream(tmp_path, rng)
+    spoil(stream)
+    before = snapshot(project.path)
+    with pytest.raises(MonitorError, match=message):
+        project.add_epoch(epoch(), [stream])
+    with pytest.raises(StoreError, match="has no scans"):
+        project.add_epoch(epoch(), [])
+    assert snapshot(project.path) == before
+
+
+def test_nouns_that_cannot_be_kept_are_refused(project):
+    before = snapshot(project.path)
+    for noun, message in (
+        ({"a/b": np.zeros(3)}, "cannot name an item"),
+        ({"x": object()}, "a object cannot be kept"),
+        ({1: 2}, "text is needed"),
+        (np.zeros(3, dtype=complex), "complex128 cannot be stored"),
+    ):
+        with pytest.raises(StoreError, match=message):
+            project.put("stove", "E1", example_step(), noun)
+    assert snapshot(project.path) == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs limits on the size of files")
+def test_full_disk_loses_nothing(project, tmp_path, rng):
+    import resource
+
+    stream = example_stream(tmp_path, rng, n=200_000)
+    stream.step = 50_000
+    before = snapshot(project.path)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
+    try:
+        with pytest.raises(StoreError, match="could not be written"):
+            project.add_epoch(epoch(), [stream])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert snapshot(project.path) == before
+    project.add_epoch(epoch(), [stream])
+    assert project.verify().findings == ()
+
+
+# removal
+
+
+def test_removed_epoch_takes_the_comparisons_made_from_it_along(project, tmp_path, rng):
+    for key in ("E2", "E3"):
+        project.add_epoch(epoch(key), [example_stream(tmp_path, rng, name=key)])
+    for compared, reference in (("E2", "E1"), ("E3", "E1"), ("E3", "E2")):
+        project.put("stove", compared, example_step(f"comparison-{reference}"), {"x": np.arange(3)})
+    surface = project.put("stove", "E1", example_step(), example_surface(rng))
+    made = example_step("made")
+    object.__setattr__(made, "inputs", (surface.step_id,))
+    project.put("stove", "E2", made, {"x": 1})
+    project.remove_epoch("stove", "E1")
+    assert [s.product for s in project.steps("stove", "E2")] == ["raw"]
+    assert sorted(s.product for s in project.steps("stove", "E3")) == ["comparison-E2", "raw"]
+    assert list(project.path.glob("objects/stove/E1/raw-*.h5")), "it stays on disk until purged"
+    assert {severity for severity, _ in findings(project)} == {"note"}
+    assert len(project.purge()) == 5
+    assert findings(project) == []
+
+
+# two writers
+
+
+def hold_lock(path: str, ready: multiprocessing.Event, done: multiprocessing.Event) -> None:
+    with Project.open(path).writing():
+        ready.set()
+        done.wait(60)
+
+
+def test_second_writer_is_refused_with_the_owner_and_readers_go_on(project, rng):
+    context = multiprocessing.get_context("fork")
+    ready, done = context.Event(), context.Event()
+    writer = context.Process(target=hold_lock, args=(str(project.path), ready, done))
+    writer.start()
+    assert ready.wait(60)
+    with (
+        pytest.raises(StoreError, match=rf"process {writer.pid} on {socket.gethostname()} since 20\d\d"),
+        project.writing(wait=0.05),
+    ):
+        pass
+    assert Project.open(project.path).object("stove").object_id == "stove"
+    done.set()
+    writer.join()
+    project.put("stove", "E1", example_step(), example_surface(rng))
+
+
+def test_lock_of_another_host_is_respected_and_that_of_a_dead_process_taken_over(project):
+    path = project.path / LOCK_NAME
+    owner = this_process().__dict__
+    for lock, message in (
+        ({**owner, "host": "archive-server[4026531836]", "pid": 1}, "process 1 on archive-server since"),
+        ("", "on unknown since unknown"),
+    ):
+        path.write_text(json.dumps(lock) if lock else "")
+        with pytest.raises(StoreError, match=message) as caught, project.writing(wait=0):
+            pass
+        assert "remove project.lock" in str(caught.value)
+        path.unlink()
+    for lock in ({**owner, "pid": 2**22 + 1}, {**owner, "started": owner["started"] - 3600}):
+        path.write_text(json.dumps(lock))
+        assert any("is gone" in message for _, message in findings(project))
+        project.add_object(ObjectRecord(f"later-{lock['pid']}"))
+        assert not path.exists()
+
+
+def test_lock_is_reentrant_and_released_after_an_error(project):
+    def add_twice() -> None:
+        with project.writing():
+            project.add_object(ObjectRecord("later"))
+            assert (project.path / LOCK_NAME).exists()
+            project.add_object(ObjectRecord("later"))
+
+    with pytest.raises(StoreError, match="exists already"):
+        add_twice()
+    assert not (project.path / LOCK_NAME).exists()
+    project.add_object(ObjectRecord("last"))
+
+
+def test_writer_whose_lock_was_taken_enters_nothing(project):
+    before = repr(project.index())
+    with project.writing():
+        (project.path / LOCK_NAME).write_text(json.dumps({**this_process().__dict__, "pid": 7}))
+        with pytest.raises(StoreError, match="was taken by process 7"):
+            project.add_object(ObjectRecord("later"))
+    assert repr(Project.open(project.path).index()) == before
+    assert (project.path / LOCK_NAME).exists(), "the other's lock is not ours to remove"
+
+
+def add_objects(path: str, names: list[str]) -> None:
+    for name in names:
+        Project.open(path).add_object(ObjectRecord(name))
+
+
+def test_many_writers_at_once_lose_no_change(project):
+    context = multiprocessing.get_context("fork")
+    names = [[f"w{k}.{i}" for i in range(8)] for k in range(4)]
+    writers = [context.Process(target=add_objects, args=(str(project.path), n)) for n in names]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+        assert writer.exitcode == 0
+    found = {o.object_id for o in Project.open(project.path).objects()}
+    assert found == {"stove", *(n for several in names for n in several)}
+    assert project.verify().findings == ()
