@@ -22,9 +22,9 @@ FILTERS = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletc
 
 
 @contextmanager
-def create_file(path: Path) -> Iterator[h5py.File]:
+def create_file(path: Path, userblock_size: int = 0) -> Iterator[h5py.File]:
     """Yield a new HDF5 file to write, closed afterwards; raises `OSError` where the disk is full or fails."""
-    file = h5py.File(path, "w", libver=LIBRARY_BOUNDS, locking=False)
+    file = h5py.File(path, "w", libver=LIBRARY_BOUNDS, locking=False, userblock_size=userblock_size)
     try:
         yield file
         file.flush()

@@ -1,12 +1,14 @@
 """`project.h5`, the index as a small HDF5 file: groups, attributes, and a link to every product's file.
 
-It is read whole and replaced whole. A digest over all that it holds shows a changed byte.
+It is read whole and replaced whole. A seal before its first HDF5 byte, in the user block that HDF5 leaves to programs,
+holds the SHA-256 of all that follows; it is checked before HDF5 reads a file that it may never come back from.
 """
 
 from __future__ import annotations
 
 import datetime
 import hashlib
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
@@ -26,6 +28,7 @@ from projects.records import from_json, plain, to_json
 
 INDEX_NAME = "project.h5"
 FORMAT = "heritage-monitor project"
+SEAL_BYTES = 512  # the smallest user block of HDF5
 RECORDS = {"extent", "sources", "control", "step"}  # kept as JSON
 LINK = "file"  # name of the link to a product's file
 
@@ -48,21 +51,16 @@ class Node:
 
 def write_index(path: Path, index: Index) -> None:
     """Write the index as an HDF5 file."""
-    root = _project_node(index)
-    root.attributes["digest"] = digest(root)
-    with hdf5.create_file(path) as file:
-        _write_node(file, root)
+    with hdf5.create_file(path, userblock_size=SEAL_BYTES) as file:
+        _write_node(file, _project_node(index))
+    _seal(path)
 
 
 def read_index(path: Path) -> Index:
     """Return the index of a project; raise `StoreError` where it is missing, damaged, or not one."""
+    _require_seal(path)
     with hdf5.open_file(path, "project index") as file:
-        if hdf5.read_attribute(file, "format") != FORMAT:
-            raise StoreError(f"{path} is an HDF5 file, but not the index of a heritage-monitor project")
-        require_known("project", hdf5.read_attribute(file, VERSION), str(path))
         root = _read_node(file, str(path))
-    if root.attributes.pop("digest", None) != digest(root):
-        raise StoreError(f"{path} was changed or is damaged: its digest does not fit; restore it from a copy")
     own = _values(root, "project", Index)
     try:
         return Index(**own, objects={key: _object_entry(node) for key, node in root.group("objects").groups.items()})
@@ -70,12 +68,36 @@ def read_index(path: Path) -> Index:
         raise StoreError(f"{path} is not a whole index ({error})") from error
 
 
+def _seal(path: Path) -> None:
+    """Write the SHA-256 of what follows the user block into it, as one line of text."""
+    with open(path, "r+b") as file:
+        file.seek(SEAL_BYTES)
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0)
+        file.write(f"{FORMAT}, version {CURRENT['project']}, sha256 {found}\n".encode("ascii"))
+
+
+def _require_seal(path: Path) -> None:
+    """Raise `StoreError` where the file is not an index, is of a newer version, or is not as it was sealed."""
+    try:
+        with open(path, "rb") as file:
+            line = file.read(SEAL_BYTES).split(b"\n")[0].decode("ascii", "replace")
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise StoreError(f"{path} cannot be read ({error.strerror})") from error
+    sealed = re.fullmatch(rf"{FORMAT}, version (\d+), sha256 ([0-9a-f]{{64}})", line)
+    if sealed is None:
+        raise StoreError(f"{path} is not the index of a heritage-monitor project, or its beginning is damaged")
+    require_known("project", int(sealed[1]), str(path))
+    if sealed[2] != found:
+        raise StoreError(f"{path} was cut off, changed or is damaged: its seal does not fit; restore it from a copy")
+
+
 # values -> nodes
 
 
 def _project_node(index: Index) -> Node:
     node = _node("project", index, "", skip={"objects"})
-    node.attributes["format"] = FORMAT
     node.groups["objects"] = Node("/objects", groups={k: _object_node(e) for k, e in index.objects.items()})
     return node
 
@@ -184,29 +206,3 @@ def _read_node(group: h5py.Group, where: str) -> Node:
         else:
             node.groups[name] = _read_node(hdf5.child(group, name), f"{where}/{name}")
     return node
-
-
-def digest(root: Node) -> str:
-    """Return the SHA-256 over all groups, attributes and links of an index, in the order that FORMAT.md states."""
-    total = hashlib.sha256()
-
-    def add(*texts: str) -> None:
-        total.update("\0".join(texts).encode("utf-8", "surrogatepass") + b"\n")
-
-    def walk(node: Node, path: str) -> None:
-        for name in sorted(node.attributes):
-            add("attribute", path, name, _as_text(node.attributes[name]))
-        if node.link is not None:
-            add("link", path, LINK, node.link)
-        for name in sorted(node.groups):
-            add("group", path, name)
-            walk(node.groups[name], f"{path}/{name}")
-
-    walk(root, "")
-    return total.hexdigest()
-
-
-def _as_text(value: Value) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return value.hex() if isinstance(value, float) else str(value)

@@ -253,11 +253,15 @@ class Project:
     @contextmanager
     def _raw(self, object_id: str, epoch_id: str) -> Iterator[h5py.File]:
         entry = find_product(find_epoch(self.index(), object_id, epoch_id), "raw")
+        self._require_bytes(entry, f"{object_id} {epoch_id} raw")
         with open_product(self.path, self.epoch(object_id, epoch_id), entry) as file:
             yield file
 
     def _require_bytes(self, entry: ProductEntry, what: str) -> None:
-        """Check a file's hash once for as long as its size and time stay the same."""
+        """Check a file's hash before HDF5 reads it; once for as long as its size and time stay the same.
+
+        HDF5's own checksums cover what it reads, but a damaged file can hold it for ever before it gets there.
+        """
         key = (entry.file, entry.sha256, _seen(self.path / entry.file))
         if key not in self._verified:
             require_bytes(self.path, entry, what)
