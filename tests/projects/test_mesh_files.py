@@ -1,0 +1,185 @@
+"""Surfaces out and in: PLY, OBJ, STL and GLB; names, types, order, precision."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+
+from projects.errors import FormatError, ShapeError
+from projects.formats import (
+    read_mesh,
+    read_scans,
+    surface_properties,
+    write_csv,
+    write_glb,
+    write_obj,
+    write_ply_mesh,
+    write_stl,
+)
+from projects.model import Surface
+
+FAR = np.array([657_123.4, 5_400_321.0, 310.0])
+
+
+@pytest.fixture
+def surface(rng):
+    """Return a coloured sphere of radius 1 m about the origin."""
+    ball = trimesh.creation.icosphere(2)
+    n = len(ball.vertices)
+    return Surface(
+        np.array(ball.vertices), np.array(ball.faces), normals=np.array(ball.vertex_normals),
+        colors=rng.integers(0, 256, (n, 3)), sigma=rng.random(n),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def far_surface(surface):
+    return Surface(surface.vertices + FAR, surface.faces, normals=surface.normals, colors=surface.colors)
+
+
+def test_ply_has_the_properties_asked_for_in_their_order_and_types(tmp_path, surface):
+    n = len(surface.vertices)
+    properties = {
+        "nx": surface.normals[:, 0].astype(np.float32),
+        "red": surface.colors[:, 0],
+        "distance": np.full(n, np.nan, np.float32),
+        "assessment": np.ones(n, np.uint8),
+        "region": np.arange(n, dtype=np.int32),
+    }
+    write_ply_mesh(tmp_path / "a.ply", surface, properties, ["made by\na test"])
+    head = (tmp_path / "a.ply").read_bytes().split(b"end_header\n")[0].decode().splitlines()
+    assert head == [
+        "ply", "format binary_little_endian 1.0", "comment made by a test", f"element vertex {n}",
+        "property double x", "property double y", "property double z", "property float nx", "property uchar red",
+        "property float distance", "property uchar assessment", "property int region",
+        f"element face {len(surface.faces)}", "property list uchar int vertex_indices",
+    ]  # fmt: skip
+
+
+def test_another_program_reads_the_ply(tmp_path, surface):
+    region = np.arange(len(surface.vertices), dtype=np.int32)
+    write_ply_mesh(tmp_path / "a.ply", surface, surface_properties(surface) | {"region": region})
+    mesh = trimesh.load(tmp_path / "a.ply", process=False)
+    np.testing.assert_array_equal(mesh.vertices, surface.vertices)
+    np.testing.assert_array_equal(mesh.faces, surface.faces)
+    np.testing.assert_array_equal(mesh.visual.vertex_colors[:, :3], surface.colors)
+    np.testing.assert_array_equal(mesh.metadata["_ply_raw"]["vertex"]["data"]["region"].ravel(), region)
+
+
+def test_property_that_ply_cannot_hold_is_refused(tmp_path, surface):
+    n = len(surface.vertices)
+    for properties in ({"id": np.zeros(n, np.int64)}, {"a b": np.zeros(n)}, {"short": np.zeros(n - 1)}):
+        with pytest.raises(ShapeError, match="PLY property"):
+            write_ply_mesh(tmp_path / "a.ply", surface, properties)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("suffix", "write", "tolerance"),
+    [(".ply", write_ply_mesh, 0.0), (".obj", write_obj, 0.51e-6), (".glb", write_glb, 6e-8)],
+)
+def test_surface_far_from_the_origin_comes_back(tmp_path, far_surface, suffix, write, tolerance):
+    write(tmp_path / f"a{suffix}", far_surface)
+    got = read_mesh(tmp_path / f"a{suffix}")
+    np.testing.assert_allclose(got.vertices, far_surface.vertices, rtol=0, atol=tolerance)
+    np.testing.assert_array_equal(got.faces, far_surface.faces)
+    np.testing.assert_array_equal(got.colors, far_surface.colors)
+    (stream,) = read_scans(tmp_path / f"a{suffix}")
+    (chunk,) = stream.chunks()
+    np.testing.assert_array_equal(chunk.cloud.points, got.vertices)
+
+
+def test_stl_comes_back_with_each_vertex_once(tmp_path, surface):
+    write_stl(tmp_path / "a.stl", surface)
+    got = read_mesh(tmp_path / "a.stl")
+    assert len(got.vertices) == len(surface.vertices)
+    np.testing.assert_allclose(got.vertices[got.faces], surface.vertices[surface.faces], atol=6e-8)
+    normals = trimesh.load(tmp_path / "a.stl", process=False).face_normals
+    assert (np.einsum("ij,ij->i", normals, surface.vertices[surface.faces].mean(axis=1)) > 0.9).all()
+
+
+def test_stl_refuses_coordinates_that_it_would_move(tmp_path, far_surface):
+    with pytest.raises(FormatError, match=r"would move these coordinates by up to \d+ mm"):
+        write_stl(tmp_path / "a.stl", far_surface)
+
+
+def test_text_stl_is_read_and_a_cut_one_refused(tmp_path):
+    text = "solid a\n" + 2 * (
+        "facet normal 0 0 1\n outer loop\n  vertex 0 0 0\n  vertex 1 0 0\n  vertex 0 1.5 0\n endloop\nendfacet\n"
+    )
+    (tmp_path / "a.stl").write_text(text + "endsolid a\n")
+    got = read_mesh(tmp_path / "a.stl")
+    assert (len(got.vertices), len(got.faces)) == (3, 2)
+    (tmp_path / "b.stl").write_text(text)
+    with pytest.raises(FormatError, match="endsolid"):
+        read_mesh(tmp_path / "b.stl")
+
+
+def test_binary_stl_that_is_cut_off_is_refused(tmp_path, surface):
+    write_stl(tmp_path / "a.stl", surface)
+    (tmp_path / "b.stl").write_bytes((tmp_path / "a.stl").read_bytes()[:-1])
+    with pytest.raises(FormatError, match=r"b\.stl: "):
+        read_mesh(tmp_path / "b.stl")
+
+
+def test_obj_polygons_and_corners_counted_from_the_end_are_understood(tmp_path):
+    text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1 4/1\nv 0 0 1\nf -1 -2//1 -3\n"
+    (tmp_path / "a.obj").write_text(text)
+    got = read_mesh(tmp_path / "a.obj", unit=0.001)
+    assert sorted(map(tuple, got.faces)) == [(0, 1, 2), (0, 2, 3), (4, 3, 2)]
+    assert got.vertices.max() == 0.001
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 4\n", "name vertices 0 to 3; it has 0 to 2"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 0 1 2\n", "vertex 0; OBJ counts from 1"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf a b c\n", "names no vertex"),
+        ("v 0 0 0\nv 1 0 0\nf 1 2 2\n", "no faces with three different corners"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\n", "holds no faces"),
+        ("v 0 0 0\nv nan 0 0\nv 1 1 0\nf 1 2 3\n", "not finite"),
+        ("v 0 0 0\nv 1 0\nv 1 1 0\nf 1 2 3\n", "has 2 values"),
+    ],
+)
+def test_mesh_that_is_none_is_refused(tmp_path, text, message):
+    (tmp_path / "a.obj").write_text(text)
+    with pytest.raises(FormatError, match=message):
+        read_mesh(tmp_path / "a.obj")
+
+
+def test_points_are_no_mesh(tmp_path):
+    (tmp_path / "a.xyz").write_text("1 2 3\n4 5 6\n")
+    with pytest.raises(FormatError, match="XYZ holds no mesh"):
+        read_mesh(tmp_path / "a.xyz")
+
+
+def test_file_that_names_another_opens_nothing(tmp_path):
+    secret = tmp_path / "secret.bin"
+    secret.write_bytes(np.zeros(9, "<f4").tobytes())
+    gltf = (
+        b'{"asset":{"version":"2.0"},"buffers":[{"uri":"secret.bin","byteLength":36}],"bufferViews":[{"buffer":0,'
+        b'"byteLength":36}],"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],"meshes":'
+        b'[{"primitives":[{"attributes":{"POSITION":0}}]}],"nodes":[{"mesh":0}],"scenes":[{"nodes":[0]}],"scene":0}'
+    )
+    gltf += b" " * (-len(gltf) % 4)
+    head = np.array([2, 20 + len(gltf), len(gltf)], "<u4").tobytes()
+    (tmp_path / "a.glb").write_bytes(b"glTF" + head + b"JSON" + gltf)
+    with pytest.raises(FormatError, match=r"a\.glb: "):
+        read_mesh(tmp_path / "a.glb")
+
+
+def test_table_keeps_digits_and_unknown_values(tmp_path):
+    table = pd.DataFrame({"kind": ["lost", "Größe"], "area_m2": [0.1 + 0.2, np.nan]})
+    write_csv(tmp_path / "a.csv", table)
+    assert (tmp_path / "a.csv").read_text("utf-8") == "kind,area_m2\nlost,0.30000000000000004\nGröße,nan\n"
+
+
+def test_existing_file_stays_whole_when_writing_fails(tmp_path, surface):
+    write_ply_mesh(tmp_path / "a.ply", surface)
+    before = (tmp_path / "a.ply").read_bytes()
+    with pytest.raises(ShapeError):
+        write_ply_mesh(tmp_path / "a.ply", surface, {"bad": np.zeros(1)})
+    assert (tmp_path / "a.ply").read_bytes() == before
+    with pytest.raises(FormatError, match="does not exist"):
+        write_ply_mesh(tmp_path / "none" / "a.ply", surface)
