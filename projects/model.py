@@ -167,6 +167,8 @@ class Surface:
     faces : (m, 3) int32, counter-clockwise seen from outside (from where the scanners stood).
     normals : (n, 3) float64, outward unit normals.
     sigma : (n,) float64, m, one sigma of the vertex along its normal; NaN where it cannot be stated.
+    sigma_shared : (n,) float64, m, one sigma of the error that a whole neighbourhood shares: what the scans of the
+        epoch disagree by. NaN where no scans overlap, absent where it was not looked for.
     n_support : (n,) int32, how many samples the vertex rests on.
     sample_distance : (n,) float64, m, distance to the nearest sample.
     roughness : (n,) uint8, `Roughness` of the nearest samples.
@@ -178,6 +180,7 @@ class Surface:
     faces: Ints
     normals: Floats | None = None
     sigma: Floats | None = None
+    sigma_shared: Floats | None = None
     n_support: Ints | None = None
     sample_distance: Floats | None = None
     roughness: NDArray[np.uint8] | None = None
@@ -196,7 +199,7 @@ class Surface:
         object.__setattr__(self, "normals", _array(self.normals, "normals", (n, 3), np.float64))
         object.__setattr__(self, "colors", _array(self.colors, "colors", (n, 3), np.uint8))
         object.__setattr__(self, "face_invented", _array(self.face_invented, "face_invented", (len(faces),), np.bool_))
-        kinds = {"sigma": np.float64, "n_support": np.int32, "sample_distance": np.float64,
+        kinds = {"sigma": np.float64, "sigma_shared": np.float64, "n_support": np.int32, "sample_distance": np.float64,
                  "roughness": np.uint8, "intensity": np.float32}  # fmt: skip
         for name, kind in kinds.items():
             object.__setattr__(self, name, _array(getattr(self, name), name, (n,), kind))

@@ -118,11 +118,11 @@ def mark_changed(side: Side, test: Tested, which: int, noise: Noise, calm: Bools
     Beyond a level is a vertex whose own change exceeds its lod95, or whose smoothed change exceeds what that of calm
     vertices does in 5 %.
     """
-    lod95 = level_of_detection(side.sigma_surfaces, side.sigma_motion, noise.floor_of(side))
+    lod95 = level_of_detection(side.sigma_surfaces, side.sigma_common, noise.floor_of(side))
     smooth = smooth_distances(side, 0.5 * noise.correlation.length)
     ratio = np.abs(smooth[calm]) / lod95[calm]
     kept = min(float(np.quantile(ratio, 0.95)), 1.0) if len(ratio) else 1.0
-    smooth_lod95 = np.maximum(kept * lod95, Z95 * side.sigma_motion)
+    smooth_lod95 = np.maximum(kept * lod95, Z95 * side.sigma_common)
     sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int64)
     own = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
     beyond = side.is_assessed & (own | (np.abs(smooth) > smooth_lod95))

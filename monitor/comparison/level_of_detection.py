@@ -1,7 +1,8 @@
 """The smallest change that differs from zero at 95 %, per vertex: surfaces, registration, and what is left over.
 
-lod95 = 1.96 sqrt(sigma_vertex^2 + sigma_foot^2 + n' J C J' n + floor^2). The floor is what the stable areas show
-beyond the stated noise: reconstruction, unmodelled scanner errors, small relief sampled differently.
+lod95 = 1.96 sqrt(sigma_vertex^2 + sigma_foot^2 + sigma_shared^2 + n' J C J' n + floor^2). The shared part is what the
+scans of each epoch disagree by; the floor is what the stable areas show beyond all that is stated: reconstruction,
+unmodelled scanner errors, small relief sampled differently.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ Z95 = float(norm.ppf(0.975))  # 1.96
 N_FLOOR = 200_000  # stable vertices that a floor is estimated from, at even steps
 
 
-def level_of_detection(sigma_surfaces: Floats, sigma_motion: Floats, floor: Floats | float) -> Floats:
+def level_of_detection(sigma_surfaces: Floats, sigma_common: Floats, floor: Floats | float) -> Floats:
     """Return lod95 [m] of independent parts, all one sigma in metres."""
-    return Z95 * np.sqrt(sigma_surfaces**2 + sigma_motion**2 + np.square(floor))
+    return Z95 * np.sqrt(sigma_surfaces**2 + sigma_common**2 + np.square(floor))
 
 
 def lague_lod95(spread_reference: Floats, n_reference: Floats, spread_compared: Floats, n_compared: Floats,

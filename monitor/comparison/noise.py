@@ -38,14 +38,14 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     noise = Noise(learn_floors(sides, calm, share), Correlation(np.zeros(1), np.ones(1)))
     lead = int(calm[1].sum() > calm[0].sum())
     side, which = sides[lead], calm[lead]
-    errors = side.distances[which] / np.sqrt(noise.variance_of(side)[which] + side.sigma_motion[which] ** 2)
+    errors = side.distances[which] / np.sqrt(noise.variance_of(side)[which] + side.sigma_common[which] ** 2)
     return Noise(noise.floors, estimate_correlation(side.surface.vertices[which], errors, side.areas[which], rng))
 
 
 def learn_floors(sides: tuple[Side, Side], calm: Masks, share: float) -> Floats:
     """Return the floor [m] of each roughness class; the common one where a class has too few stable vertices."""
     distances = np.concatenate([s.distances[c] for s, c in zip(sides, calm, strict=True)])
-    sigma = np.concatenate([np.hypot(s.sigma_surfaces, s.sigma_motion)[c] for s, c in zip(sides, calm, strict=True)])
+    sigma = np.concatenate([np.hypot(s.sigma_surfaces, s.sigma_common)[c] for s, c in zip(sides, calm, strict=True)])
     least = max(least_floor(s.surface.vertices) for s in sides)
     common = max(estimate_floor(distances, sigma, share), least)
     classes = [s.surface.roughness for s in sides]

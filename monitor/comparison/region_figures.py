@@ -17,7 +17,7 @@ from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected, Detection
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side
-from monitor.comparison.units import motion_variance
+from monitor.comparison.units import common_variance
 from projects.model import Floats, Ints, Registration
 
 Pair = tuple[Side, Side]
@@ -114,8 +114,8 @@ def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, regis
     within2 = float(weight @ found.sides[which].variance[vertices]) * found.test.errors.scale**2
     starts, group = np.array([0, len(vertices)]), np.zeros(len(vertices), dtype=np.int64)
     kept = kept_variance(side.surface.vertices[vertices], starts, found.noise.correlation, N_WITNESSES)
-    motion2 = motion_variance(side, vertices, group, weight, registration, 1)
-    return float(np.sqrt(within2 * kept[0] + motion2[0]))
+    common2 = common_variance(side, vertices, group, weight, registration, 1)
+    return float(np.sqrt(within2 * kept[0] + common2[0]))
 
 
 def find_extreme(side: Side, found: Detection, vertices: Ints, correlation: Correlation) -> tuple[float, float]:

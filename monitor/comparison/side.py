@@ -22,7 +22,8 @@ class Side:
 
     `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `edges` (e, 2) are those of the surface,
     each once; `areas` [m2] are a third of the faces around;
-    `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_motion` [m] that of the registration.
+    `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_shared` [m] what the scans of the two epochs
+    disagree by (common to a neighbourhood), `sigma_motion` [m] that of the registration (common to the whole).
     """
 
     surface: Surface
@@ -33,6 +34,7 @@ class Side:
     areas: Floats
     distances: Floats
     sigma_surfaces: Floats
+    sigma_shared: Floats
     sigma_motion: Floats
     is_stable: Bools
     reasons: Ints
@@ -41,6 +43,11 @@ class Side:
     def is_assessed(self) -> Bools:
         """Where the change could be measured."""
         return self.reasons == NotAssessed.ASSESSED
+
+    @property
+    def sigma_common(self) -> Floats:
+        """One sigma [m] of the errors that no averaging over neighbours removes: scans and registration."""
+        return np.hypot(self.sigma_shared, self.sigma_motion)
 
 
 def move_surface(surface: Surface, T_target_source: Floats) -> Surface:
@@ -68,7 +75,16 @@ def measure_side(surface: Surface, other: Surface, tree: MeshTree, sign: float, 
     motion = propagate(registration.covariance, registration.centre, surface.vertices, normals)
     is_stable = np.zeros(len(normals), dtype=np.bool_)
     edges, areas = mesh_edges(surface), vertex_areas(surface)
-    return Side(surface, other, feet, normals, edges, areas, distances, sigma, motion, is_stable, reasons)
+    shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
+    shared = np.where(np.isfinite(shared), shared, 0.0)
+    return Side(surface, other, feet, normals, edges, areas, distances, sigma, shared, motion, is_stable, reasons)
+
+
+def _shared_sigma(surface: Surface) -> Floats:
+    """Return what the scans of a surface disagree by (n,) [m]; 0 where nothing shows it: the floor then holds it."""
+    if surface.sigma_shared is None:
+        return np.zeros(len(surface.vertices))
+    return np.where(np.isfinite(surface.sigma_shared), surface.sigma_shared, 0.0)
 
 
 def vertex_areas(surface: Surface) -> Floats:

@@ -91,11 +91,11 @@ def summarize_units(side: Side, number: Ints, noise: Noise, registration: Regist
     within2 = sum_groups(unit, share * noise.variance_of(side)[order], n_units)
     starts = np.searchsorted(unit, np.arange(n_units + 1))
     kept = kept_variance(side.surface.vertices[order], starts, noise.correlation)
-    motion2 = motion_variance(side, order, unit, share, registration, n_units)
+    common2 = common_variance(side, order, unit, share, registration, n_units)
     return Units(
         number=number,
         mean=sum_groups(unit, share * side.distances[order], n_units),
-        sigma=np.sqrt(np.maximum(within2 * kept + motion2, 1e-300)),
+        sigma=np.sqrt(np.maximum(within2 * kept + common2, 1e-300)),
         is_whole=area >= SMALLEST_UNIT * np.median(area) if n_units else np.zeros(0, dtype=np.bool_),
         is_stable=sum_groups(unit, share * calm[order], n_units) > 0.5,
     )
@@ -106,13 +106,14 @@ def sum_groups(group: Ints, values: Floats, n_groups: int) -> Floats:
     return np.asarray(np.bincount(group, values, minlength=n_groups), dtype=np.float64)
 
 
-def motion_variance(side: Side, vertices: Ints, group: Ints, share: Floats, registration: Registration,
+def common_variance(side: Side, vertices: Ints, group: Ints, share: Floats, registration: Registration,
                     n_groups: int) -> Floats:  # fmt: skip
-    """Return the variance [m2] that the registration gives the weighted mean of each group (fully correlated)."""
+    """Return the variance [m2] that registration and scans give the weighted mean of each group (fully correlated)."""
     arm = side.surface.vertices[vertices] - registration.centre
     rows = np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]]) * share[:, None]
     mean_rows = np.column_stack([np.bincount(group, rows[:, k], minlength=n_groups) for k in range(6)])
-    return np.maximum(np.einsum("ui,ij,uj->u", mean_rows, registration.covariance, mean_rows), 0.0)
+    shared = sum_groups(group, share * side.sigma_shared[vertices], n_groups)
+    return np.maximum(np.einsum("ui,ij,uj->u", mean_rows, registration.covariance, mean_rows), 0.0) + shared**2
 
 
 def benjamini_hochberg(p: Floats, level: float) -> Bools:

@@ -1,0 +1,52 @@
+"""How well scans agree: a known misfit between scans comes out as the sigma that it is."""
+
+import numpy as np
+import pytest
+
+from monitor.registration.agreement import assess_agreement
+
+
+def patch_of_points(rng: np.random.Generator, x_from: float, x_to: float) -> np.ndarray:
+    n = int(20_000 * (x_to - x_from))
+    return np.column_stack([rng.uniform(x_from, x_to, n), rng.uniform(0, 1, n), np.zeros(n)])
+
+
+def offsets_by_cube(points: np.ndarray, rng: np.random.Generator, sigma: float) -> np.ndarray:
+    """Return errors that whole patches share: one draw a cube of 0.1 m."""
+    cell = np.floor(points[:, :2] / 0.1).astype(int)
+    draws = rng.normal(0.0, sigma, (40, 40))
+    return draws[cell[:, 0], cell[:, 1]]
+
+
+def test_misfit_of_two_scans_is_the_sigma_of_one_over_the_root_of_two(rng: np.random.Generator) -> None:
+    points = [patch_of_points(rng, 0.0, 1.0) for _ in range(2)]
+    noise = 0.0003
+    distances = [offsets_by_cube(p, rng, 0.001) + rng.normal(0, noise, len(p)) for p in points]
+    middle = np.array([[0.5, 0.5, 0.0]])
+    agreement = assess_agreement(middle, points, distances, 0.01)
+    assert agreement.sigma_scan == pytest.approx(0.001, rel=0.12)
+    assert agreement.n_overlapping == agreement.n_patches == 100
+
+
+def test_surface_of_two_scans_is_surer_than_that_of_one(rng: np.random.Generator) -> None:
+    points = [patch_of_points(rng, 0.0, 2.0), patch_of_points(rng, 1.0, 2.0)]
+    distances = [offsets_by_cube(p, rng, 0.001) for p in points]
+    x = np.column_stack([np.linspace(0.05, 1.95, 39), np.full(39, 0.5), np.zeros(39)])
+    sigma = assess_agreement(x, points, distances, 0.01).sigma
+    alone, both = np.sqrt(np.mean(sigma[:18] ** 2)), np.sqrt(np.mean(sigma[21:] ** 2))
+    assert alone == pytest.approx(0.001, rel=0.15)
+    assert both == pytest.approx(0.001 / np.sqrt(2), rel=0.2)
+
+
+def test_noise_alone_is_not_taken_for_misfit(rng: np.random.Generator) -> None:
+    points = [patch_of_points(rng, 0.0, 1.0) for _ in range(3)]
+    distances = [rng.normal(0.0, 0.001, len(p)) for p in points]
+    assert assess_agreement(points[0][:10], points, distances, 0.01).sigma_scan < 0.0001
+
+
+def test_without_overlap_the_misfit_is_unknown_and_not_zero(rng: np.random.Generator) -> None:
+    points = [patch_of_points(rng, 0.0, 0.9), patch_of_points(rng, 1.1, 2.0)]
+    distances = [np.zeros(len(p)) for p in points]
+    agreement = assess_agreement(points[0][:10], points, distances, 0.01)
+    assert np.isnan(agreement.sigma).all()
+    assert np.isnan(agreement.sigma_scan)
