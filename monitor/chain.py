@@ -18,8 +18,8 @@ import numpy as np
 from monitor.comparison import compare
 from monitor.engine import Engine
 from monitor.filtering import FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
-from monitor.quality import describe_distances
-from monitor.reconstruction import reconstruct_with_record, surface_to_points
+from monitor.quality import assess_scans, describe_distances, distances_to_surface
+from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, find_step, latest_step, once_step, put_step
 from monitor.registration import register
 from monitor.scans import read_within
@@ -46,7 +46,7 @@ def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Noti
         return [_adopt_mesh(place, notify)]
     scans = _filter_scans(place, settings, engine, notify)
     filtered = _merge(place, settings, scans, notify)
-    surface = _reconstruct(place, settings, filtered, notify)
+    surface = _reconstruct(place, settings, scans, filtered, notify)
     quality = _assess_quality(place, scans, surface, notify)
     return [*scans, filtered, surface, quality]
 
@@ -153,15 +153,25 @@ def _merge(place: Place, settings: Settings, scans: list[Step], notify: Notify) 
     return once_step(place, Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, tuple(scans)), make)
 
 
-def _reconstruct(place: Place, settings: Settings, filtered: Step, notify: Notify) -> Step:
-    """Make the surface of the merged cloud (design step 9)."""
+def _reconstruct(place: Place, settings: Settings, scans: list[Step], filtered: Step, notify: Notify) -> Step:
+    """Make the surface of the merged cloud (design step 9), with what its scans disagree by."""
 
     def make() -> Made:
         notify(f"{place.epoch_id}: reconstructing the surface")
         result = reconstruct_with_record(place.get(filtered), settings.surface)
-        return Made(result.surface, result.automatic, result.counts)
+        notify(f"{place.epoch_id}: comparing its scans with each other")
+        agreement = assess_scans(result.surface, [place.get(step) for step in scans])
+        surface = replace(result.surface, sigma_shared=agreement.sigma)
+        found = {
+            "scan_disagreement_m": agreement.sigma_scan,
+            "scan_patch_m": agreement.patch_size,
+            "scan_patches": agreement.n_patches,
+            "scan_patches_overlapping": agreement.n_overlapping,
+        }
+        return Made(surface, {**result.automatic, **found}, result.counts)
 
-    return once_step(place, Asked("surface", "surface", {"surface": as_mapping(settings.surface)}, (filtered,)), make)
+    asked = Asked("surface", "surface", {"surface": as_mapping(settings.surface)}, (filtered, *scans))
+    return once_step(place, asked, make)
 
 
 def _assess_quality(place: Place, scans: list[Step], surface: Step, notify: Notify) -> Step:
@@ -169,15 +179,11 @@ def _assess_quality(place: Place, scans: list[Step], surface: Step, notify: Noti
 
     def make() -> Made:
         notify(f"{place.epoch_id}: checking the surface against its scans")
-        mesh = place.get(surface)
-        arrays: dict[str, Any] = {}
-        for step in scans:
-            cloud = place.get(step)
-            if len(cloud) == 0:
-                continue
-            arrays[step.product] = surface_to_points(mesh, cloud.points, cloud.normals)
-        figures = {name: describe_distances(distances) for name, distances in arrays.items()}
-        figures["all"] = describe_distances(np.concatenate(list(arrays.values())))
+        clouds = [place.get(step) for step in scans]
+        distances = distances_to_surface(place.get(surface), clouds)
+        arrays = {step.product: d for step, d in zip(scans, distances, strict=True) if len(d)}
+        figures = {name: describe_distances(d) for name, d in arrays.items()}
+        figures["all"] = describe_distances(np.concatenate(distances))
         return Made(arrays, figures)
 
     return once_step(place, Asked("quality", "quality", {}, (*scans, surface)), make)

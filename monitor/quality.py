@@ -1,13 +1,30 @@
-"""Figures that say how well a surface fits its scans (design step 10).
+"""How well a surface fits its scans, and its scans each other (design step 10).
 
-In come signed distances, out come statistics.
+In come a surface and the filtered clouds of its scans, out come signed distances, statistics, and the scans' agreement.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from projects.model import Floats
+from monitor.reconstruction import surface_to_points
+from monitor.registration.agreement import Agreement, assess_agreement
+from projects.model import Floats, PointCloud, Surface
+
+
+def distances_to_surface(surface: Surface, clouds: Sequence[PointCloud]) -> list[Floats]:
+    """Return for each cloud the signed distances (k,) [m] of its points to the surface, NaN where unknown."""
+    return [surface_to_points(surface, c.points, c.normals) if len(c) else np.empty(0) for c in clouds]
+
+
+def assess_scans(surface: Surface, clouds: Sequence[PointCloud]) -> Agreement:
+    """Return how well the scans agree with each other, over their common surface."""
+    distances = distances_to_surface(surface, clouds)
+    spacings = [c.spacing for c in clouds if c.spacing is not None and len(c)]
+    spacing = float(np.nanmedian(np.concatenate(spacings)))
+    return assess_agreement(surface.vertices, [c.points for c in clouds], distances, spacing)
 
 
 def describe_distances(distances: Floats) -> dict[str, float]:
