@@ -94,7 +94,8 @@ def _foot_normals(surface: Surface, face: Ints, weights: Floats) -> Floats:
     blended = np.einsum("ij,ijk->ik", weights, vertex_normals(surface.vertices, surface.faces)[surface.faces[face]])
     length = np.linalg.norm(blended, axis=1)
     blended /= np.where(length > 0.0, length, 1.0)[:, None]
-    return np.where((weights > ON_EDGE).all(axis=1)[:, None], face_normal[face], blended)
+    is_inside = np.all(weights > ON_EDGE, axis=1, keepdims=True)
+    return np.where(is_inside, face_normal[face], blended)
 
 
 def _on_free_edge(faces: Ints, face: Ints, weights: Floats) -> Bools:
@@ -102,7 +103,7 @@ def _on_free_edge(faces: Ints, face: Ints, weights: Floats) -> Bools:
     edges, edge_of, n_faces = edge_table(faces)
     free_vertex = np.zeros(int(faces.max()) + 1, bool)
     free_vertex[edges[n_faces == 1]] = True
-    free_edge = (n_faces[edge_of] == 1).reshape(-1, 3)[face]
+    free_edge = np.equal(n_faces[edge_of], 1).reshape(-1, 3)[face]
     zero = weights <= ON_EDGE
     on_edge = (zero & np.roll(free_edge, -1, axis=1)).any(axis=1)
     at_vertex = (free_vertex[faces[face]] & (weights >= 1.0 - ON_EDGE)).any(axis=1)

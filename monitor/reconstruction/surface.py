@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import Sampling, choose_cell_size, measure_sampling
+from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.projection import Projection, project_vertices
@@ -31,7 +32,9 @@ N_TINT = 4  # samples that give a vertex its colour, intensity and roughness
 class SurfaceSettings:
     """How a surface is made of points. Lengths in metres."""
 
-    method: str = setting("open3d", unit="", meaning="engine of the raw surface", choices=("open3d",))
+    method: str = setting(
+        "open3d", unit="", meaning="engine of the raw surface; open3d to compare with", choices=("localized", "open3d")
+    )
     cell_size: float | None = setting(
         None, unit="m", meaning="edge of a cell; auto: 1.5 spacings, or 0.7 sigma of noise if larger", low=1e-6, high=10
     )  # fmt: skip
@@ -90,7 +93,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     sampling = measure_sampling(cloud)
     cell = settings.cell_size or choose_cell_size(sampling)
     assert cloud.normals is not None
-    vertices, faces, cell_used = poisson_mesh(points, cloud.normals, cell)
+    vertices, faces, cell_used = raw_mesh(points, cloud.normals, cell, sampling, settings.method)
     counts = {"points_used": len(points), "faces_raw": len(faces)}
     samples = cKDTree(points)
     faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
@@ -99,6 +102,16 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     surface = finish(projection, faces, samples, cloud, shift)
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
     return ReconstructionResult(surface, automatic_values(sampling, cell_used, settings), counts)
+
+
+def raw_mesh(
+    points: Floats, normals: Floats, cell: float, sampling: Sampling, method: str
+) -> tuple[Floats, Ints, float]:
+    """Return vertices, faces and the cell size used of the engine asked for."""
+    if method == "open3d":
+        return poisson_mesh(points, normals, cell)
+    vertices, faces = localized_mesh(points, normals, cell, sampling.spacing)
+    return vertices, faces, cell
 
 
 def with_normals(cloud: PointCloud) -> PointCloud:

@@ -1,0 +1,151 @@
+"""The sampled band: cells near points, cut into cubic tiles with a halo, so that memory is bounded by the tile.
+
+In: points in cell units on one lattice of an epoch. Out: `Tiles` (which points a tile and its halo hold) and, within a
+tile, the cells within a few cells of a point and the nodes at their corners. Every tile sees the same band: a node
+belongs to it or not whichever tile asks. After Nothegger, `001` section 3 (domain restricted to the sampled areas).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import jit
+
+from projects.model import Floats, Ints
+
+OCCUPIED, IN_BAND = 1, 2
+
+
+class Tiles(NamedTuple):
+    """Points in cell units, sorted by tile; tile j holds `points[starts[j]:starts[j + 1]]` and lies at `corners[j]`."""
+
+    points: Floats  # (n, 3) lattice coordinates, cells
+    order: Ints  # (n,) input index of each
+    corners: Ints  # (t, 3) lattice coordinates of each tile's lowest node
+    starts: Ints  # (t + 1,)
+    edge: int  # cells along a tile's edge
+
+    def neighbours(self, tile: int) -> list[int]:
+        """Return the tiles that touch `tile`, itself included, in ascending order."""
+        apart = np.abs(self.corners - self.corners[tile]).max(axis=1)
+        return [int(j) for j in np.flatnonzero(apart <= self.edge)]
+
+    def points_within(self, tile: int, margin: int) -> Ints:
+        """Return the rows of `points` in the tile and `margin` cells around it; `margin` is at most one tile."""
+        low, high = self.corners[tile] - margin, self.corners[tile] + self.edge + margin
+        rows = []
+        for j in self.neighbours(tile):
+            first, last = self.starts[j], self.starts[j + 1]
+            rows.append(first + np.flatnonzero(in_box(self.points[first:last], low, high)))
+        return np.concatenate(rows)
+
+
+def cut_tiles(points: Floats, edge: int, reach: int) -> Tiles:
+    """Cut lattice points (n, 3) into cubic tiles of `edge` cells, by where they lie and nothing else.
+
+    A tile without points is one too where a point lies within `reach` cells of it: the band goes on into it.
+    """
+    cube = np.floor(points / edge).astype(np.int64)
+    low = cube.min(axis=0) - 1
+    shape = cube.max(axis=0) - low + 2
+    weight = np.array([shape[1] * shape[2], shape[2], 1])
+    key = (cube - low) @ weight
+    order = np.argsort(key, kind="stable")
+    steps = np.array(np.meshgrid([-reach, reach], [-reach, reach], [-reach, reach])).reshape(3, 8).T
+    touched = [np.unique((np.floor((points + step) / edge).astype(np.int64) - low) @ weight) for step in steps]
+    keys = np.unique(np.concatenate([*touched, key]))
+    corners = np.stack(np.unravel_index(keys, tuple(shape)), axis=1) + low
+    starts = np.append(np.searchsorted(key[order], keys), len(points)).astype(np.int64)
+    return Tiles(np.ascontiguousarray(points[order]), order, corners * edge, starts, edge)
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def ball_offsets(radius: float) -> Ints:
+    """Lattice offsets (k, 3) within `radius` cells."""
+    r = int(np.ceil(radius))
+    out = np.empty(((2 * r + 1) ** 3, 3), np.int64)
+    n = 0
+    for a in range(-r, r + 1):
+        for b in range(-r, r + 1):
+            for c in range(-r, r + 1):
+                if a * a + b * b + c * c <= radius * radius + 1e-9:
+                    out[n, 0], out[n, 1], out[n, 2] = a, b, c
+                    n += 1
+    return out[:n]
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def mark_cells(points: Floats, shape: Any, radius: float) -> Any:
+    """Dense marks (uint8): OCCUPIED where a point lies, IN_BAND within `radius` cells of such a cell."""
+    marks = np.zeros(shape, np.uint8)
+    ball = ball_offsets(radius)
+    for i in range(points.shape[0]):
+        a, b, c = int(points[i, 0]), int(points[i, 1]), int(points[i, 2])
+        if marks[a, b, c] & OCCUPIED:
+            continue
+        marks[a, b, c] |= OCCUPIED
+        for q in range(ball.shape[0]):
+            x, y, z = a + ball[q, 0], b + ball[q, 1], c + ball[q, 2]
+            if 0 <= x < shape[0] - 1 and 0 <= y < shape[1] - 1 and 0 <= z < shape[2] - 1:
+                marks[x, y, z] |= IN_BAND
+    return marks
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def number_nodes(marks: Any) -> Any:
+    """Number the corners of the band's cells in lattice order: dense index (-1 outside) and coordinates (n, 3)."""
+    index = np.full(marks.shape, -1, np.int32)
+    n = 0
+    for a in range(marks.shape[0] - 1):
+        for b in range(marks.shape[1] - 1):
+            for c in range(marks.shape[2] - 1):
+                if marks[a, b, c] & IN_BAND:
+                    for q in range(8):
+                        x, y, z = a + (q & 1), b + ((q >> 1) & 1), c + (q >> 2)
+                        if index[x, y, z] == -1:
+                            index[x, y, z] = -2
+                            n += 1
+    nodes = np.empty((n, 3), np.int32)
+    n = 0
+    for a in range(marks.shape[0]):
+        for b in range(marks.shape[1]):
+            for c in range(marks.shape[2]):
+                if index[a, b, c] == -2:
+                    index[a, b, c] = n
+                    nodes[n, 0], nodes[n, 1], nodes[n, 2] = a, b, c
+                    n += 1
+    return index, nodes
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def node_neighbours(nodes: Ints, index: Any) -> Any:
+    """Neighbours (n, 6) of each node: +x +y +z -x -y -z; -1 where the band ends."""
+    out = np.full((nodes.shape[0], 6), -1, np.int32)
+    nx, ny, nz = index.shape
+    for i in range(nodes.shape[0]):
+        a, b, c = nodes[i, 0], nodes[i, 1], nodes[i, 2]
+        if a + 1 < nx:
+            out[i, 0] = index[a + 1, b, c]
+        if b + 1 < ny:
+            out[i, 1] = index[a, b + 1, c]
+        if c + 1 < nz:
+            out[i, 2] = index[a, b, c + 1]
+        if a > 0:
+            out[i, 3] = index[a - 1, b, c]
+        if b > 0:
+            out[i, 4] = index[a, b - 1, c]
+        if c > 0:
+            out[i, 5] = index[a, b, c - 1]
+    return out
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def in_box(places: Any, low: Any, high: Any) -> Any:
+    """Which places (n, 3) lie in [low, high)."""
+    out = np.empty(places.shape[0], np.bool_)
+    for i in range(places.shape[0]):
+        out[i] = (
+            low[0] <= places[i, 0] < high[0] and low[1] <= places[i, 1] < high[1] and low[2] <= places[i, 2] < high[2]
+        )
+    return out

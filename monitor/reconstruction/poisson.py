@@ -1,0 +1,199 @@
+"""The field of one tile: a function whose gradient is the mean normal and whose zero lies on the points.
+
+In: points in cell units of a tile, their normals, the band. Out: the field at the band's nodes, in cells: about the
+signed distance, positive outside. It minimises
+
+    sum over edges (chi_j - chi_i - N_e)^2 + sum over occupied cells w chi(mean point)^2
+
+by conjugate gradients. Edges that leave the band carry nothing: natural (Neumann) conditions on both faces of the
+band. `001` sets chi = 0 on the outer face, and then every loss of normals shifts the surface; here the zero level is
+tied to the points everywhere and no global constant is left to choose.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import jit
+
+from projects.model import Floats, Ints
+
+BLUR_PASSES = 4  # binomial (1 2 1) / 4 along each axis: sigma 1.4 cells
+SCREENING_LENGTH = 4.0  # cells over which the points hold the field
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def corner_weights(x: float, y: float, z: float, weights: Any) -> None:
+    """Trilinear weights (8,) of the corners of a cell, corner q at (q & 1, (q >> 1) & 1, q >> 2)."""
+    for q in range(8):
+        wx = x if q & 1 else 1.0 - x
+        wy = y if (q >> 1) & 1 else 1.0 - y
+        wz = z if q >> 2 else 1.0 - z
+        weights[q] = wx * wy * wz
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def splat_normals(points: Floats, normals: Floats, index: Any, n_nodes: int) -> Any:
+    """Weighted sums at the nodes (n, 5): normal, weight, and normal . point (all in cell units)."""
+    sums = np.zeros((n_nodes, 5), np.float32)
+    weights = np.empty(8)
+    for i in range(points.shape[0]):
+        a, b, c = int(points[i, 0]), int(points[i, 1]), int(points[i, 2])
+        corner_weights(points[i, 0] - a, points[i, 1] - b, points[i, 2] - c, weights)
+        along = normals[i, 0] * points[i, 0] + normals[i, 1] * points[i, 1] + normals[i, 2] * points[i, 2]
+        for q in range(8):
+            j, w = index[a + (q & 1), b + ((q >> 1) & 1), c + (q >> 2)], weights[q]
+            sums[j, 0] += w * normals[i, 0]
+            sums[j, 1] += w * normals[i, 1]
+            sums[j, 2] += w * normals[i, 2]
+            sums[j, 3] += w
+            sums[j, 4] += w * along
+    return sums
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def blur(sums: Any, neighbours: Ints, n_passes: int) -> Any:
+    """Binomial filter along the axes, within the band."""
+    other = np.empty_like(sums)
+    for _ in range(n_passes):
+        for axis in range(3):
+            for i in range(sums.shape[0]):
+                up, down = neighbours[i, axis], neighbours[i, axis + 3]
+                for q in range(5):
+                    value = np.float32(0.5) * sums[i, q]
+                    if up >= 0:
+                        value += np.float32(0.25) * sums[up, q]
+                    if down >= 0:
+                        value += np.float32(0.25) * sums[down, q]
+                    other[i, q] = value
+            sums, other = other, sums
+    return sums
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def field_and_start(sums: Any, nodes: Ints) -> Any:
+    """Mean normal (n, 3) at the nodes and the mean signed distance (n,) to the points' planes, a good first field."""
+    n = sums.shape[0]
+    mean, start = np.zeros((n, 3), np.float32), np.zeros(n, np.float32)
+    for i in range(n):
+        w = sums[i, 3]
+        if w > 1e-12:
+            along = sums[i, 0] * nodes[i, 0] + sums[i, 1] * nodes[i, 1] + sums[i, 2] * nodes[i, 2]
+            start[i] = (along - sums[i, 4]) / w
+            mean[i, 0], mean[i, 1], mean[i, 2] = sums[i, 0] / w, sums[i, 1] / w, sums[i, 2] / w
+    return mean, start
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def divergence(mean: Any, neighbours: Ints) -> Any:
+    """Right-hand side (n,): the mean normals along the edges of each node."""
+    out = np.zeros(mean.shape[0], np.float32)
+    for i in range(mean.shape[0]):
+        for axis in range(3):
+            j = neighbours[i, axis]
+            if j >= 0:
+                along = np.float32(0.5) * (mean[i, axis] + mean[j, axis])
+                out[j] += along
+                out[i] -= along
+    return out
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def screening_rows(points: Floats, index: Any, full_cell: float) -> Any:
+    """One row a cell that holds points: its 8 nodes, the weights of the mean point, and how full it is (0 to 1).
+
+    `full_cell` is the number of points that fill a cell at the epoch's spacing; a cell that the surface only touches
+    holds fewer and weighs less.
+    """
+    cell_of = np.full(index.shape, -1, np.int32)
+    cells = np.empty((points.shape[0], 3), np.int32)
+    sums = np.zeros((points.shape[0], 4))
+    n = 0
+    for i in range(points.shape[0]):
+        a, b, c = int(points[i, 0]), int(points[i, 1]), int(points[i, 2])
+        k = cell_of[a, b, c]
+        if k < 0:
+            k = n
+            cell_of[a, b, c] = k
+            cells[k, 0], cells[k, 1], cells[k, 2] = a, b, c
+            n += 1
+        sums[k, 0] += points[i, 0] - a
+        sums[k, 1] += points[i, 1] - b
+        sums[k, 2] += points[i, 2] - c
+        sums[k, 3] += 1.0
+    corners, weights = np.empty((n, 8), np.int32), np.empty((n, 8), np.float32)
+    full = np.empty(n, np.float32)
+    for k in range(n):
+        m = sums[k, 3]
+        corner_weights(sums[k, 0] / m, sums[k, 1] / m, sums[k, 2] / m, weights[k])
+        for q in range(8):
+            corners[k, q] = index[cells[k, 0] + (q & 1), cells[k, 1] + ((q >> 1) & 1), cells[k, 2] + (q >> 2)]
+        full[k] = min(m / full_cell, 1.0)
+    return corners, weights, full
+
+
+@jit(nopython=True, cache=True, nogil=True, fastmath=True)  # no NaN inside; the order is fixed by the compiled code
+def apply_operator(x: Any, out: Any, neighbours: Ints, screening: Any, is_fixed: Any) -> None:
+    """out = (graph Laplacian + screening) x, zero at fixed nodes; `screening` is (corners, weights, pull)."""
+    corners, weights, pull = screening
+    for i in range(x.shape[0]):
+        s = np.float32(0.0)
+        for k in range(6):
+            j = neighbours[i, k]
+            if j >= 0:
+                s += x[i] - x[j]
+        out[i] = s
+    for p in range(corners.shape[0]):
+        v = np.float32(0.0)
+        for q in range(8):
+            v += weights[p, q] * x[corners[p, q]]
+        v *= pull[p]
+        for q in range(8):
+            out[corners[p, q]] += v * weights[p, q]
+    for i in range(x.shape[0]):
+        if is_fixed[i]:
+            out[i] = np.float32(0.0)
+
+
+@jit(nopython=True, cache=True, nogil=True, fastmath=True)
+def solve_field(x: Any, rhs: Any, neighbours: Ints, screening: Any, is_fixed: Any, tolerance: float, most: int) -> int:
+    """Conjugate gradients with Jacobi preconditioning, in place on `x`; returns the number of iterations."""
+    corners, weights, pull = screening
+    n = x.shape[0]
+    diagonal = np.zeros(n, np.float32)
+    for i in range(n):
+        for k in range(6):
+            if neighbours[i, k] >= 0:
+                diagonal[i] += np.float32(1.0)
+    for p in range(corners.shape[0]):
+        for q in range(8):
+            diagonal[corners[p, q]] += pull[p] * weights[p, q] * weights[p, q]
+    r, z, p_, q_ = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    apply_operator(x, r, neighbours, screening, is_fixed)
+    rz = 0.0
+    for i in range(n):
+        r[i] = np.float32(0.0) if is_fixed[i] else rhs[i] - r[i]
+        diagonal[i] = max(diagonal[i], np.float32(1e-6))
+        z[i] = r[i] / diagonal[i]
+        p_[i] = z[i]
+        rz += r[i] * z[i]
+    n_iterations = 0
+    while n_iterations < most and rz > tolerance * tolerance * n:
+        apply_operator(p_, q_, neighbours, screening, is_fixed)
+        pq = 0.0
+        for i in range(n):
+            pq += p_[i] * q_[i]
+        step = np.float32(rz / pq)
+        rz_new = 0.0
+        for i in range(n):
+            x[i] += step * p_[i]
+            r[i] -= step * q_[i]
+            z[i] = r[i] / diagonal[i]
+            rz_new += r[i] * z[i]
+        turn = np.float32(rz_new / rz)
+        rz = rz_new
+        for i in range(n):
+            p_[i] = z[i] + turn * p_[i]
+        n_iterations += 1
+    return n_iterations
