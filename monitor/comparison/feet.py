@@ -58,7 +58,7 @@ def find_feet(tree, points, normals, order, limits):  # type: ignore[no-untyped-
             distance[i] = np.copysign(np.sqrt(found[0]), dot(sub(p, foot), _pseudo_normal(tree, found[1], found[4])))
             if _is_free(tree, found[1], found[4]):
                 outcome[i] = ON_BORDER
-            elif found[0] > 0.0 and _is_hidden(tree, p, foot, stack):
+            elif found[5] < found[0] and _is_hidden(tree, p, foot, stack):
                 outcome[i] = BEHIND_SHEET
             else:
                 outcome[i] = FOOT
@@ -67,13 +67,14 @@ def find_feet(tree, points, normals, order, limits):  # type: ignore[no-untyped-
 
 @jit(nopython=True, cache=True)
 def _nearest_foot(tree, p, looks, limits, seed, strict, stack, bounds):  # type: ignore[no-untyped-def]
-    """Return (squared distance, face, weight b, weight c, feature) of the nearest point on a face that looks p's way.
+    """Return the nearest point on a face that looks p's way; `strict`: only on faces that p stands over.
 
-    Face -1 where there is none. `strict`: only on faces that p stands over.
+    As (squared distance, face, weight b, weight c, feature, squared distance from which on p's way may be barred by
+    a face that looks elsewhere); face -1 where there is none.
     """
-    best = (limits[0] * limits[0], -1, 0.0, 0.0, FACE)
+    best = (limits[0] * limits[0], -1, 0.0, 0.0, FACE, 0.0 if strict else np.inf)
     if seed >= 0:
-        best = _try_face(tree, p, looks, limits[1], seed, strict, best)
+        best = _try_face(tree, p, looks, limits[1], seed, 0.0, strict, best)
     n_inner, n_faces = tree.n_leaves - 1, len(tree.faces)
     stack[0], bounds[0], top = 0, 0.0, 1
     while top > 0:
@@ -84,19 +85,26 @@ def _nearest_foot(tree, p, looks, limits, seed, strict, stack, bounds):  # type:
         if node >= n_inner:
             leaf = node - n_inner
             for f in range(leaf * n_faces // tree.n_leaves, (leaf + 1) * n_faces // tree.n_leaves):
-                best = _try_face(tree, p, looks, limits[1], f, strict, best)
+                best = _try_face(tree, p, looks, limits[1], f, bounds[top], strict, best)
             continue
         near, far = 2 * node + 1, 2 * node + 2
         near2, far2 = box_distance2(p, tree.nodes, near), box_distance2(p, tree.nodes, far)
         if far2 < near2:
             near, far, near2, far2 = far, near, far2, near2
-        if far2 <= best[0] and cone_looks(looks, tree.nodes, far):
-            stack[top], bounds[top] = far, far2
-            top += 1
-        if near2 <= best[0] and cone_looks(looks, tree.nodes, near):
-            stack[top], bounds[top] = near, near2
-            top += 1
+        for child, child2 in ((far, far2), (near, near2)):
+            if child2 <= best[0]:
+                if cone_looks(looks, tree.nodes, child):
+                    stack[top], bounds[top] = child, child2
+                    top += 1
+                else:
+                    best = _barred(best, child2)
     return best
+
+
+@jit(nopython=True, cache=True, inline="always")
+def _barred(best, bound2):  # type: ignore[no-untyped-def]
+    """Return `best`, with a face that looks elsewhere at this squared distance or more."""
+    return (best[0], best[1], best[2], best[3], best[4], min(best[5], bound2))
 
 
 @jit(nopython=True, cache=True, inline="always")
@@ -114,20 +122,20 @@ def _point_of(tree, f, weight_b, weight_c):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True)
-def _try_face(tree, p, looks, cos_angle, f, strict, best):  # type: ignore[no-untyped-def]
+def _try_face(tree, p, looks, cos_angle, f, bound2, strict, best):  # type: ignore[no-untyped-def]
     """Return `best`, or the nearest point of face f where it is nearer and the face looks the same way."""
     a, b, c = _corner(tree, f, 0), _corner(tree, f, 1), _corner(tree, f, 2)
     ab, ac = sub(b, a), sub(c, a)
     area = cross(ab, ac)
     same = dot(area, looks)
     if same <= 0.0 or same * same < cos_angle * cos_angle * dot(area, area):
-        return best
+        return _barred(best, bound2)
     weight_b, weight_c, feature = closest_on_triangle(p, a, b, c)
     away = sub(p, along(along(a, weight_b, ab), weight_c, ac))
     distance2 = dot(away, away)
     if distance2 >= best[0] and (best[1] >= 0 or distance2 > best[0]):
         return best
-    candidate = (distance2, f, weight_b, weight_c, feature)
+    candidate = (distance2, f, weight_b, weight_c, feature, best[5])
     return best if strict and not _stands_over(tree, p, candidate) else candidate
 
 

@@ -16,7 +16,7 @@ from monitor.comparison.triangles import cross, dot, sub
 from projects.errors import ComparisonError
 from projects.model import Bools, Floats, Ints, Surface
 
-FACES_PER_LEAF = 4
+FACES_PER_LEAF = 2
 
 
 class MeshTree(NamedTuple):  # a named tuple, since kernels take it whole
