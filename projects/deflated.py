@@ -16,6 +16,7 @@ import numpy as np
 from projects import hdf5
 
 N_THREADS = 2
+BLOCK = 256  # words that are summed at a time
 MAX_WAITING = 2 * N_THREADS  # finished chunks that may wait to be written: bounds the memory
 
 
@@ -92,10 +93,14 @@ def filtered_chunk(rows: np.ndarray, n_rows: int) -> bytes:
 
 def fletcher32(octets: bytes) -> int:
     """Return HDF5's Fletcher-32 checksum: two sums modulo 65535 over big-endian 16-bit words, an odd octet padded."""
-    words = np.frombuffer(octets + b"\0" * (len(octets) % 2), dtype=">u2").astype(np.uint64)
-    weights = np.arange(len(words), 0, -1, dtype=np.uint64)  # exact in 64 bits up to 2**24 words, 32 MiB
-    first, second = int(words.sum()), int((words * weights).sum())
-    return _folded(second) << 16 | _folded(first)
+    n_words = (len(octets) + 1) // 2
+    padded = octets + b"\0" * (-len(octets) % (2 * BLOCK))
+    words = np.frombuffer(padded, dtype=">u2").reshape(-1, BLOCK).astype(np.float64)  # exact, and added by BLAS
+    sums = words.sum(axis=1).astype(np.int64)
+    # the second sum counts every word as often as words follow it, itself included
+    followed = n_words - BLOCK * np.arange(len(sums), dtype=np.int64)
+    second = int((followed * sums).sum()) - int((words @ np.arange(BLOCK, dtype=np.float64)).sum())
+    return _folded(second) << 16 | _folded(int(sums.sum()))
 
 
 def _folded(total: int) -> int:

@@ -17,7 +17,7 @@ from projects.errors import StoreError
 from projects.records import from_json, to_json
 
 CHUNK_ROWS = 65536
-LIBRARY_BOUNDS = ("v108", "v110")  # checksummed metadata, and readable by every HDF5 since 1.10
+LIBRARY_BOUNDS = ("v110", "v110")  # checksummed metadata; readable by every HDF5 since 1.10 (2016)
 FILTERS = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
 
 

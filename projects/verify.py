@@ -61,16 +61,8 @@ def verify_project(path: Path, progress: Callable[[str, int], None] | None = Non
             findings.append(Finding(ERROR, entry.file, str(error)))
         if progress is not None:
             progress(entry.file, entry.n_bytes)
-    findings += [*_outdated(index), *_unnamed(path, index)]
+    findings += _unnamed(path, index)
     return VerifyReport(tuple(findings), len(products) + 1, sum(entry.n_bytes for _, entry in products))
-
-
-def _outdated(index: Index) -> Iterator[Finding]:
-    """Yield a note for each product made from a product that was made anew since."""
-    known = {entry.step.step_id for _, entry in all_products(index)}
-    for epoch, entry in all_products(index):
-        if gone := [i for i in entry.step.inputs if len(i) == 16 and i not in known]:
-            yield Finding(NOTE, entry.file, f"{epoch.epoch_id} was made from {gone[0]}, which is no longer current")
 
 
 def _unnamed(root: Path, index: Index) -> Iterator[Finding]:
