@@ -26,16 +26,16 @@ class Tiles(NamedTuple):
     starts: Ints  # (t + 1,)
     edge: int  # cells along a tile's edge
 
-    def neighbours(self, tile: int) -> list[int]:
-        """Return the tiles that touch `tile`, itself included, in ascending order."""
+    def neighbours(self, tile: int, margin: int) -> list[int]:
+        """Return the tiles within `margin` cells of `tile`, itself included, in ascending order."""
         apart = np.abs(self.corners - self.corners[tile]).max(axis=1)
-        return [int(j) for j in np.flatnonzero(apart <= self.edge)]
+        return [int(j) for j in np.flatnonzero(apart < self.edge + margin)]
 
     def points_within(self, tile: int, margin: int) -> Ints:
-        """Return the rows of `points` in the tile and `margin` cells around it; `margin` is at most one tile."""
+        """Return the rows of `points` in the tile and `margin` cells around it."""
         low, high = self.corners[tile] - margin, self.corners[tile] + self.edge + margin
         rows = []
-        for j in self.neighbours(tile):
+        for j in self.neighbours(tile, margin):
             first, last = self.starts[j], self.starts[j + 1]
             rows.append(first + np.flatnonzero(in_box(self.points[first:last], low, high)))
         return np.concatenate(rows)
