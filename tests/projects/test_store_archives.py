@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import shutil
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -78,6 +80,32 @@ def test_archived_version_1_is_whole_and_can_be_continued(archived):
     archived.remove_epoch("stove.1", "E-2.b", purge=True)
     assert archived.verify().ok
     assert archived.latest("stove.1", "E1", "comparison-E-2.b") is None
+
+
+def test_format_document_is_enough_to_read_the_archive_without_this_program():
+    """Follows FORMAT.md with h5py and json alone."""
+    folder = ARCHIVES / "version-1"
+    octets = (folder / "project.h5").read_bytes()
+    line = octets[:512].split(b"\n")[0].decode("ascii")
+    assert line == f"heritage-monitor project, version 1, sha256 {hashlib.sha256(octets[512:]).hexdigest()}"
+    with h5py.File(folder / "project.h5") as file:
+        epoch = file["objects/stove.1/epochs/E-2.b"]
+        assert epoch.attrs["date"] == "2025-05-01"
+        assert json.loads(epoch.attrs["control"])[0] == {
+            "name": "P1", "position": [1.0, 2.0, 3.0], "sigma": {"$float": "nan"}}  # fmt: skip
+        product = epoch["products/comparison-E1"]
+        assert (product.attrs["kind"], product.attrs["reference"]) == ("comparison", "E1")
+        link = product.get("file", getlink=True)
+        content = (folder / link.filename).read_bytes()
+        assert (len(content), hashlib.sha256(content).hexdigest()) == (product.attrs["bytes"], product.attrs["sha256"])
+        # an HDF5 browser follows the link by itself
+        side = product["file/content/on_compared"]
+        np.testing.assert_array_equal(side["distances"], make_archive.comparison().on_compared.distances)
+        assert [t.decode() for t in product["file/content/regions/001"][:]] == ["lost", "added"]
+        assert json.loads(product["file/step"][0])["parameters"]["n"] == 48
+        scan = epoch["products/raw/file/content/0000"]
+        np.testing.assert_array_equal(scan["points"], make_archive.raw_cloud().points)
+        assert scan.attrs["name"].decode() == "station-1.ptx"
 
 
 def test_older_element_is_brought_up_to_date_step_by_step(archived, monkeypatch):
