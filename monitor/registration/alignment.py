@@ -21,6 +21,7 @@ N_PAIRS_NEEDED = 30
 SHRINK = 0.5  # at most so much is the sideways limit reduced from one iteration to the next
 STEPS_ASIDE = 5.0  # pairs may be aside by so many lengths of the last step
 FINE_ANGLE_SHARE = 0.75  # of the angle between normals that is allowed once the pairs stand over each other
+STALLED = 0.9
 SETTLED_SHARE = 0.01  # a step below one hundredth of its own sigma changes nothing that could be known
 
 
@@ -88,6 +89,7 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
     aside = 0.0 if fine else rules.distance
     weights: Floats = np.empty(0)
     sigma: Floats = np.empty(0)
+    last_step = np.inf
     for iteration in range(1, rules.max_iterations + 1):
         angle = rules.angle * (FINE_ANGLE_SHARE if fine else 1.0)
         matches = match(samples, target, T, MatchLimits(rules.distance, aside, angle), both_oriented)
@@ -102,6 +104,9 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
         step = displacement(delta, matches.points, centre)
         if fine and step < max(rules.precision, SETTLED_SHARE * typical_sigma(normal_matrix, matches.points, centre)):
             return Alignment(T, matches, weights, sigma, centre, True, "", iteration)
+        if fine and step > STALLED * last_step:  # pairs that swap to and fro make the pose swing: go half the way
+            delta = 0.5 * delta
+        last_step = step
         T = perturb(T, centre, delta)
         aside = min(aside, max(SHRINK * aside, STEPS_ASIDE * step))
         fine = fine or aside < float(np.median(matches.tangential)) or aside < rules.precision

@@ -11,34 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import pdist
 
+from monitor.registration.correlation import fit_correlation
 from monitor.registration.matching import Matches
+from monitor.registration.patches import cut_patches
 from monitor.registration.sampling import motion_rows
-from monitor.registration.weights import tukey_slope
+from monitor.registration.weights import tukey_slope, tukey_weights
 from projects.errors import ShapeError
 from projects.model import Floats, Ints
 
-N_FAR = 2000  # points whose pairs, two million, show the correlation at distances beyond the nearest neighbours
-N_NEAR = 8  # neighbours of every point that show it at short distances
-N_BINS = 24
-N_RANGES = 10
-N_CORRECTIONS = 4
-
-
-@dataclass(frozen=True)
-class Correlation:
-    """Covariance of standardized residuals against distance: nugget at zero plus sum of sills exp(-d / range [m])."""
-
-    nugget: float
-    sills: Floats
-    ranges: Floats
-
-    def at(self, distance: Floats) -> Floats:
-        """Return the covariance of two different points `distance` [m] apart."""
-        return np.exp(-distance[..., None] / self.ranges) @ self.sills
+N_PATCHES = 150  # enough to tell a range of a tenth of the object; 0.1 s
 
 
 def propagate(covariance: Floats, centre: Floats, points: Floats, normals: Floats) -> Floats:
@@ -79,39 +61,35 @@ def shape_information(matches: Matches, centre: Floats, weights: Floats) -> Floa
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The pairs that a motion rests on: standardized residuals and rows divided by their sigma, ready to sum."""
+    """The pairs that a motion rests on, standardized: scores psi (n,), rows (n, 6) over sigma, mean slope of psi."""
 
     points: Floats
-    u: Floats
+    normals: Floats
     psi: Floats
     rows: Floats
     slope: float
     information: Floats
-    patch: Ints
 
 
-def estimate_covariance(matches: Matches, sigma: Floats, patch: Ints, centre: Floats, rng: np.random.Generator,
-                        ) -> Floats:  # fmt: skip
-    """Return the covariance (6, 6) of the motion that the pairs give; never below that of independent residuals."""
-    adjusted = standardize(matches, sigma, patch, centre)
-    naive = naive_covariance(adjusted)
-    lags = collect_lags(adjusted.points, rng)
-    covariance = naive
-    for _ in range(N_CORRECTIONS):  # the fit itself took part of the correlation out of the residuals
-        correlation = fit_correlation(adjusted, lags, covariance)
-        bread = np.linalg.pinv(adjusted.slope * adjusted.information, hermitian=True)
-        covariance = at_least(bread @ score_covariance(adjusted, correlation, lags) @ bread, naive)
-    return covariance
+def estimate_covariance(matches: Matches, sigma: Floats, centre: Floats) -> Floats:
+    """Return the covariance (6, 6) of the motion that stable pairs give; never below that of independent residuals.
+
+    `sigma` (n,) [m] is of each residual; `centre` (3,) [m] is what the rotation is about.
+    """
+    adjusted = standardize(matches, sigma, centre)
+    bread = np.linalg.pinv(adjusted.information, hermitian=True)
+    covariance = bread @ score_covariance(adjusted) @ bread
+    return at_least(0.5 * (covariance + covariance.T), naive_covariance(adjusted))
 
 
-def standardize(matches: Matches, sigma: Floats, patch: Ints, centre: Floats) -> Adjusted:
+def standardize(matches: Matches, sigma: Floats, centre: Floats) -> Adjusted:
     """Return what the sums of the covariance are made of."""
     u = matches.residuals / sigma
     u = u / max(1.4826 * float(np.median(np.abs(u))), 1e-12)
     rows = motion_rows(matches.points, matches.normals, centre) / sigma[:, None]
-    psi = u * np.maximum(1.0 - (u / 4.685) ** 2, 0.0) ** 2
     information = shape_information(matches, centre, 1.0 / sigma**2)
-    return Adjusted(matches.points, u, psi, rows, float(np.mean(tukey_slope(u))), information, patch)
+    slope = float(np.mean(tukey_slope(u)))
+    return Adjusted(matches.points, matches.normals, u * tukey_weights(u), rows, slope, information)
 
 
 def naive_covariance(adjusted: Adjusted) -> Floats:
@@ -120,61 +98,28 @@ def naive_covariance(adjusted: Adjusted) -> Floats:
     return factor * np.linalg.pinv(adjusted.information, hermitian=True)
 
 
-@dataclass(frozen=True)
-class Lags:
-    """Pairs of points (first, second), their distance [m] and the bin (n,) each falls in."""
-
-    first: Ints
-    second: Ints
-    distance: Floats
-    bin: Ints
-
-
-def collect_lags(points: Floats, rng: np.random.Generator) -> Lags:
-    """Return pairs of neighbours and pairs at random, in bins of distance."""
-    n = len(points)
-    _, near = cKDTree(points).query(points, k=min(N_NEAR + 1, n), workers=-1)
-    some = rng.choice(n, min(N_FAR, n), replace=False)
-    i, j = np.triu_indices(len(some), 1)
-    first = np.concatenate([np.repeat(np.arange(n), near.shape[1] - 1), some[i]])
-    second = np.concatenate([near[:, 1:].ravel(), some[j]])
-    near_distance = np.linalg.norm(points[first[: n * (near.shape[1] - 1)]] - points[near[:, 1:].ravel()], axis=1)
-    distance = np.concatenate([near_distance, pdist(points[some])])
-    low, high = max(float(np.quantile(near_distance, 0.05)), 1e-9), float(distance.max())
-    edges = np.geomspace(low, high * 1.000001, N_BINS)
-    return Lags(first, second, distance, np.searchsorted(edges, distance))
-
-
-def fit_correlation(adjusted: Adjusted, lags: Lags, covariance: Floats) -> Correlation:
-    """Return the covariance of psi against distance: a sum of exponentials with sills that are not negative."""
-    fitted = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
-    absorbed = adjusted.slope * (adjusted.rows @ fitted)
-    products = adjusted.psi[lags.first] * adjusted.psi[lags.second]
-    products += np.einsum("ni,ni->n", absorbed[lags.first], absorbed[lags.second])
-    count = np.bincount(lags.bin)
-    filled = count > 0
-    value = np.bincount(lags.bin, products)[filled] / count[filled]
-    distance = np.bincount(lags.bin, lags.distance)[filled] / count[filled]
-    ranges = np.geomspace(distance[0], distance[-1] / 3.0, N_RANGES)
-    root = np.sqrt(count[filled])
-    sills, _ = nnls(np.exp(-distance[:, None] / ranges) * root[:, None], value * root)
-    variance = float(np.mean(adjusted.psi**2))
-    return Correlation(max(variance - float(sills.sum()), 0.0), sills, ranges)
-
-
-def score_covariance(adjusted: Adjusted, correlation: Correlation, lags: Lags) -> Floats:
-    """Return B (6, 6) = sum over all pairs of J_i J_j' c(d_ij), summed patch by patch."""
-    _, member = np.unique(adjusted.patch, return_inverse=True)
+def score_covariance(adjusted: Adjusted) -> Floats:
+    """Return B (6, 6) = sum over all pairs of J_i J_j' c(d_ij), averaged over the models of correlation."""
+    grid = cut_patches(adjusted.points, adjusted.normals, len(adjusted.points) / N_PATCHES)
+    _, member = np.unique(grid.numbers(adjusted.points, adjusted.normals), return_inverse=True)
     count = np.bincount(member).astype(float)
-    sums = np.stack([np.bincount(member, column) for column in adjusted.rows.T], axis=1)
-    middles = np.stack([np.bincount(member, column) for column in adjusted.points.T], axis=1) / count[:, None]
+    sums = sum_by(member, adjusted.rows)
+    middles = sum_by(member, adjusted.points) / count[:, None]
+    distances = np.linalg.norm(middles[:, None] - middles[None], axis=2)
+    means = np.bincount(member, adjusted.psi / adjusted.slope) / count
     own = np.einsum("ni,nj->ij", adjusted.rows, adjusted.rows)
-    between = correlation.at(np.linalg.norm(middles[:, None] - middles[None], axis=2))
-    inside = lags.distance[member[lags.first] == member[lags.second]]
-    within = float(correlation.at(inside).mean()) if len(inside) else 0.0
-    np.fill_diagonal(between, within)
-    variance = correlation.nugget + float(correlation.sills.sum())
-    return (variance - within) * own + np.einsum("pi,pq,qj->ij", sums, between, sums, optimize=True)
+    total = np.zeros((6, 6))
+    fields: dict[float, Floats] = {}
+    for model in fit_correlation(means, sums / count[:, None], count, distances, grid.cell):
+        if model.range not in fields:
+            fields[model.range] = sums.T @ np.exp(-distances / model.range) @ sums
+        total += model.probability * (model.noise2 * own + model.field2 * fields[model.range])
+    return total
+
+
+def sum_by(member: Ints, values: Floats) -> Floats:
+    """Return the sums (p, k) of the rows of `values` (n, k) over equal `member` (n,)."""
+    return np.stack([np.bincount(member, column) for column in values.T], axis=1)
 
 
 def at_least(covariance: Floats, naive: Floats) -> Floats:

@@ -17,14 +17,16 @@ from monitor.registration.alignment import Alignment, AlignmentRules, align
 from monitor.registration.covariance import estimate_covariance
 from monitor.registration.degeneracy import find_free_motion
 from monitor.registration.matching import Samples, make_samples
+from monitor.registration.patches import PatchGrid, cut_patches
 from monitor.registration.sampling import sample_source
 from monitor.registration.sides import Side, prepare_side
-from monitor.registration.stable_areas import PatchGrid, cut_patches, find_stable
+from monitor.registration.stable_areas import find_stable
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
 from projects.transforms import perturb
 
 N_ROUNDS_STABLE = 5
+N_PER_PATCH = 25  # samples: small enough to follow a change, large enough for a mean
 SEARCH_SHARE = 0.1  # of the smaller object's diagonal: what is farther off is not "near"
 SEARCH_MEDIANS = 4.0  # the search reaches so many median distances between the two as given
 
@@ -109,10 +111,10 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     found = align(samples, target, T_start, rules, both_oriented=both_oriented)
     if not len(found.weights) or not found.weights.any():
         return failed(found.T_target_source, found.reason, n_source, found, len(samples.points))
-    grid = cut_patches(source, which)
+    grid = cut_patches(samples.points, samples.normals if source.is_oriented else None, N_PER_PATCH)
     numbers = grid.numbers(samples.points, samples.normals)
     found, is_kept, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented)
-    return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source, rng)
+    return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source)
 
 
 def make_rules(samples: Samples, target: Side, T_start: Floats, settings: IcpSettings) -> AlignmentRules:
@@ -160,7 +162,7 @@ def align_stable(samples: Samples, target: Side, found: Alignment, rules: Alignm
 
 
 def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment, is_kept: Bools,
-             n_iterations: int, n_source: int, rng: np.random.Generator) -> Registration:  # fmt: skip
+             n_iterations: int, n_source: int) -> Registration:  # fmt: skip
     """Return the registration with its covariance, its stable areas and its doubts."""
     pairs = found.matches
     if not found.weights.any():
@@ -171,7 +173,7 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
     reason = found.reason or find_free_motion(stable, centre, numbers[stable.source])
     covariance = np.full((6, 6), np.nan)
     if not reason:
-        covariance = estimate_covariance(stable, sigma, numbers[stable.source], centre, rng)
+        covariance = estimate_covariance(stable, sigma, centre)
     inlier = (found.weights > 0) & kept
     return Registration(
         T_target_source=found.T_target_source, covariance=covariance, centre=centre,

@@ -13,58 +13,15 @@ import numpy as np
 
 from monitor.registration.matching import Matches
 from monitor.registration.sampling import motion_rows
-from monitor.registration.sides import Side
 from monitor.registration.weights import robust_scale
 from projects.model import Bools, Floats, Ints
 
-N_PER_PATCH = 25
 N_TRIALS = 600
 N_PATCHES_PER_TRIAL = 8  # 0.6**8 = 1.7 %: ten of 600 trials are free of change where 40 % of the surface changed
 KEEP_SIGMAS = 3.0
 KEEP_SCATTER = 2.5  # a patch that scatters so many times more than the others has changed without moving as a whole
 N_ROUNDS = 20
 MEAN_OF_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
-
-
-@dataclass(frozen=True)
-class PatchGrid:
-    """Cuts a source into patches: cubes of edge `cell` [m] from `corner`, split by the way that the surface looks."""
-
-    corner: Floats
-    cell: float
-    sizes: Ints
-    by_direction: bool
-
-    def numbers(self, points: Floats, normals: Floats | None) -> Ints:
-        """Return the patch number (n,) of each point of the source."""
-        steps = np.clip(np.floor((points - self.corner) / self.cell).astype(np.int64), 0, self.sizes - 1)
-        cube = (steps[:, 0] * self.sizes[1] + steps[:, 1]) * self.sizes[2] + steps[:, 2]
-        if not self.by_direction or normals is None:
-            return cube
-        axis = np.argmax(np.abs(normals), axis=1)
-        return 6 * cube + 2 * axis + (normals[np.arange(len(normals)), axis] < 0)
-
-
-@dataclass(frozen=True)
-class StableAreas:
-    """What the patches say: the motion (6,) left to the majority, the patches that follow it, and what was matched."""
-
-    motion: Floats
-    stable_patches: Ints
-    is_stable_sample: Bools
-    share: float
-
-
-def cut_patches(side: Side, which: Ints) -> PatchGrid:
-    """Return the grid whose patches hold about 25 of the samples `which`."""
-    points = side.points[which]
-    corner, extent = points.min(axis=0), np.ptp(points, axis=0)
-    cell = float(extent.max()) / max(np.sqrt(len(which) / N_PER_PATCH), 1.0) + 1e-12
-    for _ in range(4):  # the number of samples in a cube of a surface goes with the square of its edge
-        grid = PatchGrid(corner, cell, np.floor(extent / cell).astype(np.int64) + 1, side.is_oriented)
-        mean = len(which) / len(np.unique(grid.numbers(points, side.normals_of(which))))
-        cell *= float(np.sqrt(N_PER_PATCH / mean))
-    return grid
 
 
 @dataclass(frozen=True)
