@@ -19,7 +19,7 @@ import numpy as np
 
 from projects import hdf5
 from projects.elements import KIND, VERSION
-from projects.errors import StoreError
+from projects.errors import ParameterError, StoreError
 from projects.identifiers import split_product
 from projects.index import EpochEntry, Index, ObjectEntry, ProductEntry
 from projects.migrations import CURRENT, require_known, upgrade
@@ -132,9 +132,17 @@ def _node(element: str, record: Any, where: str, skip: Iterable[str] = ()) -> No
         if f.name in RECORDS:
             node.attributes[f.name] = to_json(value)
         else:
-            value = plain(value)
-            node.attributes[f.name] = value if isinstance(value, bool | int | float) else str(value)
+            node.attributes[f.name] = _attribute(plain(value), f"{element} {f.name}")
     return node
+
+
+def _attribute(value: Any, what: str) -> Value:
+    if isinstance(value, bool | int | float):
+        return value
+    text = str(value)
+    if "\0" in text or any("\ud800" <= c <= "\udfff" for c in text):
+        raise ParameterError(f"{what} {text[:60]!r} holds characters that are no text; write it in UTF-8 without NUL")
+    return text
 
 
 # nodes -> values

@@ -95,11 +95,13 @@ def require_file(root: Path, entry: ProductEntry, what: str) -> Path:
     if not path.resolve().is_relative_to(root.resolve()):
         raise StoreError(f"{what}: {entry.file} leads out of the project; it is refused")
     if not path.is_file():
-        raise StoreError(f"{what}: the file {path} is missing; restore it from a copy or make it anew")
+        raise StoreError(
+            f"{what}: the file {path} is missing; restore it from a copy, or make it anew with: monitor process"
+        )
     if path.stat().st_size != entry.n_bytes:
         raise StoreError(
             f"{what}: {path} has {path.stat().st_size} bytes instead of {entry.n_bytes}; it was cut off or changed: "
-            "restore it from a copy or make it anew"
+            "restore it from a copy, or make it anew with: monitor process"
         )
     return path
 
@@ -108,4 +110,7 @@ def require_bytes(root: Path, entry: ProductEntry, what: str) -> None:
     """Raise `StoreError` where the file's SHA-256 is not the one that the index holds."""
     path = require_file(root, entry, what)
     if hash_file(path) != entry.sha256:
-        raise StoreError(f"{what}: the bytes of {path} were changed; restore it from a copy or make it anew")
+        raise StoreError(
+            f"{what}: the bytes of {path} were changed; restore it from a copy, or delete it and make it anew with: "
+            "monitor process"
+        )

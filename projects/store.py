@@ -5,6 +5,7 @@ What each call does is written in the modules named by their nouns; here is only
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,7 +17,8 @@ import h5py
 from projects import raw
 from projects.atomic import PARTIAL, clear_partial, draft, make_folder, place
 from projects.elements import read_element, write_element
-from projects.errors import StoreError
+from projects.errors import ParameterError, StoreError
+from projects.extent import extent_from_mapping
 from projects.identifiers import require_new_id, require_step_id, split_product
 from projects.index import (
     EpochEntry,
@@ -157,9 +159,10 @@ class Project:
         try:
             with draft(self.path) as path:
                 write_index(path, index)
+                written = read_index(path)  # an index that cannot be read must not replace one that can
                 self._lock.require_mine()
                 place(path, self.path / INDEX_NAME)
-            self._index = (_seen(self.path / INDEX_NAME), index)
+            self._index = (_seen(self.path / INDEX_NAME), written)
         except OSError as error:
             raise StoreError(f"{self.path}: the index could not be written ({error}); nothing was entered") from error
 
@@ -167,6 +170,8 @@ class Project:
         """Enter an object; its id must be new."""
         with self.writing():
             require_new_id(record.object_id, self.index().objects, "object")
+            if record.extent is not None:
+                extent_from_mapping(record.extent)
             self._commit(with_object(self.index(), ObjectEntry(record)))
 
     def add_epoch(
@@ -178,6 +183,10 @@ class Project:
         Any error, of a reader or of the disk, leaves the project as it was. Returns the record with its sources.
         """
         with self.writing():
+            if type(record.date) is not datetime.date:
+                raise ParameterError(
+                    f"date {record.date!r} of epoch {record.epoch_id!r}: a date (YYYY-MM-DD) is needed"
+                )
             require_new_id(record.epoch_id, find_object(self.index(), record.object_id).epochs, "epoch")
             if mesh is None:
                 entry = write_product(self.path, record, lambda f: raw.write_scans(f, record, scans, progress))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 import multiprocessing
@@ -375,6 +376,27 @@ def test_scans_that_cannot_be_kept_are_refused(project, tmp_path, rng, spoil, me
     with pytest.raises(StoreError, match="has no scans"):
         project.add_epoch(epoch(), [])
     assert snapshot(project.path) == before
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"date": datetime.datetime(2024, 5, 1, 12)}, "date"),
+        ({"date": "1. Mai"}, "date"),
+        ({"label": "a\0b"}, "no text"),
+        ({"operator": "\udc80"}, "no text"),
+        ({"control": ({"name": "P1"},)}, "control|whole index"),
+    ],
+)
+def test_records_that_could_not_be_read_again_are_never_entered(project, tmp_path, rng, change, message):
+    stream = example_stream(tmp_path, rng)
+    before = repr(project.index())
+    with pytest.raises(MonitorError, match=message):
+        project.add_epoch(dataclasses.replace(epoch(), **change), [stream])
+    with pytest.raises(MonitorError, match="polygon has at least three corners"):
+        project.add_object(ObjectRecord("later", extent={"polygon": [[0, 0]]}))
+    assert repr(Project.open(project.path).index()) == before
+    assert project.verify().ok
 
 
 def test_nouns_that_cannot_be_kept_are_refused(project):
