@@ -76,7 +76,7 @@ def guess_intensity_range(values: NDArray[Any]) -> tuple[float, float]:
 
 
 def guess_colour_factor(values: NDArray[Any]) -> float:
-    """Return what turns colours into 0-255: 255 for fractions of one, 1/257 for 16 bits, else 1.
+    """Return what turns colours into 0-255: 255 for fractions of one, 1/256 for 16 bits, else 1.
 
     Which of the three it is follows from the values: all within 0-1 and not all whole, above 255, or neither.
     """
@@ -84,12 +84,16 @@ def guess_colour_factor(values: NDArray[Any]) -> float:
     highest = values.max(initial=0.0)
     if highest <= 1.0 and (values != np.floor(values)).any():
         return 255.0
-    return 1.0 / 257.0 if highest > 255.0 else 1.0
+    return 1.0 / 256.0 if highest > 255.0 else 1.0
 
 
 def as_bytes_of_colour(values: NDArray[Any], factor: float) -> NDArray[np.uint8]:
-    """Return colours (n, 3) times a factor as whole numbers 0-255."""
-    return np.clip(np.rint(np.nan_to_num(np.asarray(values, dtype=np.float64)) * factor), 0, 255).astype(np.uint8)
+    """Return colours (n, 3) times a factor as whole numbers 0-255.
+
+    16-bit values are cut, not rounded, which undoes both of the ways in which programs make them: times 256 or 257.
+    """
+    scaled = np.nan_to_num(np.asarray(values, dtype=np.float64)) * factor
+    return np.clip(np.floor(scaled) if factor < 1.0 else np.rint(scaled), 0, 255).astype(np.uint8)
 
 
 class Scaling:

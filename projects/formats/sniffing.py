@@ -36,6 +36,9 @@ def sniff_format(path: Path) -> str:
         raise FormatError(f"{path}: is named {path.suffix} but does not begin like one; it is broken or misnamed")
     if _is_binary_stl(path, head):
         return "stl"
+    is_text_stl = expected == "stl" and head.lstrip().startswith(b"solid") and b"\0" not in head
+    if expected == "stl" and not is_text_stl:
+        raise FormatError(f"{path}: is named .stl but is neither a text nor a complete binary STL; it is broken")
     if b"\0" in head:
         raise FormatError(f"{path}: is of no known format; {READABLE} can be read")
     return _text_format(path, head, expected)
@@ -68,10 +71,6 @@ def _text_format(path: Path, head: bytes, expected: str | None) -> str:
     starts = [line.split()[0] for line in lines]
     if starts and starts[0] == b"solid" and (expected == "stl" or b"facet" in starts):
         return "stl"
-    if expected == "stl":
-        raise FormatError(
-            f"{path}: is named .stl but is neither a text nor a complete binary STL; it is cut off or broken"
-        )
     if expected == "obj" or (expected is None and b"v" in starts):
         return "obj"
     if expected == "ptx" or _looks_like_ptx(lines):

@@ -52,8 +52,13 @@ def question_unit(bounds: Floats, unit_stated: bool, format_name: str = "", name
     largest = LARGEST_WHERE_METRES_ARE_DEFINED if format_name in DEFINED_IN_METRES else LARGEST
     if unit_stated or SMALLEST <= size <= largest:
         return
-    others = ", ".join(f"{size * factor:.3g} m if in {unit}" for unit, factor in METRES.items() if unit != "m")
+    others = ", ".join(f"{_plainly(size * factor)} m if in {unit}" for unit, factor in METRES.items() if unit != "m")
     raise UnitError(
-        f"{name} is {size:.4g} m across if its numbers are metres, which is improbable ({others}); "
+        f"{name} is {_plainly(size)} m across if its numbers are metres, which is improbable ({others}); "
         "state the unit: --unit m, mm, cm, in or ft"
     )
+
+
+def _plainly(length: float) -> str:
+    """Return a length with three significant digits and no exponent."""
+    return np.format_float_positional(float(f"{length:.3g}"), trim="-")
