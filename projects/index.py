@@ -77,7 +77,8 @@ def without_product(index: Index, epoch: EpochRecord, product: str) -> Index:
 def without_epoch(index: Index, epoch: EpochRecord) -> Index:
     """Return the index without an epoch and without what other epochs of the object made from it."""
     owner = index.objects[epoch.object_id]
-    gone = {p.step.step_id for p in owner.epochs[epoch.epoch_id].products.values()}
+    steps = {key: {p.step.step_id for p in e.products.values()} for key, e in owner.epochs.items()}
+    gone = steps.pop(epoch.epoch_id).difference(*steps.values())  # two epochs of the same files share their steps
 
     def stays(product: ProductEntry) -> bool:
         of_it = split_product(product.step.product)[1] == epoch.epoch_id

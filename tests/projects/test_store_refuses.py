@@ -452,6 +452,18 @@ def test_removed_epoch_takes_the_comparisons_made_from_it_along(project, tmp_pat
     assert findings(project) == []
 
 
+def test_epoch_of_the_same_scans_keeps_what_was_made_from_them(project, tmp_path, rng):
+    stream = example_stream(tmp_path, rng)
+    for key in ("twin1", "twin2"):
+        project.add_epoch(epoch(key), [stream])
+    made = example_step("cloud")
+    object.__setattr__(made, "inputs", (project.latest("stove", "twin1", "raw").step_id,))
+    project.put("stove", "twin2", made, {"x": np.arange(3)})
+    project.remove_epoch("stove", "twin1", purge=True)
+    assert project.get("stove", "twin2", "cloud")["x"].tolist() == [0, 1, 2]
+    assert project.verify().findings == ()
+
+
 # two writers
 
 
