@@ -49,7 +49,7 @@ def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = 
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Return all points in one cloud, without what one of the clouds lacks; `scan_index` is kept, else it is the place."""
+    """Return all points in one cloud, without what one of the clouds lacks; `scan_index` is kept, else their place."""
     numbered = [
         c if c.scan_index is not None else dataclasses.replace(c, scan_index=np.full(len(c), i, dtype=np.int32))
         for i, c in enumerate(clouds)

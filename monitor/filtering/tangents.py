@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit, prange
 
 from monitor.filtering.mcd import (
+    FLOOR2,
     N_STARTS,
     ORDER_FREE,
     eigenvalues,
@@ -134,13 +135,12 @@ def robust_plane(x: Any, y: Any, z: Any, n: int, h: int, noise: float, w: Any, d
     det = minimum_covariance_determinant(x, y, z, n, h, w, d2, work, subsets)
     _, m, c = moments(x, y, z, w, n)
     across, along = raw_factors(n)
-    across2 = max(eigenvalues(c)[2] * across, noise * noise)
-    weigh(x, y, z, n, m, c, along, across2, w, d2)
-    s, m, c = moments(x, y, z, w, n)
-    across2 = max(eigenvalues(c)[2] * s / max(s - 3.0, 1.0) * reweighted_factor(n), noise * noise)
-    weigh(x, y, z, n, m, c, 1.0, across2, w, d2)
-    s, m, c = moments(x, y, z, w, n)
-    least = eigenvalues(c)[2] * s / max(s - 3.0, 1.0)
+    across2 = max(eigenvalues(c)[2] * across, noise * noise, FLOOR2)
+    for _ in range(2):
+        weigh(x, y, z, n, m, c, along, across2, w, d2)
+        s, m, c = moments(x, y, z, w, n)
+        least = eigenvalues(c)[2] * s / max(s - 3.0, 1.0)
+        along, across2 = 1.0, max(least * reweighted_factor(n), noise * noise, FLOOR2)
     return m, c, least if noise > 0.0 else least * final_factor(n), det
 
 
@@ -185,6 +185,7 @@ def fit_tangent(x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: flo
     for i in range(n):
         s += w[i]
     lambdas, v, height = plane_of(m, c)
+    least = max(least, 0.0)
     return (v[0], v[1], v[2], lambdas[0], lambdas[1], least, height, scale, float(state), s, radius, det, near)
 
 

@@ -20,6 +20,7 @@ from projects.model import Floats, Ints, Roughness
 
 DISC_PACKING = 1.2  # mean spacing over radius of points thrown at random, none nearer than the radius to another
 MODE_WIDTH = 4.0  # half width of the kernel in sigmas of the noise
+MODE_SPREAD = 1.05  # standard error of that mode over that of the mean, normal errors (simulated: test_thinning.py)
 COMPATIBLE = 0.5  # cosine: members of a cylinder look the same way within 60 degrees
 
 
@@ -89,15 +90,15 @@ class ThinnedPoints:
 def target_spacings(spacing: Floats, noise: Floats, roughness: Ints, settings: ThinningSettings) -> Floats:
     """Return the target spacing (n,) [m] of each point; at most its own spacing where the data are not redundant.
 
-    With N = (d / s)^2 measurements in a square of side d, the mode is known to about 1.1 noise / sqrt(N), and a facet
-    between two such points tilts by sqrt(2) 1.1 noise s / d^2. The automatic d is where this is `facet_noise`: closer
+    With N = (d / s)^2 measurements in a square of side d, the mode is known to 1.05 noise / sqrt(N), and a facet
+    between two such points tilts by sqrt(2) 1.05 noise s / d^2. The automatic d is where this is `facet_noise`: closer
     points would show noise, farther ones lose detail. Where the footprint is known, half of it is the least d, for
     what is finer was not resolved.
     """
     if settings.target_spacing is not None:
         target = np.full(len(spacing), settings.target_spacing)
     else:
-        target = np.sqrt(math.sqrt(2.0) * 1.1 * noise * spacing / settings.facet_noise)
+        target = np.sqrt(math.sqrt(2.0) * MODE_SPREAD * noise * spacing / settings.facet_noise)
         if settings.footprint is not None:
             target = np.maximum(target, 0.5 * settings.footprint)
     return np.where(roughness == Roughness.ROUGH, settings.rough_share * target, target)
@@ -232,11 +233,12 @@ def _represent(
     A member's height is carried to the axis along half of its own slope, which is exact on surfaces of second
     order, so that curvature neither shifts nor widens the distribution.
     """
-    cx = cy = cz = noise2 = total = 0.0
+    cx = cy = cz = noise2 = total = total2 = 0.0
     for j in range(n):
         q = found[j]
         weights[j] = merged[q]
         total += merged[q]
+        total2 += merged[q] * merged[q]
         cx += merged[q] * points[q, 0]
         cy += merged[q] * points[q, 1]
         cz += merged[q] * points[q, 2]
@@ -261,7 +263,7 @@ def _represent(
     # Few members say little of their spread: the noise around counts as the spread of ten more.
     own = 1.4826 * smallest(weights, n, (n + 1) // 2, heights) if n > 4 else sigma
     row[8] = math.sqrt((max(n - 1, 0) * own * own + 10.0 * sigma * sigma) / (max(n - 1, 0) + 10.0))
-    row[9] = row[8] * math.sqrt((1.0 + 0.1 * (n > 1)) / n)
+    row[9] = row[8] * math.sqrt(total2) / total * (MODE_SPREAD if n > 1 else 1.0)
 
 
 @njit(cache=True, error_model="numpy")

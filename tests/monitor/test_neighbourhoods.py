@@ -1,0 +1,76 @@
+"""The neighbourhood size and the noise from the variogram of lambda3."""
+
+import numpy as np
+import pytest
+
+from monitor.filtering.nearest import build_index, canonical_order
+from monitor.filtering.neighbourhoods import fit_spherical, spherical_variogram
+from monitor.filtering.normals import NormalSettings, sample_neighbourhoods
+
+SIZES = np.array([10, 12, 15, 18, 21, 26, 31, 38, 46, 55, 67, 81, 100])
+
+
+def plane(rng, noise, n_points=6000):
+    """Return a plane of spacing 1 mm with noise [m] across."""
+    side = 0.001 * np.sqrt(n_points)
+    points = np.c_[rng.uniform(0, side, (n_points, 2)), rng.normal(0, noise, n_points)]
+    return points[canonical_order(points)]
+
+
+def test_spherical_model_is_one_from_its_range_on_and_11_16_at_half_of_it():
+    assert np.allclose(spherical_variogram([0, 20, 40, 60], 40), [0, 11 / 16, 1, 1])
+
+
+@pytest.mark.parametrize("growth", [0.0, 2e-4])
+def test_fit_finds_range_sill_and_growth_of_noisy_curves(rng, growth):
+    """Relative errors of nested variances, those of the median of 15 samples; 20 % is three sigma of the range."""
+    truth = 4.0 * spherical_variogram(SIZES, 40.0) + growth * SIZES**2
+    variances = 2.0 / (SIZES - 3.0) / 15 * 1.5
+    steps = np.sqrt(np.append(variances[:-1] - variances[1:], variances[-1]))
+    walk = np.cumsum((steps * rng.normal(size=(60, len(SIZES))))[:, ::-1], axis=1)[:, ::-1]
+    n_range, sill, grows = fit_spherical(SIZES, truth * (1.0 + walk))
+    assert np.isclose(np.median(n_range), 40.0, rtol=0.2)
+    assert np.isclose(np.median(sill), 4.0, rtol=0.08)
+    assert np.isclose(np.median(grows), growth, atol=5e-5)
+
+
+def test_neighbourhoods_grow_with_noise_over_spacing_and_noise_is_found(rng):
+    """The sill is the noise variance; 6 % in its root is the spread of 600 samples, 20 % where n_o nears its bound."""
+    sizes = []
+    for noise, tolerance in ((0.1e-3, 0.06), (0.5e-3, 0.06), (1e-3, 0.08), (2e-3, 0.25)):
+        model = sample_neighbourhoods(build_index(plane(rng, noise)), NormalSettings())
+        assert np.isclose(np.median(model.noise), noise, rtol=tolerance)
+        sizes.append(np.median(model.sizes))
+    assert sizes == sorted(sizes)
+    assert sizes[0] < 25
+    assert sizes[3] > 2 * sizes[1]
+
+
+def test_sizes_keep_within_their_bounds(rng):
+    settings = NormalSettings(min_neighbours=20, max_neighbours=30)
+    for noise in (0.05e-3, 3e-3):
+        model = sample_neighbourhoods(build_index(plane(rng, noise)), settings)
+        assert model.sizes.min() >= 20
+        assert model.sizes.max() <= 30
+
+
+def test_noise_follows_the_scan_where_it_changes(rng):
+    """Left half 0.1 mm, right half 0.4 mm."""
+    points = plane(rng, 1.0, n_points=12_000)
+    left = points[:, 0] < np.median(points[:, 0])
+    points[:, 2] *= np.where(left, 0.1e-3, 0.4e-3)
+    points = points[canonical_order(points)]
+    left = points[:, 0] < np.median(points[:, 0])
+    _, noise = sample_neighbourhoods(build_index(points), NormalSettings()).at(points)
+    assert np.isclose(np.median(noise[left]), 0.1e-3, rtol=0.1)
+    assert np.isclose(np.median(noise[~left]), 0.4e-3, rtol=0.1)
+
+
+def test_outliers_do_not_pass_for_noise(rng):
+    """A fifth of the points up to 20 mm off the plane; the noise of the others is 0.3 mm."""
+    points = plane(rng, 0.3e-3)
+    bad = rng.random(len(points)) < 0.2
+    points[bad, 2] += rng.uniform(2e-3, 20e-3, bad.sum())
+    points = points[canonical_order(points)]
+    model = sample_neighbourhoods(build_index(points), NormalSettings())
+    assert np.isclose(np.median(model.noise), 0.3e-3, rtol=0.15)

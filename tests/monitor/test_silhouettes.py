@@ -1,0 +1,68 @@
+"""Grazing points, mixed pixels and specks, by hand-made geometry."""
+
+import math
+
+import numpy as np
+
+from monitor.filtering.silhouettes import find_grazing, find_mixed, find_specks
+
+
+def test_grazing_is_beyond_the_largest_incidence():
+    normals = np.array([[math.sin(a), 0, math.cos(a)] for a in np.deg2rad([0, 60, 79, 81, 99, 101])])
+    beams = np.tile([0, 0, 5.0], (6, 1))
+    assert find_grazing(beams, normals, math.radians(80)).tolist() == [False, False, False, True, True, False]
+
+
+def grid_scan(n=40, step=0.001):
+    """Return directions, rows and columns of a grid that looks along z."""
+    rows, columns = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    directions = np.c_[np.tan((columns - n / 2) * step), np.tan((rows - n / 2) * step), np.ones(n * n)]
+    return directions / np.linalg.norm(directions, axis=1)[:, None], rows, columns
+
+
+def test_points_between_the_two_sides_of_a_jump_are_mixed_and_no_others(rng):
+    """Left half at 3 m, right half at 4 m, one column between at ranges in between."""
+    directions, rows, columns = grid_scan()
+    between = columns == 20
+    ranges = np.where(columns < 20, 3.0, 4.0)
+    ranges[between] = rng.uniform(3.1, 3.9, between.sum())
+    ranges += rng.normal(0, 0.001, len(ranges))
+    shuffle = rng.permutation(len(ranges))
+    mixed = find_mixed(
+        (directions * ranges[:, None])[shuffle], rows[shuffle], columns[shuffle], np.full(1600, 0.001), math.radians(80)
+    )
+    assert np.array_equal(mixed, between[shuffle])
+
+
+def test_a_wall_seen_at_75_degrees_has_no_mixed_pixels(rng):
+    directions, rows, columns = grid_scan()
+    slope = math.tan(math.radians(75))
+    ranges = 3.0 / (directions[:, 2] - slope * directions[:, 0]) + rng.normal(0, 0.001, 1600)
+    mixed = find_mixed(directions * ranges[:, None], rows, columns, np.full(1600, 0.001), math.radians(80))
+    assert not mixed.any()
+
+
+def test_neighbours_in_the_grid_must_be_adjacent():
+    """With the pixels beside it missing nothing is known of the two sides."""
+    directions, rows, columns = grid_scan()
+    ranges = np.where(columns < 20, 3.0, 4.0)
+    ranges[columns == 20] = 3.5
+    keep = (columns != 19) & (columns != 21)
+    mixed = find_mixed((directions * ranges[:, None])[keep], rows[keep], columns[keep], np.full(keep.sum(), 1e-3), 1.4)
+    assert not mixed.any()
+
+
+def test_points_without_a_place_in_the_grid_are_never_mixed():
+    directions, rows, columns = grid_scan()
+    ranges = np.where(columns < 20, 3.0, 4.0)
+    ranges[columns == 20] = 3.5
+    nowhere = np.full_like(rows, -1)
+    assert not find_mixed(directions * ranges[:, None], nowhere, nowhere, np.full(1600, 1e-3), 1.4).any()
+
+
+def test_specks_are_judged_by_the_spacing_at_their_range():
+    """Spacing grows with range: 6 mm at 6 m is the scan's own, at 1 m it is a speck."""
+    ranges = np.r_[np.linspace(1, 6, 50), 1.0]
+    reach = 0.001 * ranges
+    reach[-1] = 0.006
+    assert np.flatnonzero(find_specks(reach, ranges, 4.0)).tolist() == [50]
