@@ -62,9 +62,10 @@ def require_sound_header(path: str) -> tuple[int, bool]:
         if len(head) < SHORTEST_HEADER:
             raise FormatError(f"is {size} bytes long; a LAS header alone has {SHORTEST_HEADER}")
         n_header, offset, n_vlrs, kind, length, n = struct.unpack_from("<HIIBHI", head, 94)
-        minor = head[25]
+        minor, is_followed = head[25], head[25] == 3  # in 1.3 waveforms may follow the points
         if minor >= 4 and len(head) >= 375:
             n = struct.unpack_from("<Q", head, 247)[0] or n
+            is_followed = any(head[227:247])  # by waveforms or extended records
             _require_evlrs(file, struct.unpack_from("<QI", head, 235), size)
         if not SHORTEST_HEADER <= n_header <= offset <= size:
             raise FormatError(f"its header says that points begin at byte {offset}; the file has {size}")
@@ -73,9 +74,9 @@ def require_sound_header(path: str) -> tuple[int, bool]:
     number = kind & 0x3F
     if number >= len(RECORD_LENGTHS) or length < RECORD_LENGTHS[number]:
         raise FormatError(f"its header gives point format {number} with {length} bytes a point; the file is broken")
-    if not is_compressed and offset + n * length > size:
-        there = (size - offset) // length
-        raise FormatError(f"promises {n} points, {there} are there; the file is cut off")
+    there = (size - offset) // length
+    if not is_compressed and (there < n or (there > n > 0 and not is_followed)):
+        raise FormatError(f"promises {n} points, {there} are there; the file is cut off or damaged")
     return n, is_compressed
 
 

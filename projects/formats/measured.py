@@ -24,7 +24,8 @@ def keep_measurements(blocks: Iterable[Columns], is_centred: bool) -> Iterator[B
 
     Parameters
     ----------
-    blocks : columns of a scan in order, `points` (n, 3) and optionally `invalid` (n,) bool among them.
+    blocks : columns of a scan in order: `points` (n, 3), optionally `invalid` (n,) bool, and `surplus` (n,) bool for
+        what stands in the file after the number of points that it promises.
     is_centred : the scanner stands at 0 0 0 of the frame.
 
     Raises
@@ -65,9 +66,17 @@ def _sifted(blocks: Iterable[Columns], is_centred: bool, dropped: Counter[str]) 
         points = columns["points"]
         x, y, z = points.T
         finite = (np.abs(x) <= FARTHEST) & (np.abs(y) <= FARTHEST) & (np.abs(z) <= FARTHEST)
-        valid = finite & ~columns.pop("invalid", np.zeros(len(points), bool))
+        none = np.zeros(len(points), bool)
+        surplus = columns.pop("surplus", none)
+        flagged = columns.pop("invalid", none)
+        valid = finite & ~flagged & ~surplus
         zero = valid & (x == 0.0) & (y == 0.0) & (z == 0.0)
-        reasons = {"not finite": ~finite, "flagged invalid": finite & ~valid, "no return": zero & is_centred}
+        reasons = {
+            "not finite": ~finite,
+            "flagged invalid": finite & flagged,
+            "no return": zero & is_centred,
+            "after the number promised": surplus,
+        }
         dropped.update({reason: int(mask.sum()) for reason, mask in reasons.items() if mask.any()})
         if not is_centred and zero.any():
             n_zero += int(zero.sum())

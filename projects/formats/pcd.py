@@ -16,7 +16,7 @@ import numpy as np
 
 from projects.errors import FormatError
 from projects.formats.rawscan import CHUNK, Columns, Scaling, ScanHeader
-from projects.formats.text import TableLayout, is_number, read_table
+from projects.formats.text import TableLayout, is_number, read_table, skip_blank, skip_rows
 
 LONGEST_HEADER = 65536
 NORMALS = ("normal_x", "normal_y", "normal_z")
@@ -120,6 +120,9 @@ def _text_blocks(path: str, layout: Layout) -> Iterator[dict[str, Any]]:
     """Yield the first value of each field from text; a packed colour is a number of the field's type."""
     n_columns = sum(count for _, _, count in layout.fields)
     starts = np.cumsum([0, *(count for _, _, count in layout.fields)])
+    end, line = skip_rows(path, layout.offset, layout.line, layout.n)
+    if skip_blank(path, end, line)[0] < os.path.getsize(path):
+        raise FormatError(f"goes on after line {line - 1}, where its header says that the points end")
     table = TableLayout(offset=layout.offset, n_columns=n_columns, n_rows=layout.n, first_line=layout.line)
     for rows in read_table(path, table):
         yield {
@@ -131,8 +134,8 @@ def _text_blocks(path: str, layout: Layout) -> Iterator[dict[str, Any]]:
 def _binary_blocks(path: str, layout: Layout) -> Iterator[dict[str, Any]]:
     """Yield the first value of each field from records."""
     room = (os.path.getsize(path) - layout.offset) // layout.record.itemsize
-    if room < layout.n:
-        raise FormatError(f"promises {layout.n} points, {room} fit in the file; it is cut off")
+    if room != layout.n:
+        raise FormatError(f"promises {layout.n} points, {room} fit in the file; it is cut off or damaged")
     with Path(path).open("rb") as file:
         file.seek(layout.offset)
         for start in range(0, layout.n, CHUNK):

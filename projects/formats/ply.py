@@ -24,6 +24,7 @@ TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4"
          "float32": "f4", "float64": "f8", "int64": "i8", "uint64": "u8"}  # fmt: skip
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 LONGEST_HEADER = 2**20
+LONGEST_TAIL = 2  # bytes, a line end
 KNOWN = ("ply", "comment", "obj_info", "end_header")
 ROLES = {"intensity": "intensity", "scalar_intensity": "intensity", "reflectance": "intensity", "red": "red",
          "green": "green", "blue": "blue", "diffuse_red": "red", "diffuse_green": "green", "diffuse_blue": "blue",
@@ -65,12 +66,31 @@ class Layout:
 def list_scans(path: str) -> list[ScanHeader]:
     """Return the one scan of the file: its vertices."""
     layout = read_layout(path)
-    if layout.unknown and layout.order and _begin(path, layout, None)[0] != os.path.getsize(path):
-        raise FormatError(
-            f"its header has a line that PLY does not know ({layout.unknown[:60]!r}), and the rest is not what the "
-            "header promises; remove the line or export it again"
-        )
+    _require_nothing_left(path, layout)
     return [ScanHeader(n_declared=_vertices(layout).n)]
+
+
+def _require_nothing_left(path: str, layout: Layout) -> None:
+    """Raise where a binary body is longer than the header promises: a damaged count, or a property not understood.
+
+    Lists are walked only where the header has a line that PLY does not know.
+    """
+    has_lists = any(element.has_lists for element in layout.elements)
+    if not layout.order or (has_lists and not layout.unknown):
+        return
+    left = os.path.getsize(path) - _begin(path, layout, None)[0]
+    if left > LONGEST_TAIL:
+        why = f"; it has a line that PLY does not know: {layout.unknown[:60]!r}" if layout.unknown else ""
+        raise FormatError(f"goes on for {left} bytes after what its header promises{why}")
+
+
+def _surplus(path: str, layout: Layout, n: int) -> Iterator[Columns]:
+    """Yield the lines after all that a text body promises, flagged as such; more of them than promised is an error."""
+    end, line = _begin(path, layout, None)
+    n_surplus = sum(1 for block in line_blocks(path, end) for text in block.split(b"\n") if text.strip())
+    if n_surplus > n:
+        raise FormatError(f"goes on for {n_surplus} lines from line {line} on, after the {n} points that it promises")
+    yield {"points": np.ones((n_surplus, 3)), "surplus": np.ones(n_surplus, bool)}
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
@@ -82,12 +102,14 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     scaling = Scaling()
     for values in _rows(path, layout, vertices, place):
         yield _columns(values, names, vertices, scaling)
+    if not layout.order:
+        yield from _surplus(path, layout, vertices.n)
 
 
 def read_mesh(path: str) -> Columns:
     """Return the vertices and triangles; polygons are cut into fans."""
     layout = read_layout(path)
-    blocks = list(read_scan(path, ScanHeader()))
+    blocks = [block for block in read_scan(path, ScanHeader()) if "surplus" not in block]
     faces = next((e for e in layout.elements if e.name == "face" and e.n), None)
     if not blocks or faces is None:
         raise FormatError("holds no faces; add it as a scan, without --mesh")

@@ -82,6 +82,7 @@ def patched(path, offset, kind, value):
     [
         (247, "<Q", 4001, r"promises 4001 points, 4000 are there"),
         (247, "<Q", 2**60, r"promises 1152921504606846976 points, 4000 are there"),
+        (247, "<Q", 3999, r"promises 3999 points, 4000 are there"),
         (96, "<I", 2**31, "points begin at byte 2147483648"),
         (94, "<H", 3, "points begin at byte"),
         (100, "<I", 2**31, "counts 2147483648 records before the points"),
@@ -90,7 +91,18 @@ def patched(path, offset, kind, value):
         (131, "<d", 0.0, "scales coordinates by"),
         (139, "<d", float("nan"), "scales coordinates by"),
     ],
-    ids=["one more", "endless", "offset", "header size", "records", "record length", "format", "scale 0", "scale nan"],
+    ids=[
+        "one more",
+        "endless",
+        "one less",
+        "offset",
+        "header size",
+        "records",
+        "record length",
+        "format",
+        "scale 0",
+        "scale nan",
+    ],
 )
 def test_header_that_lies_is_refused(tmp_path, cloud, read_whole, offset, kind, value, message):
     write_las(tmp_path / "a.las", cloud)

@@ -81,8 +81,8 @@ def test_intensity_beyond_its_range_is_unknown():
 
 @pytest.mark.parametrize(
     ("values", "expected"),
-    [([[0.5, 0.0, 1.0]], [[128, 0, 255]]), ([[65535, 257 * 200, 256 * 200]], [[255, 200, 200]]), ([[255, 1, 0]], [[255, 1, 0]]),
-     ([[1, 0, 0]], [[1, 0, 0]])],
+    [([[0.5, 0.0, 1.0]], [[128, 0, 255]]), ([[65535, 257 * 200, 256 * 200]], [[255, 200, 200]]),
+     ([[255, 1, 0]], [[255, 1, 0]]), ([[1, 0, 0]], [[1, 0, 0]])],
 )  # fmt: skip
 def test_colours_become_bytes_by_what_they_hold(values, expected):
     assert Scaling().colours(np.array(values)).tolist() == expected

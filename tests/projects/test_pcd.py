@@ -150,3 +150,11 @@ def test_header_that_makes_no_sense_is_refused(tmp_path, records, old, new, mess
     (tmp_path / "a.pcd").write_bytes(head("binary").replace(old.encode(), new.encode()) + records.tobytes())
     with pytest.raises(FormatError, match=message):
         read(tmp_path / "a.pcd")
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary"])
+def test_count_that_is_too_small_is_refused(tmp_path, records, data):
+    body = as_text(records) if data == "ascii" else records.tobytes()
+    (tmp_path / "a.pcd").write_bytes(head(data, width=11) + body)
+    with pytest.raises(FormatError, match=r"promises 11|goes on after line 22"):
+        read(tmp_path / "a.pcd")

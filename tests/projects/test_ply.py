@@ -68,7 +68,7 @@ def test_unknown_word_in_the_header_is_passed_over(tmp_path, encoding):
 def test_unknown_word_that_hides_a_property_is_refused(tmp_path):
     path = write(tmp_path / "a.ply", "binary_little_endian", {"x": "f4", "y": "f4", "z": "f4", "red": "u1"})
     path.write_bytes(path.read_bytes().replace(b"property uchar red", b"propertx uchar red"))
-    with pytest.raises(FormatError, match=r"a line that PLY does not know .*propertx uchar red"):
+    with pytest.raises(FormatError, match=r"goes on for 3 bytes .* a line that PLY does not know: .propertx uchar red"):
         read(path)
 
 
@@ -144,3 +144,23 @@ def test_doubles_far_from_the_origin_are_exact(tmp_path):
     far = POINTS + np.array([665_187.522077, 5_648_349.895035, 241.767693])
     (tmp_path / "a.ply").write_bytes(head("binary_little_endian", *XYZ).encode() + far.tobytes())
     np.testing.assert_array_equal(read(tmp_path / "a.ply")["points"], far)
+
+
+@pytest.mark.parametrize("encoding", ["binary_little_endian", "binary_big_endian"])
+def test_count_that_is_too_small_is_refused(tmp_path, encoding):
+    path = write(tmp_path / "a.ply", encoding, {"x": "f8", "y": "f8", "z": "f8"})
+    path.write_bytes(path.read_bytes().replace(b"element vertex 3", b"element vertex 2"))
+    with pytest.raises(FormatError, match="after what its header promises"):
+        read(path)
+
+
+def test_lines_after_the_number_promised_are_counted_and_many_are_refused(tmp_path, read_whole):
+    path = write(tmp_path / "a.ply", "ascii", {"x": "f8", "y": "f8", "z": "f8"})
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"element vertex 3", b"element vertex 2"))
+    (got,) = read_whole(path)
+    np.testing.assert_array_equal(got.cloud.points, POINTS[:2])
+    assert got.dropped == {"after the number promised": 1}
+    path.write_bytes(whole.replace(b"element vertex 3", b"element vertex 1"))
+    with pytest.raises(FormatError, match="goes on for 2 lines"):
+        read(path)
