@@ -30,6 +30,22 @@ class Extent:
     bottom: float = -math.inf
     top: float = math.inf
 
+    @classmethod
+    def from_mapping(cls, content: Any, unit: float = 1.0) -> Extent:
+        """Return the extent that a mapping of the file's form states; raise `ParameterError` where it states none."""
+        if not isinstance(content, Mapping) or len(content.keys() & {"box", "polygon"}) != 1:
+            raise ParameterError(f"an extent is {SHAPES}")
+        allowed = {"box"} if "box" in content else {"polygon", "bottom", "top"}
+        if unknown := sorted(str(k) for k in content.keys() - allowed):
+            raise ParameterError(f"unknown entry {unknown[0]!r}; an extent is {SHAPES}")
+        return _box(content["box"], unit) if "box" in content else _prism(content, unit)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the mapping that says the extent, in metres; the form in which `ObjectRecord.extent` keeps it."""
+        mapping: dict[str, Any] = {"polygon": self.corners.tolist()}
+        heights = {"bottom": self.bottom, "top": self.top}
+        return mapping | {name: value for name, value in heights.items() if math.isfinite(value)}
+
 
 def read_extent(path: Path | str, unit: float = 1.0) -> Extent:
     """Return the extent of a JSON file; `unit` is the metres of one unit of the file.
@@ -49,26 +65,9 @@ def read_extent(path: Path | str, unit: float = 1.0) -> Extent:
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{path} is not JSON ({error}); an extent is {SHAPES}") from error
     try:
-        return extent_from_mapping(content, unit)
+        return Extent.from_mapping(content, unit)
     except ParameterError as error:
         raise FormatError(f"{path}: {error}") from error
-
-
-def extent_from_mapping(content: Any, unit: float = 1.0) -> Extent:
-    """Return the extent that a mapping of the file's form states (it is kept in that form with the object)."""
-    if not isinstance(content, Mapping) or len(content.keys() & {"box", "polygon"}) != 1:
-        raise ParameterError(f"an extent is {SHAPES}")
-    allowed = {"box"} if "box" in content else {"polygon", "bottom", "top"}
-    if unknown := sorted(str(k) for k in content.keys() - allowed):
-        raise ParameterError(f"unknown entry {unknown[0]!r}; an extent is {SHAPES}")
-    return _box(content["box"], unit) if "box" in content else _prism(content, unit)
-
-
-def extent_to_mapping(extent: Extent) -> dict[str, Any]:
-    """Return the mapping that says the extent, in metres; the form in which `ObjectRecord.extent` keeps it."""
-    mapping: dict[str, Any] = {"polygon": extent.corners.tolist()}
-    heights = {"bottom": extent.bottom, "top": extent.top}
-    return mapping | {name: value for name, value in heights.items() if math.isfinite(value)}
 
 
 def inside(extent: Extent | Mapping[str, Any], points: Floats) -> Bools:
@@ -87,7 +86,7 @@ def inside(extent: Extent | Mapping[str, Any], points: Floats) -> Bools:
     -----
     Even-odd rule: a point is inside where a ray to +x crosses the polygon's edges an odd number of times.
     """
-    extent = extent if isinstance(extent, Extent) else extent_from_mapping(extent)
+    extent = extent if isinstance(extent, Extent) else Extent.from_mapping(extent)
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"points has shape {points.shape}; (n, 3) is needed")

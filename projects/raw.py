@@ -82,18 +82,41 @@ def write_scans(file: h5py.File, epoch: EpochRecord, scans: Iterable[ScanStream]
 
 
 def _step_of(epoch: EpochRecord, headers: list[ScanHeader]) -> Step:
+    """Return the step of raw scans; its counts hold every header, so that the index alone answers what was scanned."""
     asked = {
         "repeated": epoch.repeated,
         "scanner": epoch.scanner,
         "scans": [{"source": h.source_sha256, "index": h.source_index, "pose": h.pose, "origin": h.origin,
                    "n_points": h.n_points} for h in headers],
     }  # fmt: skip
-    sources = [{"file": h.source, "sha256": h.source_sha256, "index": h.source_index, "scan": h.name,
-                "n_points": h.n_points} for h in headers]  # fmt: skip
     inputs = tuple(dict.fromkeys(h.source_sha256 for h in headers))
-    counts = {"n_scans": len(headers), "n_points": sum(h.n_points for h in headers), "dropped": _sum_of(headers)}
-    parameters = asked | {"sources": sources}
+    counts = {"n_scans": len(headers), "n_points": sum(h.n_points for h in headers), "dropped": _sum_of(headers),
+              "scans": headers}  # fmt: skip
+    parameters = {"repeated": epoch.repeated, "scanner": epoch.scanner}
     return Step(step_id("raw", asked, inputs), "raw", parameters=parameters, inputs=inputs, counts=counts)
+
+
+def _sum_of(headers: list[ScanHeader]) -> dict[str, int]:
+    reasons = sorted({reason for h in headers for reason in h.dropped})
+    return {reason: sum(h.dropped.get(reason, 0) for h in headers) for reason in reasons}
+
+
+def headers_of(step: Step) -> list[ScanHeader]:
+    """Return the headers that the step of raw scans holds."""
+    shapes = {"pose": (4, 4), "origin": (3,), "bounds": (2, 3)}
+    known = {f.name for f in fields(ScanHeader)}
+    records = [{k: v for k, v in record.items() if k in known} for record in step.counts["scans"]]
+    for record in records:
+        record |= {name: np.array(record[name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
+    return [ScanHeader(**record) for record in records]
+
+
+def sources_of(step: Step) -> tuple[dict[str, Any], ...]:
+    """Return the source files of raw scans as the record of their epoch names them."""
+    return tuple(
+        {"file": h.source, "sha256": h.source_sha256, "index": h.source_index, "scan": h.name, "n_points": h.n_points}
+        for h in headers_of(step)
+    )
 
 
 def mesh_step(epoch: EpochRecord, mesh: Surface) -> Step:
@@ -103,11 +126,6 @@ def mesh_step(epoch: EpochRecord, mesh: Surface) -> Step:
     inputs = tuple(hashes) or (arrays,)
     counts = {"n_vertices": len(mesh.vertices), "n_faces": len(mesh.faces)}
     return Step(step_id("mesh", {"arrays": arrays}, inputs), "mesh", inputs=inputs, counts=counts)
-
-
-def _sum_of(headers: list[ScanHeader]) -> dict[str, int]:
-    reasons = sorted({reason for h in headers for reason in h.dropped})
-    return {reason: sum(h.dropped.get(reason, 0) for h in headers) for reason in reasons}
 
 
 def _write_scan(group: h5py.Group, index: int, scan: ScanStream, sha256: str, progress: Progress | None) -> ScanHeader:

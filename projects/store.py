@@ -18,7 +18,7 @@ from projects import raw
 from projects.atomic import PARTIAL, clear_partial, draft, make_folder, place
 from projects.elements import read_element, write_element
 from projects.errors import ParameterError, StoreError
-from projects.extent import extent_from_mapping
+from projects.extent import Extent
 from projects.identifiers import require_new_id, require_step_id, split_product
 from projects.index import (
     EpochEntry,
@@ -171,7 +171,7 @@ class Project:
         with self.writing():
             require_new_id(record.object_id, self.index().objects, "object")
             if record.extent is not None:
-                extent_from_mapping(record.extent)
+                Extent.from_mapping(record.extent)
             self._commit(with_object(self.index(), ObjectEntry(record)))
 
     def add_epoch(
@@ -190,7 +190,7 @@ class Project:
             require_new_id(record.epoch_id, find_object(self.index(), record.object_id).epochs, "epoch")
             if mesh is None:
                 entry = write_product(self.path, record, lambda f: raw.write_scans(f, record, scans, progress))
-                record = replace(record, sources=tuple(entry.step.parameters["sources"]))
+                record = replace(record, sources=raw.sources_of(entry.step))
             else:
                 step = raw.mesh_step(record, mesh)
                 entry = write_product(self.path, record, lambda f: _write_content(f, step, mesh))
@@ -247,24 +247,20 @@ class Project:
             return read_element(file, CONTENT)
 
     def scan_headers(self, object_id: str, epoch_id: str) -> list[ScanHeader]:
-        """Return what is known of each scan of an epoch without reading its points."""
-        with self._raw(object_id, epoch_id) as file:
-            return [raw.read_header(group) for group in raw.scan_groups(file)]
+        """Return what is known of each scan of an epoch, from the index alone; none for a finished mesh."""
+        epoch = find_epoch(self.index(), object_id, epoch_id)
+        return [] if epoch.record.is_mesh else raw.headers_of(find_product(epoch, "raw").step)
 
     def iterate_scan(self, object_id: str, epoch_id: str, index: int, *, chunk: int = 1_000_000) -> Iterator[Scan]:
         """Yield a raw scan in pieces of at most `chunk` points, in the scanner's frame; checksums are verified."""
-        with self._raw(object_id, epoch_id) as file:
+        epoch = find_epoch(self.index(), object_id, epoch_id)
+        entry = find_product(epoch, "raw")
+        self._require_bytes(entry, f"{object_id} {epoch_id} raw")
+        with open_product(self.path, epoch.record, entry) as file:
             groups = raw.scan_groups(file)
             if not 0 <= index < len(groups):
                 raise StoreError(f"{object_id} {epoch_id} has scans 0 to {len(groups) - 1}; {index} was asked for")
             yield from raw.read_chunks(groups[index], chunk)
-
-    @contextmanager
-    def _raw(self, object_id: str, epoch_id: str) -> Iterator[h5py.File]:
-        entry = find_product(find_epoch(self.index(), object_id, epoch_id), "raw")
-        self._require_bytes(entry, f"{object_id} {epoch_id} raw")
-        with open_product(self.path, self.epoch(object_id, epoch_id), entry) as file:
-            yield file
 
     def _require_bytes(self, entry: ProductEntry, what: str) -> None:
         """Check a file's hash before HDF5 reads it; once for as long as its size and time stay the same.

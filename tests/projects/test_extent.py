@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from projects.errors import FormatError
-from projects.extent import extent_from_mapping, extent_to_mapping, inside, read_extent
+from projects.extent import Extent, inside, read_extent
 
 L_SHAPE = {"polygon": [[0, 0], [2, 0], [2, 1], [1, 1], [1, 3], [0, 3]], "bottom": 0.5, "top": 2}
 
@@ -65,7 +65,7 @@ def test_far_coordinates_keep_their_millimetres():
 def test_extent_survives_its_mapping(rng):
     points = rng.uniform(-1, 4, (500, 3))
     for mapping in (L_SHAPE, {"box": {"min": [0, 0, 0], "max": [1, 2, 3]}}, {"polygon": [[0, 0], [2, 0], [0, 2]]}):
-        kept = json.loads(json.dumps(extent_to_mapping(extent_from_mapping(mapping))))
+        kept = json.loads(json.dumps(Extent.from_mapping(mapping).to_mapping()))
         assert (inside(kept, points) == inside(mapping, points)).all()
 
 

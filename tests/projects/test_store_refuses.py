@@ -252,8 +252,7 @@ def test_changed_raw_points_are_never_read(project, rng):
         for reader in (project, Project.open(project.path)):
             with pytest.raises(StoreError, match="were changed"):
                 list(reader.iterate_scan("stove", "E1", 0))
-            with pytest.raises(StoreError, match="were changed"):
-                reader.scan_headers("stove", "E1")
+            assert reader.scan_headers("stove", "E1")[0].n_points == 20
     path.write_bytes(whole)
     assert project.verify().ok
 
