@@ -9,7 +9,7 @@ Nothegger 2011.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,11 +21,13 @@ from monitor.quality import assess_scans, describe_distances, distances_to_surfa
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, find_step, latest_step, once_step, put_step
 from monitor.registration import register
+from monitor.registration.adjustment import adjust_scans
 from monitor.scans import read_within
 from monitor.settings import Settings, as_mapping
 from projects.errors import ParameterError, StoreError
-from projects.model import PointCloud, Scan, Step, Surface
+from projects.model import Floats, PointCloud, Scan, Step, Surface
 from projects.store import Project
+from projects.transforms import apply, rotate
 
 Notify = Callable[[str], None]
 
@@ -44,10 +46,11 @@ def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Noti
     if place.project.epoch(place.object_id, place.epoch_id).is_mesh:
         return [_adopt_mesh(place, notify)]
     scans = _filter_scans(place, settings, engine, notify)
-    filtered = _merge(place, settings, scans, notify)
-    surface = _reconstruct(place, settings, scans, filtered, notify)
-    quality = _assess_quality(place, scans, surface, notify)
-    return [*scans, filtered, surface, quality]
+    network = _adjust(place, settings, scans, notify)
+    filtered = _merge(place, settings, scans, network, notify)
+    surface = _reconstruct(place, settings, (*scans, network), filtered, notify)
+    quality = _assess_quality(place, (*scans, network), surface, notify)
+    return [*scans, network, filtered, surface, quality]
 
 
 def compare_epochs(
@@ -138,28 +141,69 @@ def filter_task(task: ScanTask) -> Made:
     return Made(result.cloud, result.automatic, {**task.counts, **result.counts})
 
 
-def _merge(place: Place, settings: Settings, scans: list[Step], notify: Notify) -> Step:
+def _adjust(place: Place, settings: Settings, scans: list[Step], notify: Notify) -> Step:
+    """Fit the scans of the epoch onto each other (design step 7; Dorninger & Nothegger 2009)."""
+
+    def make() -> Made:
+        notify(f"{place.epoch_id}: fitting {len(scans)} scans onto each other")
+        clouds = [place.get(step) for step in scans]
+        seen = [k for k, cloud in enumerate(clouds) if len(cloud)]
+        if not seen:
+            raise StoreError("no scan has a point within the object's extent; check the extent, the poses and the unit")
+        found = adjust_scans([clouds[k] for k in seen], settings.adjust)
+        motions = np.tile(np.eye(4), (len(clouds), 1, 1))
+        motions[seen] = found.motions
+        pairs = [{**as_mapping(p), "first": seen[p.first], "second": seen[p.second]} for p in found.pairs]
+        figures = {
+            "applied": found.applied,
+            "reason": found.reason,
+            "misfit_before_m": found.sigma_before,
+            "misfit_after_m": found.sigma_after,
+            "n_iterations": found.n_iterations,
+            "pairs": pairs,
+        }
+        return Made({"T_project_given": motions}, figures)
+
+    return once_step(place, Asked("network", "network", {"adjust": as_mapping(settings.adjust)}, tuple(scans)), make)
+
+
+def _adjusted_clouds(place: Place, scans: Sequence[Step], network: Step) -> list[PointCloud]:
+    """Return the filtered clouds of the scans, those with points, where the adjustment put them."""
+    motions = place.get(network)["T_project_given"]
+    clouds = [move_cloud(place.get(step), T) for step, T in zip(scans, motions, strict=True)]
+    return [cloud for cloud in clouds if len(cloud)]
+
+
+def move_cloud(cloud: PointCloud, T_target_source: Floats) -> PointCloud:
+    """Return a cloud in the target's coordinates, with its normals and the scanners that saw it."""
+    return replace(
+        cloud,
+        points=apply(T_target_source, cloud.points),
+        normals=None if cloud.normals is None else rotate(T_target_source, cloud.normals),
+        origins=None if cloud.origins is None else apply(T_target_source, cloud.origins),
+    )
+
+
+def _merge(place: Place, settings: Settings, scans: list[Step], network: Step, notify: Notify) -> Step:
     """Merge the scans and filter the merged cloud once more (design step 8; Dorninger & Nothegger 2009)."""
 
     def make() -> Made:
         notify(f"{place.epoch_id}: merging {len(scans)} scans")
-        clouds = [cloud for cloud in map(place.get, scans) if len(cloud)]
-        if not clouds:
-            raise StoreError("no scan has a point within the object's extent; check the extent, the poses and the unit")
-        result = merge_scans(clouds, settings.filter)
+        result = merge_scans(_adjusted_clouds(place, scans, network), settings.filter)
         return Made(result.cloud, result.automatic, result.counts)
 
-    return once_step(place, Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, tuple(scans)), make)
+    asked = Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, (*scans, network))
+    return once_step(place, asked, make)
 
 
-def _reconstruct(place: Place, settings: Settings, scans: list[Step], filtered: Step, notify: Notify) -> Step:
+def _reconstruct(place: Place, settings: Settings, parts: tuple[Step, ...], filtered: Step, notify: Notify) -> Step:
     """Make the surface of the merged cloud (design step 9), with what its scans disagree by."""
 
     def make() -> Made:
         notify(f"{place.epoch_id}: reconstructing the surface")
         result = reconstruct_with_record(place.get(filtered), settings.surface)
         notify(f"{place.epoch_id}: comparing its scans with each other")
-        agreement = assess_scans(result.surface, [place.get(step) for step in scans])
+        agreement = assess_scans(result.surface, _adjusted_clouds(place, parts[:-1], parts[-1]))
         surface = replace(result.surface, sigma_shared=agreement.sigma)
         found = {
             "scan_disagreement_m": agreement.sigma_scan,
@@ -169,23 +213,24 @@ def _reconstruct(place: Place, settings: Settings, scans: list[Step], filtered: 
         }
         return Made(surface, {**result.automatic, **found}, result.counts)
 
-    asked = Asked("surface", "surface", {"surface": as_mapping(settings.surface)}, (filtered, *scans))
+    asked = Asked("surface", "surface", {"surface": as_mapping(settings.surface)}, (filtered, *parts))
     return once_step(place, asked, make)
 
 
-def _assess_quality(place: Place, scans: list[Step], surface: Step, notify: Notify) -> Step:
+def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify: Notify) -> Step:
     """Compare the surface with each scan that it came from (design step 10; Nothegger & Dorninger 2007, fig. 8)."""
 
     def make() -> Made:
         notify(f"{place.epoch_id}: checking the surface against its scans")
-        clouds = [place.get(step) for step in scans]
+        clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
+        names = [f"scan-{int(c.scan_index[0]):03d}" for c in clouds if c.scan_index is not None]
         distances = distances_to_surface(place.get(surface), clouds)
-        arrays = {step.product: d for step, d in zip(scans, distances, strict=True) if len(d)}
+        arrays = dict(zip(names, distances, strict=True))
         figures = {name: describe_distances(d) for name, d in arrays.items()}
         figures["all"] = describe_distances(np.concatenate(distances))
         return Made(arrays, figures)
 
-    return once_step(place, Asked("quality", "quality", {}, (*scans, surface)), make)
+    return once_step(place, Asked("quality", "quality", {}, (*parts, surface)), make)
 
 
 def _adopt_mesh(place: Place, notify: Notify) -> Step:

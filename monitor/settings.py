@@ -16,6 +16,7 @@ from monitor.comparison import CompareSettings
 from monitor.filtering import FilterSettings
 from monitor.reconstruction import SurfaceSettings
 from monitor.registration import IcpSettings
+from monitor.registration.adjustment import AdjustmentSettings
 from projects.errors import ParameterError
 
 AUTO = "auto"
@@ -26,6 +27,7 @@ class Settings:
     """Settings of the whole chain."""
 
     filter: FilterSettings = dataclasses.field(default_factory=FilterSettings)
+    adjust: AdjustmentSettings = dataclasses.field(default_factory=AdjustmentSettings)
     surface: SurfaceSettings = dataclasses.field(default_factory=SurfaceSettings)
     icp: IcpSettings = dataclasses.field(default_factory=IcpSettings)
     compare: CompareSettings = dataclasses.field(default_factory=CompareSettings)

@@ -1,0 +1,80 @@
+"""Scans of one epoch with known pose errors come back onto each other; what nothing holds stays where it was given."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from monitor.registration.adjustment import AdjustmentSettings, adjust_scans
+from projects.model import PointCloud
+from projects.transforms import apply, perturb, rotate
+
+
+def bumpy_cap(rng: np.random.Generator, turn: float, noise: float) -> PointCloud:
+    """Return the part of a bumpy ball of 0.5 m that a station at azimuth `turn` sees."""
+    v = rng.normal(size=(24_000, 3))
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    v = v[v @ np.array([np.cos(turn), np.sin(turn), 0.0]) > 0.15]
+    radius = 0.5 + 0.02 * np.sin(9 * v[:, 0]) * np.cos(7 * v[:, 1] + 2 * v[:, 2])
+    slope = 0.02 * np.column_stack([
+        9 * np.cos(9 * v[:, 0]) * np.cos(7 * v[:, 1] + 2 * v[:, 2]),
+        -7 * np.sin(9 * v[:, 0]) * np.sin(7 * v[:, 1] + 2 * v[:, 2]),
+        -2 * np.sin(9 * v[:, 0]) * np.sin(7 * v[:, 1] + 2 * v[:, 2]),
+    ])  # fmt: skip
+    slope -= np.sum(slope * v, axis=1)[:, None] * v
+    normals = v - slope / radius[:, None]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = radius[:, None] * v + rng.normal(0, noise, len(v))[:, None] * normals
+    return PointCloud(points, normals=normals)
+
+
+def displaced(cloud: PointCloud, T: np.ndarray) -> PointCloud:
+    return dataclasses.replace(cloud, points=apply(T, cloud.points), normals=rotate(T, cloud.normals))
+
+
+def test_scans_around_an_object_come_back_onto_each_other(rng: np.random.Generator) -> None:
+    clouds = [bumpy_cap(rng, turn, 0.0003) for turn in np.arange(5) * 2 * np.pi / 5]
+    errors = [perturb(np.eye(4), np.zeros(3), d) for d in rng.normal(0, [0.002] * 3 + [0.0015] * 3, (5, 6))]
+    adjustment = adjust_scans([displaced(c, T) for c, T in zip(clouds, errors, strict=True)])
+    assert adjustment.applied
+    left = [M @ E for M, E in zip(adjustment.motions, errors, strict=True)]
+    to_first = [np.linalg.inv(left[0]) @ T for T in left]
+    apart = [np.abs(apply(T, c.points) - c.points).max() for T, c in zip(to_first, clouds, strict=True)]
+    assert max(apart) < 0.0003  # the noise of one point; errors as given: up to 5 mm
+    assert adjustment.sigma_after == pytest.approx(0.0003 * np.sqrt(2), rel=0.15)
+    assert adjustment.sigma_before > 2 * adjustment.sigma_after
+
+
+def test_the_mean_of_the_given_poses_stays(rng: np.random.Generator) -> None:
+    clouds = [bumpy_cap(rng, turn, 0.0002) for turn in (0.0, 0.8, 1.6)]
+    errors = [perturb(np.eye(4), np.zeros(3), [0, 0, 0, dx, 0, 0]) for dx in (0.002, -0.001, -0.001)]
+    adjustment = adjust_scans([displaced(c, T) for c, T in zip(clouds, errors, strict=True)])
+    mean = np.mean([M[:3, 3] for M in adjustment.motions], axis=0)
+    assert np.abs(mean).max() < 0.0002
+    assert adjustment.motions[0][0, 3] == pytest.approx(-0.002, abs=0.0003)
+
+
+def test_scans_that_fit_already_are_left_alone(rng: np.random.Generator) -> None:
+    clouds = [bumpy_cap(rng, turn, 0.0003) for turn in (0.0, 0.8)]
+    adjustment = adjust_scans(clouds)
+    assert not adjustment.applied
+    assert adjustment.reason == "the given poses fit as well"
+    assert all(np.array_equal(T, np.eye(4)) for T in adjustment.motions)
+
+
+def test_scans_without_overlap_are_not_moved(rng: np.random.Generator) -> None:
+    far = displaced(bumpy_cap(rng, 0.0, 0.0003), perturb(np.eye(4), np.zeros(3), [0, 0, 0, 5.0, 0, 0]))
+    adjustment = adjust_scans([bumpy_cap(rng, 0.0, 0.0003), far])
+    assert not adjustment.applied
+    assert "overlap" in adjustment.reason
+
+
+def test_the_answer_is_the_same_far_from_the_origin(rng: np.random.Generator) -> None:
+    clouds = [bumpy_cap(rng, turn, 0.0003) for turn in (0.0, 0.7)]
+    clouds[1] = displaced(clouds[1], perturb(np.eye(4), np.zeros(3), [0.002, 0, 0.001, 0.001, 0, 0]))
+    away = perturb(np.eye(4), np.zeros(3), [0, 0, 0, 4.0e5, -3.0e5, 200.0])
+    near = adjust_scans(clouds, AdjustmentSettings(seed=4)).motions
+    far = adjust_scans([displaced(c, away) for c in clouds], AdjustmentSettings(seed=4)).motions
+    for a, b, cloud in zip(near, far, clouds, strict=True):
+        moved = apply(np.linalg.inv(away), apply(b, apply(away, cloud.points)))
+        assert np.abs(moved - apply(a, cloud.points)).max() < 2e-6
