@@ -111,7 +111,9 @@ def _fit_linear(
     return np.where(better, both, misfit), np.where(better, both_a, sill), np.where(better, both_b, growth)
 
 
-def model_neighbourhoods(points: Floats, sizes: Ints, lambda3: Floats, bounds: tuple[int, int]) -> NeighbourhoodModel:
+def model_neighbourhoods(
+    points: Floats, sizes: Ints, lambda3: Floats, radii: Floats, bounds: tuple[int, int]
+) -> NeighbourhoodModel:
     """Fit n_o and the noise at sampled points.
 
     Parameters
@@ -119,6 +121,7 @@ def model_neighbourhoods(points: Floats, sizes: Ints, lambda3: Floats, bounds: t
     points : (s, 3) m, the sampled points.
     sizes : (j,) the neighbourhood sizes tried.
     lambda3 : (s, j) m2, robust least eigenvalue at each sample and size, free of the bias of small n.
+    radii : (s,) m, radius of the largest neighbourhood.
     bounds : least and largest n_o.
     """
     _, groups = cKDTree(points).query(points, min(GROUP, len(points)))
@@ -128,4 +131,13 @@ def model_neighbourhoods(points: Floats, sizes: Ints, lambda3: Floats, bounds: t
     sill = np.maximum(sill, floor)
     # Beyond the second of the two the shape of the surface outweighs the noise.
     n_best = np.minimum(n_range, np.sqrt(sill / np.maximum(growth, 1e-12 * sill)))
-    return NeighbourhoodModel(points, np.clip(n_best, *bounds), np.sqrt(sill))
+    return NeighbourhoodModel(points, np.clip(n_best, *bounds), np.sqrt(undo_ball(sill, radii**2)))
+
+
+def undo_ball(lambda3: Floats, radii2: Floats) -> Floats:
+    """Return the noise variance (n,) [m2] whose share within balls of squared radius `radii2` [m2] is `lambda3`.
+
+    The nearest points in space are a ball, which cuts the band of noise at its rim: the mean of h^2 under the weights
+    R^2 - h^2 of its discs is sigma^2 (R^2 - 3 sigma^2) / (R^2 - sigma^2). Inverted to first order.
+    """
+    return lambda3 * (1.0 + 2.0 * lambda3 / np.maximum(radii2, 4.0 * lambda3 + 1e-300))

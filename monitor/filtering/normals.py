@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.nearest import LEAF, PointIndex, build_index, canonical_order, find_nearest
-from monitor.filtering.neighbourhoods import NeighbourhoodModel, model_neighbourhoods
+from monitor.filtering.neighbourhoods import NeighbourhoodModel, model_neighbourhoods, undo_ball
 from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.tangents import OUTLIER, fit_tangents
@@ -116,7 +116,7 @@ def sample_neighbourhoods(index: PointIndex, settings: NormalSettings) -> Neighb
         rows = _fit(index, which, near[:, :n], np.full(len(which), n), np.zeros(len(which)), settings)
         lambda3[:, column] = rows[:, 5]
     low, high = min(settings.min_neighbours, largest), largest
-    model = model_neighbourhoods(index.points[which], sizes, lambda3, (low, high))
+    model = model_neighbourhoods(index.points[which], sizes, lambda3, rows[:, 10], (low, high))
     if settings.n_neighbours is not None:
         model = dataclasses.replace(model, sizes=np.full(len(which), float(largest)))
     return model
@@ -162,12 +162,12 @@ def fit_planes(index: PointIndex, towards: Floats | None, settings: NormalSettin
 
 def _planes(rows: Floats, n: Ints, noise: Floats, towards: Floats | None) -> TangentPlanes:
     """Return the planes of a block from its rows of `tangents.COLUMNS`."""
-    normals, middle, lambda3 = rows[:, :3], rows[:, 4], rows[:, 5]
+    normals, middle, lambda3 = rows[:, :3], rows[:, 4], undo_ball(rows[:, 5], rows[:, 10] ** 2)
     sign = np.ones(len(rows)) if towards is None else np.where((normals * towards).sum(axis=1) < 0, -1.0, 1.0)
     return TangentPlanes(
         normals=normals * sign[:, None],
         lambda3=lambda3,
-        surface_variation=lambda3 / np.maximum(rows[:, 3:6].sum(axis=1), 1e-300),
+        surface_variation=lambda3 / np.maximum(rows[:, 3] + middle + lambda3, 1e-300),
         sigma=np.sqrt(lambda3),
         noise=noise,
         heights=rows[:, 6] * sign,

@@ -125,7 +125,7 @@ def thin_cloud(
     targets = target_spacings(planes.spacing, planes.noise, roughness, settings)
     merged = np.ones(len(cloud), dtype=np.int32) if cloud.n_merged is None else cloud.n_merged
     index: PointIndex = build_index(cloud.points)
-    thinned = thin(index, planes.normals, planes.noise, planes.spacing, merged, targets, settings.seed)
+    thinned = thin(index, planes, merged, targets, settings.seed)
     chosen = cloud.take(thinned.nearest)
     thin_one = dataclasses.replace(
         chosen, points=thinned.points, normals=thinned.normals, sigma=thinned.sigma, n_merged=thinned.n_merged,

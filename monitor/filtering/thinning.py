@@ -16,11 +16,14 @@ from numba import njit
 from monitor.declare import check_settings, setting
 from monitor.filtering.mcd import smallest
 from monitor.filtering.nearest import PointIndex, gather_ball
+from monitor.filtering.normals import TangentPlanes
+from monitor.filtering.roughness import classify_roughness
 from projects.model import Floats, Ints, Roughness
 
 DISC_PACKING = 1.2  # mean spacing over radius of points thrown at random, none nearer than the radius to another
 MODE_WIDTH = 4.0  # half width of the kernel in sigmas of the noise
 MODE_SPREAD = 1.05  # standard error of that mode over that of the mean, normal errors (simulated: test_thinning.py)
+SLOPE_SHARE = 0.9
 COMPATIBLE = 0.5  # cosine: members of a cylinder look the same way within 60 degrees
 
 
@@ -117,23 +120,32 @@ def draw_order(points: Floats, seed: int) -> Ints:
     return np.argsort(key, kind="stable")
 
 
-def thin(
-    index: PointIndex, normals: Floats, noise: Floats, spacing: Floats, merged: Ints, targets: Floats, seed: int
-) -> ThinnedPoints:
+def thin(index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats, seed: int) -> ThinnedPoints:
     """Thin points to the modes of cylinders drawn at random until every point is a representative or in one.
 
     Parameters
     ----------
     index : of the points.
-    normals : (n, 3) robust normals.
-    noise : (n,) m, one sigma of a point along its normal.
-    spacing : (n,) m.
+    planes : their tangent planes, of which normals, noise, spacing and size are used.
     merged : (n,) measurements that each point stands for already.
     targets : (n,) m, target spacing.
     """
-    radii = np.where(targets > spacing, targets / DISC_PACKING, 0.0)
+    radii = np.where(targets > planes.spacing, targets / DISC_PACKING, 0.0)
+    is_smooth = classify_roughness(planes.lambda3, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
+    carry = np.where(is_smooth, 0.0, 0.5)
     order = draw_order(index.points, seed)
-    rows, owner = _draw(index.points, index.low, index.high, normals, noise, merged, radii, order)
+    rows, owner = _draw(
+        index.points,
+        index.low,
+        index.high,
+        planes.normals,
+        planes.noise,
+        carry,
+        planes.n_neighbours,
+        merged,
+        radii,
+        order,
+    )
     members = np.argsort(owner, kind="stable")
     counts = np.bincount(owner, minlength=len(rows))
     return ThinnedPoints(
@@ -220,6 +232,8 @@ def _represent(
     points: Any,
     normals: Any,
     noise: Any,
+    carry: Any,
+    sizes: Any,
     merged: Any,
     found: Any,
     n: int,
@@ -230,8 +244,9 @@ def _represent(
 ) -> None:
     """Write the row of a representative: point, normal, member nearest to the mode, measurements, spread, sigma.
 
-    A member's height is carried to the axis along half of its own slope, which is exact on surfaces of second
-    order, so that curvature neither shifts nor widens the distribution.
+    Where the surface is not smooth, a member's height is carried to the axis along half of its own slope, which is
+    exact on surfaces of second order, so that curvature neither shifts nor widens the distribution. The normals' own
+    errors then add to those of the mode as `SLOPE_SHARE` times members over neighbourhood size (measured on planes).
     """
     cx = cy = cz = noise2 = total = total2 = 0.0
     for j in range(n):
@@ -250,7 +265,7 @@ def _represent(
         height = dx * axis[0] + dy * axis[1] + dz * axis[2]
         along = normals[q, 0] * axis[0] + normals[q, 1] * axis[1] + normals[q, 2] * axis[2]
         aside = normals[q, 0] * dx + normals[q, 1] * dy + normals[q, 2] * dz - along * height
-        heights[j] = height + 0.5 * aside / along
+        heights[j] = height + carry[q] * aside / along
     mode = density_mode(heights, weights, n, MODE_WIDTH * max(sigma, 1e-9)) if n > 1 else 0.0
     nearest, gap = found[0], math.inf
     for j in range(n):
@@ -260,14 +275,27 @@ def _represent(
     row[0], row[1], row[2] = cx + mode * axis[0], cy + mode * axis[1], cz + mode * axis[2]
     row[3], row[4], row[5] = axis
     row[6], row[7] = nearest, total
-    # Few members say little of their spread: the noise around counts as the spread of ten more.
-    own = 1.4826 * smallest(weights, n, (n + 1) // 2, heights) if n > 4 else sigma
+    # The factor n / (n - 0.8) is that of Croux and Rousseeuw (1992) for few values. Few members say little of their
+    # spread: the noise around counts as the spread of ten more.
+    own = 1.4826 * n / (n - 0.8) * smallest(weights, n, n // 2 + 1, heights) if n > 4 else sigma
     row[8] = math.sqrt((max(n - 1, 0) * own * own + 10.0 * sigma * sigma) / (max(n - 1, 0) + 10.0))
-    row[9] = row[8] * math.sqrt(total2) / total * (MODE_SPREAD if n > 1 else 1.0)
+    spread2 = MODE_SPREAD**2 + 2.0 * carry[nearest] * SLOPE_SHARE * n / sizes[nearest] if n > 1 else 1.0
+    row[9] = row[8] * math.sqrt(spread2 * total2) / total
 
 
 @njit(cache=True, error_model="numpy")
-def _draw(points: Any, low: Any, high: Any, normals: Any, noise: Any, merged: Any, radii: Any, order: Any) -> Any:
+def _draw(
+    points: Any,
+    low: Any,
+    high: Any,
+    normals: Any,
+    noise: Any,
+    carry: Any,
+    sizes: Any,
+    merged: Any,
+    radii: Any,
+    order: Any,
+) -> Any:
     """Draw cylinders in the given order; return a row for each representative and the owner of each point."""
     n_points = points.shape[0]
     owner = np.full(n_points, -1, dtype=np.int64)
@@ -291,7 +319,7 @@ def _draw(points: Any, low: Any, high: Any, normals: Any, noise: Any, merged: An
             n_ball = _select_members(points, normals, noise, owner, found, n, points[seed], axis, 2.0 * radius, length)
             axis = _mean_axis(normals, found, n_ball)
             n = _select_members(points, normals, noise, owner, found, n_ball, points[seed], axis, radius, length)
-        _represent(points, normals, noise, merged, found, n, axis, heights, weights, rows[n_rows])
+        _represent(points, normals, noise, carry, sizes, merged, found, n, axis, heights, weights, rows[n_rows])
         for j in range(n):
             owner[found[j]] = n_rows
         n_rows += 1

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from monitor.filtering.nearest import build_index, canonical_order
+from monitor.filtering.normals import TangentPlanes
 from monitor.filtering.thinning import (
     MODE_SPREAD,
     MODE_WIDTH,
@@ -16,11 +17,14 @@ from monitor.filtering.thinning import (
 from projects.model import Roughness
 
 
-def thin_all(points, normals, noise, targets, spacing=0.001, seed=0):
-    """Thin with the same noise, target and spacing everywhere."""
-    n = len(points)
-    ones = np.ones(n)
-    return thin(build_index(points), normals, noise * ones, spacing * ones, ones.astype(int), targets * ones, seed)
+def thin_all(points, normals, noise, targets, spacing=0.001, seed=0, lambda3=0.0):
+    """Thin with the same noise [m], target and spacing everywhere; `lambda3` above the noise marks a curved surface."""
+    ones = np.ones(len(points))
+    planes = TangentPlanes(
+        normals=normals, lambda3=lambda3 * ones, surface_variation=ones, sigma=ones, noise=noise * ones, heights=ones,
+        sigma_normal=ones, n_neighbours=40 * ones.astype(int), spacing=spacing * ones, reach=ones, is_outlier=ones < 0,
+    )  # fmt: skip
+    return thin(build_index(points), planes, ones.astype(int), targets * ones, seed)
 
 
 def wall(rng, n_points=8000, noise=1e-3):
@@ -78,7 +82,7 @@ def test_curvature_does_not_shift_the_representatives(rng):
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     points = 0.02 * normals + 0.02e-3 * normals * rng.normal(size=(12_000, 1))
     order = canonical_order(points)
-    thinned = thin_all(points[order], normals[order], 0.02e-3, 4.8e-3, spacing=0.6e-3)
+    thinned = thin_all(points[order], normals[order], 0.02e-3, 4.8e-3, spacing=0.6e-3, lambda3=1e-6)
     assert np.median(thinned.n_merged) > 20
     assert abs(np.mean(np.linalg.norm(thinned.points, axis=1)) - 0.02) < 0.01e-3
 
