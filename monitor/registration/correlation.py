@@ -67,7 +67,7 @@ def restricted_likelihood(y: Floats, X: Floats, variance: Floats, free: int) -> 
     """Return the restricted log likelihood and the variance factor, in coordinates where V is diagonal."""
     weighted = X / variance[:, None]
     normal = X.T @ weighted
-    left = y - X @ (np.linalg.pinv(normal, hermitian=True) @ (weighted.T @ y))
+    left = y - X @ (np.linalg.solve(normal, weighted.T @ y))
     misfit = max(float(np.sum(left**2 / variance)), 1e-300)
     determinant = np.linalg.slogdet(normal)[1]
     return -0.5 * (float(np.sum(np.log(variance))) + determinant + free * np.log(misfit)), misfit / free

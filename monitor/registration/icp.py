@@ -26,6 +26,8 @@ from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surfac
 from projects.transforms import perturb
 
 N_ROUNDS_STABLE = 5
+N_FOR_CENTRE = 10_000
+N_COARSE = 5_000  # samples suffice to come near
 N_PER_PATCH = 25  # samples: small enough to follow a change, large enough for a mean
 SEARCH_SHARE = 0.1  # of the smaller object's diagonal: what is farther off is not "near"
 SEARCH_MEDIANS = 4.0  # the search reaches so many median distances between the two as given
@@ -84,12 +86,15 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
 
 
 def find_centre(target: Surface | PointCloud) -> Floats:
-    """Return the mean (3,) [m] of the target's finite points, where the local frame is put."""
+    """Return about the middle (3,) [m] of the target's finite points, where the local frame is put."""
     points = target.vertices if isinstance(target, Surface) else target.points
-    finite = points[np.isfinite(points).all(axis=1)]
-    if not len(finite):
+    some = points[:: max(len(points) // N_FOR_CENTRE, 1)]
+    some = some[np.isfinite(some).all(axis=1)]
+    if not len(some):
+        some = points[np.isfinite(points).all(axis=1)]
+    if not len(some):
         raise ParameterError("the target of a registration has no points; give one that was measured")
-    return finite.mean(axis=0)
+    return some.mean(axis=0)
 
 
 def into_local(T_target_source: Floats, shift: Floats) -> Floats:
@@ -108,13 +113,22 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     samples = make_samples(source, which)
     rules = make_rules(samples, target, T_start, settings)
     both_oriented = source.is_oriented and target.is_oriented
-    found = align(samples, target, T_start, rules, both_oriented=both_oriented)
+    found = approach(samples, target, T_start, rules, both_oriented)
     if not len(found.weights) or not found.weights.any():
-        return failed(found.T_target_source, found.reason, n_source, found, len(samples.points))
+        return failed(T_start, found.reason, n_source, found, len(samples.points))
     grid = cut_patches(samples.points, samples.normals if source.is_oriented else None, N_PER_PATCH)
     numbers = grid.numbers(samples.points, samples.normals)
     found, is_kept, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented)
     return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source)
+
+
+def approach(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, both_oriented: bool) -> Alignment:
+    """Return the alignment of all samples, reached by a few of them first where there are many."""
+    if len(samples.points) > 2 * N_COARSE:
+        step = len(samples.points) // N_COARSE
+        few = replace(rules, n_pairs=max(rules.n_pairs // step, 30))
+        T_start = align(samples.every(step), target, T_start, few, both_oriented=both_oriented).T_target_source
+    return align(samples, target, T_start, rules, fine=len(samples.points) > 2 * N_COARSE, both_oriented=both_oriented)
 
 
 def make_rules(samples: Samples, target: Side, T_start: Floats, settings: IcpSettings) -> AlignmentRules:

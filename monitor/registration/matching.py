@@ -26,6 +26,10 @@ class Samples:
     normals: Floats
     sigma: Floats
 
+    def every(self, step: int) -> Samples:
+        """Return every `step`-th sample."""
+        return Samples(self.points[::step], self.normals[::step], self.sigma[::step])
+
 
 @dataclass(frozen=True)
 class Matches:
@@ -85,8 +89,9 @@ def match(samples: Samples, target: Side, T_target_source: Floats, limits: Match
     offset = moved - target.points[nearest]
     residuals = np.einsum("ij,ij->i", offset, normals)
     tangential = np.sqrt(np.maximum(distance[source] ** 2 - residuals**2, 0.0))
-    aside = np.maximum(limits.tangential, TANGENTIAL_SPACINGS * target.spacing_of(nearest))
-    keep = (agreement > np.cos(limits.angle)) & (tangential <= aside)
+    keep = (agreement > np.cos(limits.angle)) & (tangential <= limits.tangential)
+    far = np.flatnonzero((agreement > np.cos(limits.angle)) & ~keep)
+    keep[far] = tangential[far] <= TANGENTIAL_SPACINGS * target.spacing_of(nearest[far])
     sigma_target = 0.0 if target.sigma is None else target.sigma[nearest]
     sigma = np.hypot(samples.sigma[source], sigma_target)
     pairs = Matches(source, moved, residuals, normals, n_source, n_target, sigma, tangential)

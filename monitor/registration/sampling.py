@@ -13,6 +13,7 @@ from monitor.registration.sides import Side
 from projects.model import Floats, Ints
 
 N_CANDIDATES_PER_SAMPLE = 4
+N_CUBES_ACROSS = 30
 
 
 def motion_rows(points: Floats, normals: Floats, centre: Floats) -> Floats:
@@ -28,16 +29,22 @@ def cell_numbers(points: Floats, cell: float) -> Ints:
 
 
 def sample_source(side: Side, n_samples: int, rng: np.random.Generator) -> Ints:
-    """Return the indices (at most `n_samples`, ascending) of the points of a side that are to be matched."""
+    """Return the indices (at most `n_samples`) of the points of a side to match, neighbours in space near in order."""
     if len(side) <= n_samples:
-        return np.arange(len(side))
+        return in_space_order(side.points, np.arange(len(side)))
     n_candidates = min(len(side), N_CANDIDATES_PER_SAMPLE * n_samples)
     candidates = np.sort(rng.choice(len(side), n_candidates, replace=False))
     points = side.points[candidates]
     even = even_probability(points, n_samples)
     hold = leverage(points, side.normals_of(candidates), even)
     probability = 0.5 * even + 0.5 * hold * even / np.sum(hold * even)
-    return np.sort(candidates[draw(probability, n_samples, rng)])
+    return in_space_order(side.points, np.sort(candidates[draw(probability, n_samples, rng)]))
+
+
+def in_space_order(points: Floats, which: Ints) -> Ints:
+    """Return `which` sorted by cubes in space, so that searches for one after the other stay in one part of a tree."""
+    cell = float(np.ptp(points[which], axis=0).max()) / N_CUBES_ACROSS + 1e-12
+    return which[np.argsort(cell_numbers(points[which], cell), kind="stable")]
 
 
 def even_probability(points: Floats, n_samples: int) -> Floats:

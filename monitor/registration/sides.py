@@ -25,7 +25,7 @@ class Side:
         self.sigma = sigma
         self.index = index
         self.is_oriented = normals is not None
-        self._normals = np.full(points.shape, np.nan) if normals is None else normals
+        self._normals = np.full(points.shape, np.nan) if normals is None else normals  # filled only where own
         self._spacing = np.full(len(points), np.nan)
         self._tree: cKDTree | None = None
 
@@ -36,7 +36,7 @@ class Side:
     def tree(self) -> cKDTree:
         """Search tree over the points, built when first asked for."""
         if self._tree is None:
-            self._tree = cKDTree(self.points, leafsize=16, balanced_tree=False, compact_nodes=False)
+            self._tree = cKDTree(self.points, leafsize=32, balanced_tree=False, compact_nodes=False)
         return self._tree
 
     def normals_of(self, which: Ints) -> Floats:
@@ -82,6 +82,8 @@ def prepare_side(nouns: Surface | PointCloud, shift: Floats) -> Side:
         usable &= np.abs(np.einsum("ij,ij->i", normals, normals) - 1.0) < 1e-3
     if nouns.sigma is not None:
         usable &= np.isfinite(nouns.sigma) & (nouns.sigma >= 0.0)
+    if usable.all():
+        return Side(points - shift, normals, nouns.sigma, np.arange(len(points)))
     index = np.flatnonzero(usable)
     return Side(
         points[index] - shift,

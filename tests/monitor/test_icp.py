@@ -1,54 +1,18 @@
 """Registration against known motions: noise, change, distance from the origin, and shapes that hold no motion."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bumpy_body import NOISE, move, noisy_cloud, unit
 
 from monitor.registration import IcpSettings, register
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud, Surface
-from projects.transforms import apply, invert, perturb, rotate
+from projects.transforms import apply, invert, perturb
 
-NOISE = 2e-4
 DEGREE = math.pi / 180.0
 M = perturb(np.eye(4), np.zeros(3), np.array([2 * DEGREE, -1 * DEGREE, 1.5 * DEGREE, 0.01, -0.005, 0.008]))
-
-
-def bumpy_points(n: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return points and normals of a closed body of about 0.6 m with soft bumps, the same for every call."""
-    shape = np.random.default_rng(5)
-    waves, phases, heights = shape.normal(size=(12, 3)) * 4, shape.uniform(0, 6.28, 12), shape.uniform(0.005, 0.012, 12)
-
-    def body(d: Floats) -> Floats:
-        d = d / np.linalg.norm(d, axis=1)[:, None]
-        radius = 0.3 * np.linalg.norm(d * [1.0, 0.8, 1.2], axis=1) + (heights * np.cos(d @ waves.T + phases)).sum(
-            axis=1
-        )
-        return d * radius[:, None]
-
-    d = unit(rng.normal(size=(n, 3)))
-    a = unit(np.cross(d, [0.3, 0.5, 0.81]))
-    b = np.cross(d, a)
-    normals = unit(np.cross(body(d + 1e-5 * a) - body(d - 1e-5 * a), body(d + 1e-5 * b) - body(d - 1e-5 * b)))
-    return body(d), normals * np.sign(np.sum(normals * d, axis=1))[:, None]
-
-
-def unit(v: Floats) -> Floats:
-    return v / np.linalg.norm(v, axis=1)[:, None]
-
-
-def noisy_cloud(n: int, rng: np.random.Generator, change: Callable[[Floats], Floats] | None = None) -> PointCloud:
-    """Return the bumpy body with noise of points and normals, each point lifted by `change` (of directions)."""
-    points, normals = bumpy_points(n, rng)
-    lift = 0.0 if change is None else change(unit(points))
-    points = points + normals * (rng.normal(0, NOISE, n) + lift)[:, None]
-    return PointCloud(points, unit(normals + rng.normal(0, 0.05, (n, 3))))
-
-
-def move(cloud: PointCloud, T: Floats) -> PointCloud:
-    return PointCloud(apply(T, cloud.points), None if cloud.normals is None else rotate(T, cloud.normals))
 
 
 def misfit(T: Floats, source: PointCloud, truth: PointCloud) -> float:
