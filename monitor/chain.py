@@ -130,7 +130,7 @@ def _ask_scans(place: Place, settings: Settings, names: list[str]) -> list[Asked
     raw = latest_step(place, "raw")
     extent = place.project.object(place.object_id).extent
     given = {"filter": as_mapping(settings.filter), "extent": extent}
-    return [Asked(f"scan-{k:03d}", "scan", {**given, "scan": k, "name": name}, (raw,)) for k, name in enumerate(names)]
+    return [Asked(f"scan{k:03d}", "scan", {**given, "scan": k, "name": name}, (raw,)) for k, name in enumerate(names)]
 
 
 def filter_task(task: ScanTask) -> Made:
@@ -223,7 +223,7 @@ def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify
     def make() -> Made:
         notify(f"{place.epoch_id}: checking the surface against its scans")
         clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
-        names = [f"scan-{int(c.scan_index[0]):03d}" for c in clouds if c.scan_index is not None]
+        names = [f"scan{int(c.scan_index[0]):03d}" for c in clouds if c.scan_index is not None]
         distances = distances_to_surface(place.get(surface), clouds)
         arrays = dict(zip(names, distances, strict=True))
         figures = {name: describe_distances(d) for name, d in arrays.items()}
