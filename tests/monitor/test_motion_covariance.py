@@ -104,7 +104,7 @@ def test_restricted_likelihood_finds_noise_and_field(field: float, reach: float)
         means = np.linalg.cholesky(truth) @ rng.normal(size=150)
         means -= rows @ np.linalg.lstsq(rows, means, rcond=None)[0]
         models = fit_correlation(means, rows, counts, distances, 0.08)
-                shares = np.array([m.probability for m in models])
+        shares = np.array([m.probability for m in models])
         assert shares.sum() == pytest.approx(1.0)
         found.append([shares @ [m.field2 for m in models], shares @ [m.noise2 for m in models]])
     field2, noise2 = np.median(found, axis=0)
