@@ -188,13 +188,19 @@ def _columns(fields: dict[str, Any], limits: dict[str, tuple[float, float]]) -> 
             values = np.where(fields["isIntensityInvalid"] != 0, np.nan, values)
         columns["intensity"] = within_unit_range(values, *limits["intensity"])
     if set(COLOURS) <= set(fields):
-        scaled = [within_unit_range(fields[name], *limits[name]) * 255.0 for name in COLOURS]
-        columns["colors"] = as_bytes_of_colour(np.column_stack(scaled), 1.0)
+        columns["colors"] = np.column_stack([_bytes(fields[name], limits[name]) for name in COLOURS])
     if set(NORMALS) <= set(fields):
         columns["normals"] = np.column_stack([fields[name] for name in NORMALS])
     if set(GRID) <= set(fields):
         columns |= {"rows": fields["rowIndex"].astype(np.int32), "columns": fields["columnIndex"].astype(np.int32)}
     return columns
+
+
+def _bytes(values: Any, limits: tuple[float, float]) -> Any:
+    """Return one colour as 0-255."""
+    if limits == (0.0, 255.0):
+        return np.clip(np.nan_to_num(values), 0.0, 255.0).astype(np.uint8)
+    return as_bytes_of_colour(within_unit_range(values, *limits), 255.0)
 
 
 def _points(fields: dict[str, Any]) -> Any:

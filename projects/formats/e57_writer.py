@@ -6,6 +6,7 @@ row and column are the grid's, and cells without a return can be kept as points 
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import uuid
 from collections.abc import Mapping, Sequence
@@ -39,7 +40,8 @@ def write_e57(
     Parameters
     ----------
     path : where to write; an existing file is replaced when the new one is complete.
-    scans : at least one; `cloud.points` [m] in the scan's frame, intensity 0 to 1. Points must be finite.
+    scans : at least one; `cloud.points` [m] in the scan's frame, intensity 0 to 1. Points must be finite. A scan whose
+        `origin` is not 0 0 0 is written in the frame about its scanner, with the pose to match.
     fill_grid : write the cells of the grid that have no point too, flagged invalid, in column order; needs `rows`
         and `columns` that name every cell at most once.
     acquired : when the scans were made (with a time zone); left out where unknown.
@@ -55,9 +57,19 @@ def write_e57(
     if not scans:
         raise FormatError(f"{path}: no scans were given; an E57 file needs at least one")
     with complete_file(path) as unfinished, E57(str(unfinished), mode="w") as document:
-        for scan in scans:
+        for scan in map(_centred, scans):
             fields = _fields_of(scan, path, fill_grid)
             _write_scan(document, scan, fields, {"acquired": acquired, "description": description})
+
+
+def _centred(scan: Scan) -> Scan:
+    """Return the scan in the frame whose origin is the scanner, as E57 defines it; the same place in the project."""
+    if not scan.origin.any():
+        return scan
+    pose = scan.pose.copy()
+    pose[:3, 3] = apply(scan.pose, scan.origin)
+    cloud = dataclasses.replace(scan.cloud, points=scan.cloud.points - scan.origin, origins=None)
+    return dataclasses.replace(scan, cloud=cloud, pose=pose, origin=np.zeros(3))
 
 
 def _fields_of(scan: Scan, path: Path, fill_grid: bool) -> dict[str, Any]:
@@ -68,7 +80,10 @@ def _fields_of(scan: Scan, path: Path, fill_grid: bool) -> dict[str, Any]:
         raise FormatError(f"{path}: scan {scan.name} holds points that are not finite; drop them first")
     fields: dict[str, Any] = {f"cartesian{axis}": scan.cloud.points[:, k] for k, axis in enumerate("XYZ")}
     if scan.cloud.intensity is not None:
-        fields["intensity"] = np.clip(np.nan_to_num(scan.cloud.intensity, nan=0.0), 0.0, 1.0)
+        unknown = np.isnan(scan.cloud.intensity)
+        fields["intensity"] = np.clip(np.where(unknown, 0.0, scan.cloud.intensity), 0.0, 1.0)
+        if unknown.any():
+            fields["isIntensityInvalid"] = unknown.astype(np.uint8)
     if scan.cloud.colors is not None:
         fields |= {f"color{c}": scan.cloud.colors[:, k] for k, c in enumerate(("Red", "Green", "Blue"))}
     if scan.rows is not None and scan.columns is not None and scan.rows.min() >= 0 and scan.columns.min() >= 0:

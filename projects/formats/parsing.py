@@ -32,6 +32,7 @@ from projects.formats.child import main
 main()
 """
 PACKAGE = Path(__file__).resolve().parents[1]
+SLOWEST = 20e6  # bytes/s, of a busy network folder
 MEMORY_SIGNALS = {"SIGKILL", "SIGABRT", "SIGSEGV", "SIGBUS"}
 
 
@@ -42,7 +43,8 @@ class ReadLimits:
     Attributes
     ----------
     memory_gib : address space of the process that reads, GiB.
-    seconds : without any progress, after which reading is given up, s.
+    seconds : without any progress, after which reading is given up, s; one more for every 20 MB of the file, which
+        may have to be gone through once before the first points come.
     """
 
     memory_gib: float = 4.0
@@ -70,13 +72,14 @@ def ask_child(path: Path, request: dict[str, Any], limits: ReadLimits) -> Iterat
     FormatError
         The file's name and why it could not be read: the reader's own reason, or how the child died.
     """
-    order = {**request, "path": str(path.resolve()), "memory_gib": limits.memory_gib, "seconds": limits.seconds}
+    seconds = limits.seconds + path.stat().st_size / SLOWEST
+    order = {**request, "path": str(path.resolve()), "memory_gib": limits.memory_gib, "seconds": seconds}
     with tempfile.TemporaryFile() as stderr:
         child = _start_child(stderr)
         try:
             assert child.stdin is not None
             _send_order(child.stdin, json.dumps(order).encode() + b"\n")
-            yield from _answers(child, path, limits, stderr)
+            yield from _answers(child, path, seconds, stderr)
         finally:
             _end_child(child)
 
@@ -104,14 +107,14 @@ def _send_order(stdin: IO[bytes], order: bytes) -> None:
 
 
 def _answers(
-    child: subprocess.Popen[bytes], path: Path, limits: ReadLimits, stderr: IO[bytes]
+    child: subprocess.Popen[bytes], path: Path, seconds: float, stderr: IO[bytes]
 ) -> Iterator[tuple[dict[str, Any], Columns]]:
     """Yield frames until the child says that it is done; raise what it reports or how it ended."""
     while True:
-        with _Watch(child, limits.seconds) as watch:
+        with _Watch(child, seconds) as watch:
             frame = _next_frame(child, path)
         if frame is None:
-            why = f"no progress for {limits.seconds:g} s" if watch.has_barked else _cause_of_death(child, stderr)
+            why = f"no progress for {seconds:.3g} s" if watch.has_barked else _cause_of_death(child, stderr)
             raise FormatError(f"{path}: cannot be read ({why}); the file is broken or made to exhaust the reader")
         message, columns = frame
         if message.get("kind") == "error":

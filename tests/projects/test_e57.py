@@ -1,5 +1,7 @@
 """E57: what an instrument writes comes back; what is invalid is dropped and counted; what is broken is refused."""
 
+import dataclasses
+
 import numpy as np
 import pye57
 import pytest
@@ -8,7 +10,7 @@ from pye57 import libe57
 from projects.errors import FormatError
 from projects.formats import read_scans, write_e57
 from projects.model import PointCloud, Scan
-from projects.transforms import rotation_from_vector
+from projects.transforms import apply, rotation_from_vector
 
 HALF_STEP = 0.51e-6  # m, coordinates are stored to a micrometre
 
@@ -83,6 +85,33 @@ def test_unit_scales_points_and_pose_alike(tmp_path, stations, read_whole):
     np.testing.assert_allclose(got.cloud.points, 0.001 * stations[0].cloud.points, atol=1e-9)
     np.testing.assert_allclose(got.pose[:3, 3], [0.001, 0.002, 0.003])
     np.testing.assert_allclose(got.pose[:3, :3], stations[0].pose[:3, :3], atol=1e-12)
+
+
+def test_scan_about_another_point_is_written_about_its_scanner(tmp_path, stations, read_whole):
+    scan = dataclasses.replace(stations[0], origin=np.array([0.0, 0.0, 1.0]))
+    write_e57(tmp_path / "a.e57", [scan])
+    (got,) = read_whole(tmp_path / "a.e57")
+    np.testing.assert_allclose(apply(got.pose, got.cloud.points), apply(scan.pose, scan.cloud.points), atol=1e-6)
+    np.testing.assert_allclose(got.pose[:3, 3], apply(scan.pose, scan.origin))
+    np.testing.assert_array_equal(got.origin, np.zeros(3))
+
+
+def test_unknown_intensity_stays_unknown(tmp_path, stations, read_whole):
+    cloud = stations[0].cloud
+    intensity = np.where(np.arange(len(cloud)) % 4, cloud.intensity, np.nan)
+    scan = dataclasses.replace(stations[0], cloud=dataclasses.replace(cloud, intensity=intensity))
+    write_e57(tmp_path / "a.e57", [scan])
+    (got,) = read_whole(tmp_path / "a.e57")
+    np.testing.assert_array_equal(got.cloud.intensity, intensity.astype(np.float32))
+
+
+@pytest.mark.parametrize(("high", "stored", "expected"), [(255, 200, 200), (65535, 257 * 200, 200), (1, 1, 255)])
+def test_colours_are_scaled_by_their_limits(tmp_path, read_whole, high, stored, expected):
+    names = ("colorRed", "colorGreen", "colorBlue")
+    kinds = {name: lambda i: libe57.IntegerNode(i, 0, 0, high) for name in names}
+    write_raw(tmp_path / "c.e57", {**XYZ, **{name: [0, stored, 0] for name in names}}, kinds=kinds)
+    (got,) = read_whole(tmp_path / "c.e57")
+    assert got.cloud.colors.tolist() == [[0] * 3, [expected] * 3, [0] * 3]
 
 
 def write_raw(path, fields, *, kinds=None, extra=None, pose=None):
