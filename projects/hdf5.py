@@ -5,6 +5,7 @@ Every array is chunked, shuffled, deflated (gzip, which every HDF5 program reads
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -33,7 +34,7 @@ def create_file(path: Path, userblock_size: int = 0) -> Iterator[h5py.File]:
         with suppress(OSError, RuntimeError):  # what could not be written cannot be flushed either
             file.close()
         if type(error) is RuntimeError:  # HDF5 says so where a file cannot be extended
-            raise OSError(_first_line(error)) from error
+            raise OSError(in_one_line(error)) from error
         raise
 
 
@@ -45,15 +46,18 @@ def open_file(path: Path, what: str) -> Iterator[h5py.File]:
     except FileNotFoundError as error:
         raise StoreError(f"{what}: the file {path} is missing") from error
     except (OSError, RuntimeError) as error:
-        raise StoreError(f"{what}: {path} is damaged or is not an HDF5 file ({_first_line(error)})") from error
+        raise StoreError(f"{what}: {path} is damaged or is not an HDF5 file ({in_one_line(error)})") from error
     with file:
         try:
             yield file
         except (OSError, RuntimeError, KeyError, UnicodeDecodeError, MemoryError) as error:
-            raise StoreError(f"{what}: {path} is damaged ({_first_line(error)})") from error
+            raise StoreError(f"{what}: {path} is damaged ({in_one_line(error)})") from error
 
 
-def _first_line(error: BaseException) -> str:
+def in_one_line(error: BaseException) -> str:
+    """Return why a file could not be read or written, without HDF5's own lines of addresses and times."""
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno)
     return (str(error).splitlines() or [type(error).__name__])[0][:200]
 
 

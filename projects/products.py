@@ -42,7 +42,8 @@ def write_product(root: Path, epoch: EpochRecord, write: Callable[[h5py.File], S
             entry = ProductEntry(step, name.as_posix(), hash_file(path), path.stat().st_size)
             place(path, root / name)
     except OSError as error:
-        raise StoreError(f"{root}: a product could not be written ({error}); nothing was entered") from error
+        why = hdf5.in_one_line(error)
+        raise StoreError(f"{root}: a product could not be written ({why}); nothing was entered") from error
     return entry
 
 

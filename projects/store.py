@@ -14,7 +14,7 @@ from typing import Any
 
 import h5py
 
-from projects import raw
+from projects import hdf5, raw
 from projects.atomic import PARTIAL, clear_partial, draft, make_folder, place
 from projects.elements import read_element, write_element
 from projects.errors import ParameterError, StoreError
@@ -164,7 +164,8 @@ class Project:
                 place(path, self.path / INDEX_NAME)
             self._index = (_seen(self.path / INDEX_NAME), written)
         except OSError as error:
-            raise StoreError(f"{self.path}: the index could not be written ({error}); nothing was entered") from error
+            why = hdf5.in_one_line(error)
+            raise StoreError(f"{self.path}: the index could not be written ({why}); nothing was entered") from error
 
     def add_object(self, record: ObjectRecord) -> None:
         """Enter an object; its id must be new."""

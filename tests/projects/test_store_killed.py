@@ -128,17 +128,16 @@ def test_change_killed_at_any_step_leaves_the_state_before_or_after(tmp_path, rn
         assert ended in (KILLED, DONE)
         if ended == DONE and k % 2 == 0:  # at k + 0.5 also where that call raised
             break
-        damaged = change == "put over a damaged file" and not Project.open(work).verify().ok
-        if not damaged:
+        ok = Project.open(work).verify().ok
+        assert ok or change == "put over a damaged file"
+        if ok:
             state = state_of(work)
             assert state in allowed
             seen.add(allowed.index(state))
-            assert Project.open(work).verify().ok
         later = Project.open(work)
         later.add_object(ObjectRecord("later"))
-        assert not [
-            f for f in later.verify().findings if "interrupted" in f.message or f.path.startswith("project.lock")
-        ]
+        left = {f.path.split("/")[0] for f in later.verify().findings}
+        assert not left & {"partial", "project.lock"}
     assert k > 15
     assert len(seen) >= 2, "the kills must fall on both sides of the commit"
 
