@@ -51,12 +51,16 @@ def _host() -> str:
 
 def read_owner(path: Path) -> Owner | None:
     """Return who holds the lock, None where nobody does; an unreadable lock is held by an unknown owner."""
+    unknown = Owner(host="unknown", pid=0, started=0.0, since="unknown", token="")
     try:
-        return Owner(**json.loads(path.read_text(encoding="utf-8")))
+        owner = Owner(**json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, TypeError):
-        return Owner(host="unknown", pid=0, started=0.0, since="unknown", token="")
+    except (OSError, ValueError, TypeError, RecursionError):
+        return unknown
+    texts = all(isinstance(text, str) for text in (owner.host, owner.since, owner.token))
+    numbers = type(owner.pid) is int and 0 < owner.pid < 2**31 and isinstance(owner.started, int | float)
+    return owner if texts and numbers else unknown
 
 
 def is_stale(owner: Owner) -> bool:

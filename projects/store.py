@@ -74,7 +74,7 @@ class Project:
     def open(cls, path: Path | str) -> Project:
         """Open a project; raise `StoreError` where the folder is not one."""
         path = Path(path)
-        if not path.exists():
+        if not _exists(path):
             raise StoreError(f"{path} does not exist; make a project with: monitor init {path}")
         if not path.is_dir():
             raise StoreError(f"{path} is a file; a project is a folder that holds {INDEX_NAME}")
@@ -295,9 +295,19 @@ def _write_content(file: h5py.File, step: Step, noun: Any) -> Step:
     return step
 
 
+def _exists(path: Path) -> bool:
+    try:
+        path.stat()
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError) as error:  # a name too long, a folder above that may not be entered, a NUL
+        raise StoreError(f"{str(path)[:200]!r} cannot be reached ({hdf5.in_one_line(error)})") from error
+    return True
+
+
 def _require_empty(path: Path) -> None:
     """Raise where a folder is in use; what an interrupted `create` left there does not count."""
-    if not path.exists():
+    if not _exists(path):
         return
     if not path.is_dir():
         raise StoreError(f"{path} is a file; choose a new folder for the project")

@@ -144,8 +144,13 @@ def test_what_is_no_project_is_said_to_be_none(tmp_path, rng):
         Project.open(tmp_path)
     with pytest.raises(StoreError, match=r"is not empty \(it holds 'file'\)"):
         Project.create(tmp_path)
-    with pytest.raises(StoreError, match="cannot be made"):
+    with pytest.raises(StoreError, match="cannot be reached"):
         Project.create(tmp_path / "file" / "below")
+    for name in ("x" * 5000, "nul\0"):
+        with pytest.raises(StoreError, match="cannot be reached"):
+            Project.open(tmp_path / name)
+        with pytest.raises(StoreError, match="cannot be reached"):
+            Project.create(tmp_path / name)
     Project.create(tmp_path / "p")
     with pytest.raises(StoreError, match="is a project already"):
         Project.create(tmp_path / "p")
@@ -495,6 +500,9 @@ def test_lock_of_another_host_is_respected_and_that_of_a_dead_process_taken_over
     for lock, message in (
         ({**owner, "host": "archive-server[4026531836]", "pid": 1}, "process 1 on archive-server since"),
         ("", "on unknown since unknown"),
+        ([1], "on unknown since unknown"),
+        ({**owner, "pid": "x"}, "on unknown since unknown"),
+        ({**owner, "pid": 2**70}, "on unknown since unknown"),
     ):
         path.write_text(json.dumps(lock) if lock else "")
         with pytest.raises(StoreError, match=message) as caught, project.writing(wait=0):
