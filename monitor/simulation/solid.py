@@ -7,7 +7,7 @@ each (surface nets, Gibson 1998) and moves it onto the field's zero, so a vertex
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -75,10 +75,13 @@ class Solid:
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
-def evaluate(field: Field, points: Floats, *, block: float = 0.06, n_threads: int = 2) -> Floats:
+def evaluate(field: Field, points: Floats, *, n_threads: int = 2) -> Floats:
     """Return the field at points (n, 3), in blocks of space so that a `Solid` can skip what is far."""
     if len(points) == 0:
         return np.empty(0)
+    # Some thousand points a block: points near a surface fill about extent**2 of space.
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    block = max(extent * np.sqrt(2000.0 / (len(points) + 1.0)), 1e-9)
     key = np.floor(points / block).astype(np.int64)
     key -= key.min(axis=0)
     n = key.max(axis=0) + 1
@@ -200,14 +203,15 @@ def _join_vertices(cells, value, index, faces):  # type: ignore[no-untyped-def]
     return n
 
 
-def contour(field: Field, box: Floats, *, cell: float, slope: float = 1.6, n_levels: int = 4) -> tuple[Floats, Ints]:
+def contour(field: Field, box: Floats, *, cell: float, slope: float = 1.3, n_levels: int = 4) -> tuple[Floats, Ints]:
     """Return the zero surface of a field inside a box as a closed mesh.
 
     Parameters
     ----------
-    field : negative inside; its gradient may be as long as `slope`.
+    field : negative inside.
     box : (2, 3) m, holding the whole solid.
     cell : m, grid spacing, about the edge length of the triangles.
+    slope : how steep the field is expected to be; where it is steeper the surface is followed from cell to cell.
     n_levels : the search starts with cells 2**n_levels times as large.
 
     Returns
@@ -220,30 +224,70 @@ def contour(field: Field, box: Floats, *, cell: float, slope: float = 1.6, n_lev
     if np.prod(shape.astype(float)) > 4e8:
         raise ParameterError(f"a grid of {shape} cells is too large; take a larger cell than {cell} m")
     cells = _refine(field, low, shape, cell, n_levels, slope)
-    cells = cells[(cells > 0).all(axis=1) & (cells < shape).all(axis=1)]
-    value = _corner_values(field, cells, low, shape, cell)
+    cells = cells[(cells > 0).all(axis=1) & (cells < shape - 1).all(axis=1)]
+    value = np.full(tuple(shape + 1), np.nan, dtype=np.float32)
+    held, fresh = np.zeros(tuple(shape), dtype=bool), cells
+    held[tuple(cells.T)] = True
+    while len(fresh):  # the surface is followed out of the cells found wherever the field was steeper than expected
+        _fill_corners(field, fresh, value, low, cell)
+        fresh = np.unique(_list_open_neighbours(fresh, value, held), axis=0)
+        held[tuple(fresh.T)] = True
+        cells = np.concatenate([cells, fresh])
+    if (
+        held[0].any()
+        or held[-1].any()
+        or held[:, 0].any()
+        or held[:, -1].any()
+        or held[..., 0].any()
+        or held[..., -1].any()
+    ):
+        raise ParameterError("the solid leaves the box given for it; give a larger one")
     index = np.full(tuple(shape + 1), -1, dtype=np.int32)
     vertices, normals = np.empty((len(cells), 3)), np.empty((len(cells), 3))
     n = _place_vertices(cells, value, index, low, cell, vertices, normals)
     faces = np.empty((6 * n + 6, 3), dtype=np.int32)
     m = _join_vertices(cells, value, index, faces)
-    faces = faces[:m]
-    if m and faces.min() < 0:
-        raise ParameterError("the surface leaves its box, or the field is steeper than `slope` allows")
-    return _pull(field, vertices[:n], normals[:n], cell), faces
+    return _pull(field, vertices[:n], normals[:n], cell), faces[:m]
 
 
-def _corner_values(field: Field, cells: Ints, low: Floats, shape: Ints, cell: float) -> Any:
-    """Return the field on the grid, evaluated at the corners of `cells` only (1 elsewhere)."""
-    wanted = np.zeros(tuple(shape + 1), dtype=bool)
+def _fill_corners(field: Field, cells: Ints, value: Any, low: Floats, cell: float) -> None:
+    """Write the field into `value` at those corners of `cells` where it is not yet known."""
+    wanted = np.zeros(value.shape, dtype=bool)
     for corner in range(8):
         i, j, k = (cells + np.array([corner >> 2, (corner >> 1) & 1, corner & 1])).T
         wanted[i, j, k] = True
-    at = np.argwhere(wanted)
-    value = np.ones(tuple(shape + 1), dtype=np.float32)
+    at = np.argwhere(wanted & np.isnan(value))
     found = evaluate(field, low + at * cell)
-    value[wanted] = np.where(np.abs(found) < 1e-9, 1e-9, found)
-    return value
+    value[tuple(at.T)] = np.where(np.abs(found) < 1e-9, 1e-9, found)
+
+
+@njit(cache=True)
+def _list_open_neighbours(cells, value, held):  # type: ignore[no-untyped-def]
+    """Return the cells not held that share a face with one of `cells` through which the surface passes."""
+    found = np.empty((6 * len(cells), 3), dtype=np.int64)
+    n = 0
+    at = np.empty(3, dtype=np.int64)
+    for c in range(len(cells)):
+        for axis in range(3):
+            for side in range(2):
+                at[0], at[1], at[2] = cells[c]
+                at[axis] += 2 * side - 1
+                if at.min() < 0 or at[0] >= held.shape[0] or at[1] >= held.shape[1] or at[2] >= held.shape[2]:
+                    continue
+                if held[at[0], at[1], at[2]]:
+                    continue
+                inside = 0
+                for corner in range(4):
+                    shift = np.zeros(3, dtype=np.int64)
+                    shift[axis] = side
+                    shift[(axis + 1) % 3] = corner >> 1
+                    shift[(axis + 2) % 3] = corner & 1
+                    i, j, k = cells[c, 0] + shift[0], cells[c, 1] + shift[1], cells[c, 2] + shift[2]
+                    inside += int(value[i, j, k] < 0.0)
+                if 0 < inside < 4:
+                    found[n] = at
+                    n += 1
+    return found[:n]
 
 
 def _pull(field: Field, vertices: Floats, normals: Floats, cell: float) -> Floats:
@@ -253,17 +297,13 @@ def _pull(field: Field, vertices: Floats, normals: Floats, cell: float) -> Float
     slope = length[:, 0] / (4.0 * cell)
     moved = np.zeros(len(vertices))
     before = evaluate(field, vertices)
+    open_ = np.flatnonzero(np.abs(before) > 1e-7)
     for _ in range(3):
-        step = np.clip(-before / np.maximum(slope, 0.2), -0.5 * cell, 0.5 * cell)
-        moved += step
-        after = evaluate(field, vertices + moved[:, None] * n)
+        step = np.clip(-before[open_] / np.maximum(slope[open_], 0.2), -0.5 * cell, 0.5 * cell)
+        moved[open_] += step
+        after = evaluate(field, vertices[open_] + moved[open_, None] * n[open_])
         bend = np.abs(step) > 1e-7
-        slope = np.where(bend, np.abs((after - before) / np.where(bend, step, 1.0)), slope)
-        before = after
+        slope[open_] = np.where(bend, np.abs((after - before[open_]) / np.where(bend, step, 1.0)), slope[open_])
+        before[open_] = after
+        open_ = open_[np.abs(after) > 1e-6]
     return vertices + np.clip(moved, -cell, cell)[:, None] * n
-
-
-def find_box(points: Sequence[Sequence[float]] | Floats, margin: float) -> Floats:
-    """Return the box (2, 3) around points, widened by `margin`."""
-    array = np.atleast_2d(np.asarray(points, dtype=float))
-    return np.stack([array.min(axis=0) - margin, array.max(axis=0) + margin])

@@ -1,0 +1,140 @@
+"""The demo's campaign: the carved figure scanned in two epochs from stations around it, with the truth beside it.
+
+A folder goes in; two E57 files, the object's extent and the truth come out, as a survey would leave them on disk.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.simulation.changes import TrueChange
+from monitor.simulation.figure import CarvedFigure, carved_figure, motion, true_changes
+from monitor.simulation.instruments import INSTRUMENTS, Instrument
+from monitor.simulation.scanner import misregister, simulate_scan, stand_at, window_around
+from monitor.simulation.scenes import Scene, make_box
+from projects.formats import write_e57
+from projects.model import Floats, Scan
+
+SPACING = 0.002  # m, between neighbouring pulses at the figure
+SIGMA_POSITION, SIGMA_ANGLE = 0.0002, 3e-5  # m, rad: what is left of each station's registration
+# Stations: angle about the figure [degrees, -90 is in front], distance and height [m].
+STATIONS = ((-90, 2.6, 1.45), (-30, 2.8, 1.35), (28, 2.9, 1.70), (90, 2.7, 1.40), (150, 2.8, 0.75), (-152, 2.5, 2.15))
+EXTENT = np.array([[-0.32, -0.32, 0.008], [0.32, 0.32, 1.75]])
+
+
+@dataclass(frozen=True)
+class DemoCampaign:
+    """The files of the demo and what is true of them.
+
+    Attributes
+    ----------
+    epochs : path of each epoch's E57 file, first and second.
+    extent : path of the extent's JSON file.
+    dates, labels : of the epochs.
+    texts : name, inventory, place, material, description and operator of the object block, and the instrument.
+    scanner : preset of the instrument.
+    T_second_first : (4, 4), how the figure as a whole was moved.
+    changes : what else changed, in the first epoch's coordinates.
+    """
+
+    epochs: tuple[Path, Path]
+    extent: Path
+    dates: tuple[datetime.date, datetime.date]
+    labels: tuple[str, str]
+    texts: Mapping[str, str]
+    scanner: str
+    T_second_first: Floats
+    changes: tuple[TrueChange, ...]
+
+
+def demo_scene(figure: CarvedFigure, *, T_project_figure: Floats | None = None) -> Scene:
+    """Return the figure in its place: on a stone floor, before a wall."""
+    pose = np.eye(4) if T_project_figure is None else T_project_figure
+    floor = make_box("floor", np.array([-4.0, -4.0, -0.1]), np.array([4.0, 4.0, 0.0]), reflectance=0.35)
+    wall = make_box("wall", np.array([-4.0, 3.6, 0.0]), np.array([4.0, 3.8, 3.0]), reflectance=0.8)
+    return Scene("carved figure", (figure.body.moved(pose), floor, wall), figure.truth.moved(pose))
+
+
+def scan_from_stations(
+    scene: Scene, instrument: Instrument, *, seed: int, spacing: float = SPACING, heading: float = 0.0
+) -> list[Scan]:
+    """Return the scans of one epoch; the stations stand `heading` [rad] further round than in `STATIONS`."""
+    rng = np.random.default_rng([seed, 1])
+    scans = []
+    for k, (angle, distance, height) in enumerate(STATIONS):
+        turn = np.radians(angle) + heading + rng.normal(scale=0.02)
+        place = np.array([distance * np.cos(turn), distance * np.sin(turn), height]) + rng.normal(scale=0.03, size=3)
+        pose = stand_at(place, facing=np.zeros(3), heading=rng.uniform(-0.3, 0.3))
+        registered = misregister(pose, rng, sigma_position=SIGMA_POSITION, sigma_angle=SIGMA_ANGLE)
+        scans.append(
+            simulate_scan(
+                scene, instrument, pose, window_around(EXTENT, pose, margin=0.01), step=spacing / (distance - 0.15),
+                seed=seed * 100 + k, registered=registered, name=f"station {k + 1}",
+            )
+        )  # fmt: skip
+    return scans
+
+
+def write_demo_campaign(
+    folder: Path | str, *, seed: int = 2026, cell: float = 0.0025, spacing: float = SPACING
+) -> DemoCampaign:
+    """Scan the carved figure in two epochs and write what a survey would leave: `epoch-1.e57`, `epoch-2.e57`, the
+    extent and, as no survey could, `truth.json`.
+
+    Parameters
+    ----------
+    folder : made where it is missing.
+    seed : of all that is random.
+    cell : m, edge length of the figure's triangles.
+    spacing : m, between neighbouring pulses at the figure.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    preset, dates = "phase-2020", (datetime.date(2025, 5, 12), datetime.date(2026, 5, 18))
+    paths = (folder / "epoch-1.e57", folder / "epoch-2.e57")
+    for epoch, path in enumerate(paths, start=1):
+        scene = demo_scene(carved_figure(epoch, cell=cell), T_project_figure=np.eye(4) if epoch == 1 else motion())
+        scans = scan_from_stations(
+            scene, INSTRUMENTS[preset], seed=seed + epoch, spacing=spacing, heading=0.15 * (epoch - 1)
+        )
+        acquired = datetime.datetime.combine(dates[epoch - 1], datetime.time(9, 30), tzinfo=datetime.UTC)
+        write_e57(path, scans, acquired=acquired, description="carved figure, simulated survey")
+    extent = folder / "extent.json"
+    extent.write_text(json.dumps({"box": {"min": EXTENT[0].tolist(), "max": EXTENT[1].tolist()}}, indent=2) + "\n")
+    campaign = DemoCampaign(
+        paths, extent, dates, ("before the winter", "after the restoration"), _texts(INSTRUMENTS[preset].name), preset,
+        motion(), true_changes(),
+    )  # fmt: skip
+    (folder / "truth.json").write_text(json.dumps(describe_truth(campaign), indent=2) + "\n")
+    return campaign
+
+
+def _texts(instrument: str) -> dict[str, str]:
+    return {
+        "name": "Allegory with mural crown, torch and shield",
+        "inventory": "DEMO-2026-001",
+        "place": "nowhere: made by code, scanned by simulation",
+        "material": "limestone (assumed reflectance 0.55)",
+        "description": "Standing figure on a moulded pedestal inscribed HERITAGE ANNO MMXXVI, 1.7 m high.",
+        "operator": "monitor demo",
+        "instrument": f"{instrument} (simulated), six stations, 2 mm spacing at the figure",
+    }
+
+
+def describe_truth(campaign: DemoCampaign) -> dict[str, Any]:
+    """Return the truth of a campaign as plain numbers: the motion, and each change in the first epoch's coordinates."""
+    changes = [
+        {
+            "name": c.name, "kind": c.kind, "centre_m": c.centre.tolist(), "area_m2": c.area, "volume_m3": c.volume,
+            "extreme_m": c.extreme, "threshold_m": c.threshold, "box_m": c.box.tolist(),
+        }
+        for c in campaign.changes
+    ]  # fmt: skip
+    return {"T_second_first": campaign.T_second_first.tolist(), "changes": changes}
