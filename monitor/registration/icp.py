@@ -202,9 +202,10 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
 
 def spread_to_vertices(source: Side, grid: PatchGrid, stable_patches: Ints, n_source: int) -> Bools:
     """Return for every point of the source, used or not (then False), whether it lies in a stable patch."""
-    normals = source.normals_of(np.arange(len(source))) if grid.by_direction else None
+    vertices = np.flatnonzero(source.index >= 0)
+    normals = source.normals_of(vertices) if grid.by_direction else None
     is_stable = np.zeros(n_source, dtype=bool)
-    is_stable[source.index] = np.isin(grid.numbers(source.points, normals), stable_patches)
+    is_stable[source.index[vertices]] = np.isin(grid.numbers(source.points[vertices], normals), stable_patches)
     return is_stable
 
 

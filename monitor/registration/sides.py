@@ -14,6 +14,10 @@ from projects.errors import ShapeError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
 N_NORMAL_NEIGHBOURS = 16  # of the plane fitted where a cloud brings no normals
+N_COVER = 50_000  # points over the whole of a mesh, where its faces are larger than that
+LARGE_IN_CELLS = 4.0  # a face of so many of their cells gets points of its own
+FEW_FACES = 400_000  # meshes with more need no cover
+RAGGED = 0.3  # share of vertices on free edges above which corners are joined first
 N_SPACING_NEIGHBOURS = 6  # a surface point has about six natural neighbours
 
 
@@ -66,41 +70,87 @@ def fit_normals(tree: cKDTree, which: Ints) -> Floats:
 
 
 def prepare_side(nouns: Surface | PointCloud, shift: Floats) -> Side:
-    """Return the usable points of a surface or cloud, less `shift` (3,) [m], as one side of a registration."""
+    """Return the usable points of a surface or cloud, less `shift` (3,) [m], as one side of a registration.
+
+    `Side.index` is -1 for points put onto large faces.
+    """
+    normals: Floats | None
     if isinstance(nouns, Surface):
-        points, normals = nouns.vertices, nouns.normals
-        normals = vertex_normals(nouns) if normals is None else normals
-        usable = ~(on_free_edge(nouns) | touches_invented(nouns))
-        usable &= np.bincount(nouns.faces.ravel(), minlength=len(points)) > 0
+        points, normals, sigma, index = cover_surface(nouns)
     elif isinstance(nouns, PointCloud):
-        points, normals = nouns.points, nouns.normals
-        usable = np.ones(len(points), dtype=bool)
+        points, normals, sigma, index = nouns.points, nouns.normals, nouns.sigma, np.arange(len(nouns.points))
     else:
         raise ShapeError(f"a {type(nouns).__name__} cannot be registered; give a Surface or a PointCloud")
-    usable &= np.isfinite(points).all(axis=1)
+    usable = np.isfinite(points).all(axis=1)
     if normals is not None:
         usable &= np.abs(np.einsum("ij,ij->i", normals, normals) - 1.0) < 1e-3
-    if nouns.sigma is not None:
-        usable &= np.isfinite(nouns.sigma) & (nouns.sigma >= 0.0)
-    if usable.all():
-        return Side(points - shift, normals, nouns.sigma, np.arange(len(points)))
+    if sigma is not None:
+        usable &= np.isfinite(sigma) & (sigma >= 0.0)
+    if not usable.all():
+        points, index = points[usable], index[usable]
+        normals = None if normals is None else normals[usable]
+        sigma = None if sigma is None else sigma[usable]
+    return Side(points - shift, normals, sigma, index)
+
+
+def cover_surface(surface: Surface) -> tuple[Floats, Floats, Floats | None, Ints]:
+    """Return points, normals, sigma and vertex numbers of a mesh: its inner vertices, and points on large faces.
+
+    A CAD model is a few large faces, of which the vertices say nothing; they are covered as densely as
+    `N_COVER` points cover the whole. Vertices on a free edge or without a face are left out, and so are faces that
+    close holes where nothing was measured.
+    """
+    normals = vertex_normals(surface) if surface.normals is None else surface.normals
+    usable = ~(on_free_edge(surface) | touches_invented(surface))
+    usable &= np.bincount(surface.faces.ravel(), minlength=len(usable)) > 0
     index = np.flatnonzero(usable)
-    return Side(
-        points[index] - shift,
-        None if normals is None else normals[index],
-        None if nouns.sigma is None else nouns.sigma[index],
-        index,
-    )
+    points, normals = surface.vertices[index], normals[index]
+    sigma = None if surface.sigma is None else surface.sigma[index]
+    faces, places = cover_large_faces(surface)
+    if len(faces):
+        corners = surface.faces[faces]
+        points = np.vstack([points, np.einsum("nk,nki->ni", places, surface.vertices[corners])])
+        flat = face_normals(surface)[faces]
+        normals = np.vstack([normals, flat / np.linalg.norm(flat, axis=1, keepdims=True)])
+        index = np.concatenate([index, np.full(len(faces), -1)])
+        if surface.sigma is not None and sigma is not None:
+            sigma = np.concatenate([sigma, surface.sigma[corners].mean(axis=1)])
+    return points, normals, sigma, index
+
+
+def cover_large_faces(surface: Surface) -> tuple[Ints, Floats]:
+    """Return faces (k,), repeated, and barycentric places (k, 3) that cover the faces too large for their vertices."""
+    none = np.empty(0, dtype=int), np.empty((0, 3))
+    if not len(surface.faces) or len(surface.faces) > FEW_FACES:
+        return none
+    areas = 0.5 * np.linalg.norm(face_normals(surface), axis=1)
+    measured = np.ones(len(areas), dtype=bool) if surface.face_invented is None else ~surface.face_invented
+    cell = areas[measured].sum() / N_COVER
+    large = np.flatnonzero(measured & (areas > LARGE_IN_CELLS * cell))
+    if not len(large):
+        return none
+    counts = np.ceil(areas[large] / cell).astype(int)
+    faces = np.repeat(large, counts)
+    # the additive sequence of the plastic number is even over the square, folded onto the triangle
+    u, v = np.mod(np.arange(1, len(faces) + 1)[:, None] * np.array([0.7548776662466927, 0.5698402909980532]), 1.0).T
+    folded = u + v > 1.0
+    u, v = np.where(folded, 1.0 - u, u), np.where(folded, 1.0 - v, v)
+    return faces, np.column_stack([1.0 - u - v, u, v])
+
+
+def face_normals(surface: Surface) -> Floats:
+    """Return the normals (m, 3) of the faces, as long as twice their area [m2]."""
+    a, b, c = (surface.vertices[surface.faces[:, i]] for i in range(3))
+    return np.cross(b - a, c - a)
 
 
 def vertex_normals(surface: Surface) -> Floats:
     """Return unit normals (n, 3) at the vertices, the area-weighted mean of the faces around; NaN without faces."""
-    a, b, c = (surface.vertices[surface.faces[:, i]] for i in range(3))
-    face_normals = np.cross(b - a, c - a)
+    around = face_normals(surface)
     normals = np.zeros_like(surface.vertices)
     for axis in range(3):
         for corner in range(3):
-            normals[:, axis] += np.bincount(surface.faces[:, corner], face_normals[:, axis], len(normals))
+            normals[:, axis] += np.bincount(surface.faces[:, corner], around[:, axis], len(normals))
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
 
@@ -111,11 +161,19 @@ def on_free_edge(surface: Surface) -> Bools:
     Around an inner vertex the opposite edges b -> c close to a ring, so the sum of c - b (as vertex numbers) is zero;
     around a boundary vertex it is the last less the first number of the open fan.
     """
-    n = len(surface.vertices)
+    free = _has_gap(surface.faces, len(surface.vertices))
+    if free.mean() > RAGGED:  # each face with its own corners, as STL files have them: join equal corners
+        _, joined = np.unique(surface.vertices, axis=0, return_inverse=True)
+        free = _has_gap(joined[surface.faces], int(joined.max()) + 1)[joined]
+    return free
+
+
+def _has_gap(faces: Ints, n: int) -> Bools:
+    """Return for each of n vertices whether the faces around it leave a gap."""
     gap = np.zeros(n)
     for corner in range(3):
-        b, c = surface.faces[:, (corner + 1) % 3], surface.faces[:, (corner + 2) % 3]
-        gap += np.bincount(surface.faces[:, corner], c.astype(float) - b, n)
+        b, c = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
+        gap += np.bincount(faces[:, corner], c.astype(float) - b, n)
     return gap != 0.0
 
 

@@ -1,0 +1,87 @@
+"""Stable areas found patch by patch: the majority's motion under change, and the words for motions left free."""
+
+import numpy as np
+import pytest
+from bumpy_body import NOISE, bumpy_points, unit
+
+from monitor.registration.degeneracy import describe
+from monitor.registration.matching import Matches
+from monitor.registration.patches import cut_patches
+from monitor.registration.stable_areas import find_stable, weighted_median
+from monitor.registration.weights import huber_weights, residual_sigma, robust_scale, tukey_slope, tukey_weights
+from projects.model import Bools, Floats, Ints
+
+
+def make_pairs(rng: np.random.Generator, changed: float, motion: Floats) -> tuple[Matches, Ints, Bools]:
+    """Return pairs whose residuals show `motion` left to do, patch numbers, and which pairs changed by 1 to 3 mm."""
+    points, normals = bumpy_points(20_000, rng)
+    numbers = cut_patches(points, normals, 25).numbers(points, normals)
+    is_changed = unit(points) @ np.array([0.6, 0.64, 0.48]) > np.quantile(unit(points) @ [0.6, 0.64, 0.48], 1 - changed)
+    way = motion[3:] + np.cross(motion[:3], points)
+    residuals = rng.normal(0, NOISE, len(points)) - np.sum(way * normals, axis=1)
+    residuals += np.where(is_changed, 0.002 + 0.001 * np.sin(30 * points[:, 0]), 0.0)
+    zeros = np.zeros(len(points))
+    return (
+        Matches(np.arange(len(points)), points, residuals, normals, normals, normals, zeros, zeros),
+        numbers,
+        is_changed,
+    )
+
+
+@pytest.mark.parametrize("changed", [0.0, 0.2, 0.4, 0.45])
+def test_the_majority_is_found_while_the_rest_changed_to_one_side(rng: np.random.Generator, changed: float) -> None:
+    motion = np.array([1e-3, -5e-4, 8e-4, 3e-4, -2e-4, 1e-4])
+    pairs, numbers, is_changed = make_pairs(rng, changed, motion)
+    found, is_stable = find_stable(pairs, numbers, np.zeros(3), np.random.default_rng(0))
+    # 0.2 mm / sqrt(10 000 / 6) is 5 um; kept patches on the rim of the change may add as much again
+    assert found[3:] == pytest.approx(motion[3:], abs=15e-6)
+    assert found[:3] == pytest.approx(motion[:3], abs=15e-6 / 0.15)
+    assert is_stable[~is_changed].mean() > 0.93
+    assert not changed or is_stable[is_changed].mean() < 0.02
+
+
+def test_a_patch_that_roughened_without_moving_is_not_stable(rng: np.random.Generator) -> None:
+    pairs, numbers, _ = make_pairs(rng, 0.0, np.zeros(6))
+    rough = pairs.points[:, 2] > 0.2
+    residuals = pairs.residuals + np.where(rough, rng.normal(0, 10 * NOISE, len(rough)), 0.0)
+    _, is_stable = find_stable(Matches(**{**vars(pairs), "residuals": residuals}), numbers, np.zeros(3), rng)
+    assert is_stable[rough].mean() < 0.05
+    assert is_stable[~rough].mean() > 0.93
+
+
+def test_patches_hold_the_asked_number_and_part_the_sides_of_a_slab(rng: np.random.Generator) -> None:
+    points = np.column_stack([rng.uniform(0, 1, (5_000, 2)), np.repeat([0.0, 0.002], 2_500)])
+    normals = np.tile([0.0, 0.0, 1.0], (5_000, 1)) * np.repeat([-1.0, 1.0], 2_500)[:, None]
+    numbers = cut_patches(points, normals, 25).numbers(points, normals)
+    assert 5_000 / len(np.unique(numbers)) == pytest.approx(25, rel=0.25)
+    assert not set(numbers[:2_500]) & set(numbers[2_500:])
+
+
+def test_weighted_median_counts_weights() -> None:
+    assert weighted_median(np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 5.0])) == 2.0
+    assert weighted_median(np.array([3.0, 1.0, 2.0]), np.array([9.0, 1.0, 5.0])) == 3.0
+
+
+def test_weights_of_huber_and_tukey_have_their_known_values() -> None:
+    assert huber_weights(np.array([0.0, 1.345, 2.69])) == pytest.approx([1.0, 1.0, 0.5])
+    assert tukey_weights(np.array([0.0, 4.685 / 2, 4.685, 9.0])) == pytest.approx([1.0, 0.5625, 0.0, 0.0])
+    u = np.linspace(-6.0, 6.0, 41)
+    psi = [(v) * tukey_weights(v) for v in (u + 1e-6, u - 1e-6)]
+    assert tukey_slope(u) == pytest.approx((psi[0] - psi[1]) / 2e-6, abs=1e-5)
+
+
+def test_stated_sigma_is_kept_apart_from_what_residuals_scatter_beyond_it(rng: np.random.Generator) -> None:
+    stated = np.repeat([1e-4, 4e-4], 20_000)
+    everything = np.ones(40_000, dtype=bool)
+    as_stated = residual_sigma(rng.normal(0, stated), stated, everything)
+    assert as_stated[-1] / as_stated[0] > 2.0
+    worse = rng.normal(0, np.hypot(stated, 1e-3))
+    sigma = residual_sigma(worse, stated, everything)
+    assert sigma[0] == pytest.approx(np.hypot(1e-4, 1e-3), rel=0.05)
+    assert sigma[-1] == pytest.approx(np.hypot(4e-4, 1e-3), rel=0.05)
+    assert robust_scale(worse / sigma) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_free_motions_are_told_in_words() -> None:
+    assert describe(np.array([0, 0, 2.0, 0, 0, 0.1]), 0.5).startswith("turn about the axis (0.00, 0.00, 1.00)")
+    assert describe(np.array([0, 0, 0.1, 0.3, 0, 0]), 0.5).startswith("slide along (1.00, 0.00, 0.00)")
