@@ -14,16 +14,16 @@ import numpy as np
 
 from monitor.declare import check_settings, setting
 from monitor.registration.matching import Matches, MatchLimits, Samples, make_samples, match
-from monitor.registration.sampling import motion_rows, sample_source
+from monitor.registration.sampling import cell_numbers, motion_rows, sample_source
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.weights import huber_weights, robust_scale, tukey_weights
 from projects.model import Floats, PointCloud
 from projects.transforms import invert, perturb
 
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
-PRIOR_SHARE = 3.0  # a given pose is trusted to this many times the misfit that the scans show at first
+PATCH_IN_SPACINGS = 10.0  # errors of neighbouring points agree: a patch of this edge is one witness
 SETTLED = 0.01  # of the sigma of residuals: steps below this change nothing
-BETTER = 0.98  # the misfit must shrink at least to this share, or the given poses stay
+BETTER = 0.5**0.5  # of the misfit as given: above it the poses add less to the misfit than what stays anyway
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,8 +99,10 @@ def adjust_scans(clouds: Sequence[PointCloud], settings: AdjustmentSettings | No
     Notes
     -----
     Minimizes sum rho(n' (T_i p - T_j q) / sigma) + sum |delta_i|^2 / prior^2 over point-to-plane pairs of all
-    overlapping scans, Huber first and Tukey when settled, by Gauss-Newton steps. The prior is PRIOR_SHARE times the
-    misfit as given; it holds only what the pairs do not.
+    overlapping scans, Huber first and Tukey when settled, by Gauss-Newton steps. Neighbouring residuals agree, so each
+    pair of scans counts as many witnesses as it has patches. The prior on each scan's motion is the misfit as given: it
+    holds what few patches hold, such as a ring of scans that could bend. A good network of poses is better than what
+    five scans can say of themselves, so the given poses stay unless they add more to the misfit than what stays anyway.
     """
     settings = settings or AdjustmentSettings()
     unmoved = tuple(np.eye(4) for _ in clouds)
@@ -155,11 +157,12 @@ def _iterate(network: _Network, max_iterations: int) -> tuple[list[Floats], int]
     motions: list[Floats] = [np.eye(4) for _ in range(n)]
     lever = np.sqrt(np.mean([np.mean(np.sum(s.points**2, axis=1)) for s in network.samples]))
     prior, fine = float("nan"), False
+    patch = PATCH_IN_SPACINGS * network.spacing
     for step in range(1, max_iterations + 1):
         matches = _match_all(network, motions, fine=fine)
         sigma = _misfit(matches)
-        prior = PRIOR_SHARE * sigma if step == 1 else prior
-        delta = _solve(matches, motions, (sigma, prior, float(lever)), fine)
+        prior = sigma if step == 1 else prior
+        delta = _solve(matches, motions, (sigma, prior, float(lever), patch), fine)
         motions = [perturb(T, np.zeros(3), d) for T, d in zip(motions, delta, strict=True)]
         length = float(np.abs(delta * np.repeat([lever, 1.0], 3)).max())
         if fine and length < SETTLED * sigma:
@@ -169,10 +172,13 @@ def _iterate(network: _Network, max_iterations: int) -> tuple[list[Floats], int]
 
 
 def _solve(
-    matches: dict[tuple[int, int], Matches], motions: Sequence[Floats], scales: tuple[float, float, float], fine: bool
+    matches: dict[tuple[int, int], Matches],
+    motions: Sequence[Floats],
+    scales: tuple[float, float, float, float],
+    fine: bool,
 ) -> Floats:
     """Return the motions (n, 6) [rad, m] about the origin that lessen all residuals at once."""
-    sigma, prior, lever = scales
+    sigma, prior, lever, patch = scales
     n = len(motions)
     unit = np.repeat([1.0 / lever, 1.0], 3)  # rotations as the way they move a point at the lever
     normal = np.zeros((n, 6, n, 6))
@@ -182,6 +188,7 @@ def _solve(
         points, normals = pair.points @ T[:3, :3].T + T[:3, 3], pair.normals @ T[:3, :3].T
         rows = motion_rows(points, normals, np.zeros(3)) * unit
         weights = (tukey_weights if fine else huber_weights)(pair.residuals / sigma)
+        weights *= len(np.unique(cell_numbers(points, patch))) / len(points)
         block = (rows * weights[:, None]).T @ rows
         pull = rows.T @ (weights * pair.residuals)
         normal[i, :, i] += block
@@ -190,8 +197,17 @@ def _solve(
         normal[j, :, i] -= block
         right[i] -= pull
         right[j] += pull
-    matrix = normal.reshape(6 * n, 6 * n) + np.eye(6 * n) * (sigma / prior) ** 2
-    return np.asarray(np.linalg.solve(matrix, right.ravel()).reshape(n, 6) * unit)
+    hold = (sigma / prior) ** 2
+    gone = np.array([_as_motion(T, lever) for T in motions])
+    matrix = normal.reshape(6 * n, 6 * n) + np.eye(6 * n) * hold
+    return np.asarray(np.linalg.solve(matrix, (right - hold * gone).ravel()).reshape(n, 6) * unit)
+
+
+def _as_motion(T: Floats, lever: float) -> Floats:
+    """Return the motion (6,) that a transform has made so far, rotations as metres at the lever."""
+    R = T[:3, :3]
+    w = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return np.concatenate([w * lever, T[:3, 3]])
 
 
 def _misfit(matches: dict[tuple[int, int], Matches]) -> float:
