@@ -83,22 +83,17 @@ def _pair_products(points: Floats, errors: Floats, rng: np.random.Generator) -> 
             np.concatenate([near_product.ravel(), errors[some[i]] * errors[some[j]]]))  # fmt: skip
 
 
-def kept_variance(points: Floats, starts: Ints, correlation: Correlation, n_witnesses: int = 24) -> Floats:
-    """Return for each group of vertices the share (u,) of the variance that its mean keeps, between 0 and 1.
+def kept_variance(areas: Floats, n_vertices: Ints, correlation: Correlation) -> Floats:
+    """Return the share (u,) of the variance that the mean over a patch keeps, between 0 and 1.
 
-    Group k holds points[starts[k]:starts[k + 1]]; `n_witnesses` of each, at even steps, stand for all.
+    A patch of `areas` (u,) [m2] with `n_vertices` (u,) counts as a disc: the mean correlation of two points of a disc,
+    over the density of their distance (disc line picking), and 1 / n of what is independent between vertices.
     """
-    sizes = np.diff(starts)
-    step = (np.arange(n_witnesses) + 0.5) / n_witnesses
-    index = starts[:-1, None] + np.minimum((sizes[:, None] * step).astype(np.int64), sizes[:, None] - 1)
-    kept = np.empty(len(sizes))
-    for first in range(0, len(sizes), 4096):
-        picked = points[index[first : first + 4096]]
-        lag = np.linalg.norm(picked[:, :, None] - picked[:, None, :], axis=-1)
-        rho = correlation.at(lag)
-        same = index[first : first + 4096, :, None] == index[first : first + 4096, None, :]
-        off = ~same
-        between = (rho * off).sum(axis=(1, 2)) / np.maximum(off.sum(axis=(1, 2)), 1)
-        n = sizes[first : first + 4096]
-        kept[first : first + 4096] = 1.0 / n + (1.0 - 1.0 / n) * between
-    return kept
+    radius = np.sqrt(np.maximum(areas, 1e-300) / np.pi)
+    nodes, weights = np.polynomial.legendre.leggauss(48)
+    t = 0.5 * (nodes + 1.0)  # distance over diameter
+    density = 16.0 / np.pi * t * (np.arccos(t) - t * np.sqrt(1.0 - t * t)) * 0.5 * weights
+    rho = np.exp(-2.0 * radius[:, None, None] * t[None, :, None] / correlation.ranges) @ correlation.sills
+    between = rho @ (density / density.sum())
+    n = np.maximum(n_vertices, 1)
+    return 1.0 / n + (1.0 - 1.0 / n) * between

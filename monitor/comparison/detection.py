@@ -2,11 +2,13 @@
 
 In: the two measured sides. Out: the noise learned from what is stable, and for each side lod95, the smoothed change
 and whether each vertex is changed. Two passes: the first finds what stands out of the core of all distances; the
-second learns from all the rest, since areas chosen for their small residuals would show too little noise.
+second learns from all the rest, stable by registration or not, since areas chosen for their small residuals show too
+little noise.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,17 +17,19 @@ from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.level_of_detection import Z95, level_of_detection
 from monitor.comparison.noise import Masks, Noise, learn_noise
+from monitor.comparison.patches import (
+    PatchErrors,
+    Patches,
+    benjamini_hochberg,
+    calm_errors,
+    first_errors,
+    gather_patches,
+    least_p,
+    patch_radii,
+)
 from monitor.comparison.side import Side
 from monitor.comparison.smoothing import smooth_distances
-from monitor.comparison.units import (
-    UnitErrors,
-    Units,
-    benjamini_hochberg,
-    calibrate_units,
-    cut_units,
-    summarize_units,
-    unit_size,
-)
+from monitor.comparison.units import Units, cut_units, summarize_units, unit_size
 from projects.model import Bools, Floats, Ints, Registration
 
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
@@ -33,24 +37,33 @@ CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a thi
 
 @dataclass(frozen=True)
 class Tested:
-    """The units of both sides, which of them are significant, and by what measure."""
+    """The units of both sides, what the patches they belong to say, and by what measure.
+
+    `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
+    largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
+    first; `n_tested` patches in all.
+    """
 
     units: tuple[Units, Units]
-    is_significant: tuple[Bools, Bools]
+    p_gained: tuple[Floats, Floats]
+    p_lost: tuple[Floats, Floats]
+    limit: float
     size: float
-    errors: UnitErrors
+    errors: tuple[PatchErrors, ...]
     n_tested: int
 
 
 @dataclass(frozen=True)
 class Detection:
     """One side's answer: `lod95` and `smooth` [m], `smooth_lod95` [m] of the smoothed change, `is_changed`,
-    and `variance` [m2] of the change without the registration's part."""
+    `p_value` of the strongest patch that a vertex belongs to, and `variance` [m2] of the change without the
+    registration's part."""
 
     lod95: Floats
     smooth: Floats
     smooth_lod95: Floats
     is_changed: Bools
+    p_value: Floats
     variance: Floats
 
 
@@ -68,11 +81,11 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     rng = np.random.default_rng(seed)
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
-    test = judge_units(sides, calm, noise, registration, level, with_tail=False)
+    test = judge_units(sides, calm, noise, registration, level, first_errors)
     rest = (away_from(sides[0], test, 0), away_from(sides[1], test, 1))
     if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
-        calm, noise = rest, learn_noise(sides, rest, 0.95, rng)
-        test = judge_units(sides, calm, noise, registration, level, with_tail=True)
+        calm, noise = rest, learn_noise(sides, rest, 0.95, rng, noise.correlation.area)
+        test = judge_units(sides, calm, noise, registration, level, calm_errors)
     found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(sides))
     return Detected((found[0], found[1]), noise, test)
 
@@ -83,27 +96,37 @@ def stable_or_all(side: Side) -> Bools:
     return stable if stable.any() else side.is_assessed
 
 
-def judge_units(sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration, level: float, *,
-               with_tail: bool) -> Tested:  # fmt: skip
-    """Cut both sides into units and test all of them at once."""
+def judge_units(sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration, level: float,
+                learn_errors: Callable[[Floats], PatchErrors]) -> Tested:  # fmt: skip
+    """Cut both sides into units and test the patches of every size that they make, all at once."""
     areas = np.concatenate([s.areas[s.is_assessed] for s in sides])
     size = unit_size(noise.correlation, areas)
     units = tuple(summarize_units(s, cut_units(s, size), noise, registration, c)
                   for s, c in zip(sides, calm, strict=True))  # fmt: skip
-    z = np.concatenate([u.mean / u.sigma for u in units])
-    is_tested = np.concatenate([u.is_whole for u in units])
-    is_stable = np.concatenate([u.is_stable for u in units])
-    errors = calibrate_units(z[is_tested & is_stable], with_tail)
-    is_significant = np.zeros(len(z), dtype=np.bool_)
-    is_significant[is_tested] = benjamini_hochberg(errors.p_values(z[is_tested]), level)
-    n_first = len(units[0].mean)
-    split = is_significant[:n_first], is_significant[n_first:]
-    return Tested((units[0], units[1]), split, size, errors, int(is_tested.sum()))
+    sizes = [[gather_patches(u, r, noise.correlation, registration) for u in units]
+             for r in patch_radii(size, 0.5 * float(areas.sum()))]  # fmt: skip
+    errors = tuple(learn_errors(np.concatenate([_standardize(p)[p.is_whole & p.is_calm] for p in pair]))
+                   for pair in sizes)  # fmt: skip
+    p_values = [[np.where(p.is_whole, e.p_values(_standardize(p)), 1.0) for p in pair]
+                for e, pair in zip(errors, sizes, strict=True)]  # fmt: skip
+    tested = np.concatenate([v[p.is_whole] for values, pair in zip(p_values, sizes, strict=True)
+                             for v, p in zip(values, pair, strict=True)])  # fmt: skip
+    least = [[np.minimum.reduce([least_p(pair[k], values[k], sign)
+                                 for pair, values in zip(sizes, p_values, strict=True)])
+              for k in range(2)] for sign in (1.0, -1.0)]  # fmt: skip
+    return Tested((units[0], units[1]), (least[0][0], least[0][1]), (least[1][0], least[1][1]),
+                  benjamini_hochberg(tested, level), size, errors, len(tested))  # fmt: skip
+
+
+def _standardize(patches: Patches) -> Floats:
+    """Return mean over sigma of each patch."""
+    return patches.means / patches.sigmas
 
 
 def away_from(side: Side, test: Tested, which: int) -> Bools:
-    """Return which assessed vertices lie neither in a significant unit nor in one that touches it."""
-    number, hit = test.units[which].number, test.is_significant[which]
+    """Return which assessed vertices lie neither in a unit of a significant patch nor in one that touches it."""
+    number = test.units[which].number
+    hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= test.limit
     pairs = number[side.edges]
     pairs = pairs[(pairs >= 0).all(axis=1)]
     touched = np.append(hit, False)  # unit -1, not assessable, is the last
@@ -126,10 +149,12 @@ def mark_changed(side: Side, test: Tested, which: int, noise: Noise, calm: Bools
     sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int64)
     own = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
     beyond = side.is_assessed & (own | (np.abs(smooth) > smooth_lod95))
-    units, hit = test.units[which], test.is_significant[which]
-    seeds = np.append(np.where(hit, np.sign(units.mean), 2), 2)[units.number] == sign
-    is_changed = _grow(seeds & beyond, beyond, sign, side.edges)
-    return Detection(lod95, smooth, smooth_lod95, is_changed, noise.variance_of(side))
+    number = test.units[which].number
+    p_value = np.where(sign > 0, np.append(test.p_gained[which], 1.0)[number],
+                       np.append(test.p_lost[which], 1.0)[number])  # fmt: skip
+    p_value = np.where(beyond, p_value, 1.0)
+    is_changed = _grow(p_value <= test.limit, beyond, sign, side.edges)
+    return Detection(lod95, smooth, smooth_lod95, is_changed, p_value, noise.variance_of(side))
 
 
 def _grow(seeds: Bools, beyond: Bools, sign: Ints, edges: Ints) -> Bools:

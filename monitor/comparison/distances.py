@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from monitor.comparison.feet import FOOT, NO_FOOT, ON_BORDER, find_feet
 from monitor.comparison.mesh_tree import MeshTree, angle_weighted_normals, build_tree, morton_codes
@@ -20,13 +21,15 @@ class Feet:
     """Where the perpendiculars of a surface's vertices meet another surface.
 
     `distances` (n,) [m] are positive on the other surface's outer side, NaN without a foot; `faces` (n,) is the
-    face of the other surface, -1 without; `weights` (n, 3) are those of its corners; `reasons` are `NotAssessed`.
+    face of the other surface, -1 without; `weights` (n, 3) are those of its corners; `reasons` are
+    `NotAssessed`; `to_rim` (n,) [m] is how far the foot lies from the other surface's free edges (inf: it has none).
     """
 
     distances: Floats
     faces: Ints
     weights: Floats
     reasons: Ints
+    to_rim: Floats
 
 
 def search_limit(reference: Surface, compared: Surface, share: float) -> float:
@@ -48,7 +51,8 @@ def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: 
     """Measure each vertex of a surface against the other surface along the other's normal.
 
     The foot is on the nearest of the faces that look the same way (normals within `max_angle` [rad]) and over whose
-    interior, edge or vertex star the vertex stands, within `limit` [m].
+    interior, edge or vertex star the vertex stands, within `limit` [m]. Where the foot lies nearer to a free edge than
+    to the vertex, the other surface ends there and what it would be is not known: FREE_EDGE.
 
     Returns
     -------
@@ -76,8 +80,33 @@ def distances_to_tree(surface: Surface, tree: MeshTree, other: Surface, limit: f
     reasons[outcome == NO_FOOT] = NotAssessed.NO_FACE
     weights = np.column_stack((1.0 - weights.sum(axis=1), weights))
     faces = np.where(face >= 0, tree.order[face], -1)
+    to_rim = np.full(len(points), np.nan)
+    found = faces >= 0
+    to_rim[found] = distance_to_rim(
+        tree, np.einsum("ni,nij->nj", weights[found], tree.vertices[tree.faces[face[found]]])
+    )
+    reasons[(reasons == NotAssessed.ASSESSED) & (to_rim < np.abs(distances))] = NotAssessed.FREE_EDGE
     reasons[(reasons == NotAssessed.ASSESSED) & _is_invented(other, faces)] = NotAssessed.NOT_SEEN
-    return Feet(distances, faces, weights, reasons)
+    return Feet(distances, faces, weights, reasons, to_rim)
+
+
+def distance_to_rim(tree: MeshTree, points: Floats) -> Floats:
+    """Return the distance (n,) [m] of points to the free edges of a surface, to a quarter edge; inf where it has none.
+
+    Points are in the tree's coordinates; long free edges are taken in steps of the surface's median edge.
+    """
+    face, side = np.nonzero(tree.neighbours < 0)
+    if not len(face):
+        return np.full(len(points), np.inf)
+    start = tree.vertices[tree.faces[face, side]]
+    end = tree.vertices[tree.faces[face, (side + 1) % 3]]
+    inner = tree.vertices[tree.faces[:, 0]] - tree.vertices[tree.faces[:, 1]]
+    step = 0.5 * float(np.median(np.linalg.norm(inner, axis=1)))
+    n_steps = np.clip(np.ceil(np.linalg.norm(end - start, axis=1) / max(step, 1e-300)), 1, 1000).astype(np.int64)
+    which = np.repeat(np.arange(len(face)), n_steps)
+    t = (np.arange(len(which)) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps)) / n_steps[which]
+    rim = start[which] + t[:, None] * (end - start)[which]
+    return np.asarray(cKDTree(rim).query(points, workers=-1)[0])
 
 
 def interpolate_at_feet(values: Floats, other: Surface, feet: Feet) -> Floats:

@@ -102,9 +102,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
             "the epochs do not overlap: check their poses and units"
         )
     found = detect(sides, registration, settings.false_discovery_rate, settings.seed)
-    regions, numbers = find_regions(sides, found, registration)
+    regions, numbers = find_regions(sides, found, registration, settings.false_discovery_rate)
     on_reference, on_compared = (finish_side(s, f, r) for s, f, r in zip(sides, found.sides, numbers, strict=True))
-    statistics = {**summarize(on_compared, sides[1].areas, found, registration, tolerance), "search_limit_m": limit}
+    statistics = {**summarize(on_compared, sides[1], found, registration, tolerance), "search_limit_m": limit}
     return Comparison(on_compared, on_reference, regions, registration, mode, statistics)
 
 
@@ -131,10 +131,9 @@ def measure_sides(reference: Surface, moved: Surface, registration: Registration
                   ) -> tuple[Side, Side]:  # fmt: skip
     """Return the sides (reference, compared), measured against each other, with what the registration held stable."""
     shift = 0.5 * (reference.vertices.min(axis=0) + reference.vertices.max(axis=0))
-    tree_compared = build_tree(moved, shift, limits[1])
-    on_reference = measure_side(reference, moved, tree_compared, -1.0, limits, registration)
-    del tree_compared
-    on_compared = measure_side(moved, reference, build_tree(reference, shift, limits[1]), 1.0, limits, registration)
+    trees = build_tree(reference, shift, limits[1]), build_tree(moved, shift, limits[1])
+    on_reference = measure_side(reference, moved, trees, -1.0, limits, registration)
+    on_compared = measure_side(moved, reference, (trees[1], trees[0]), 1.0, limits, registration)
     if registration.is_stable is None or len(registration.is_stable) != len(moved.vertices):
         return on_reference, on_compared
     corner = on_reference.feet.weights.argmax(axis=1)

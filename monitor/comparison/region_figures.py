@@ -17,11 +17,9 @@ from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected, Detection
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side
-from monitor.comparison.units import common_variance
 from projects.model import Floats, Ints, Registration
 
 Pair = tuple[Side, Side]
-N_WITNESSES = 200  # vertices that stand for a region where correlation is summed up
 UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
 WIDE = 20.0  # a layer: as wide as this many times its thickness
 
@@ -110,12 +108,15 @@ def view_region(side: Side, found: Detected, which: int, vertices: Ints, margin:
 
 def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, registration: Registration) -> float:
     """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, and the motion's."""
-    weight = side.areas[vertices] / side.areas[vertices].sum()
-    within2 = float(weight @ found.sides[which].variance[vertices]) * found.test.errors.scale**2
-    starts, group = np.array([0, len(vertices)]), np.zeros(len(vertices), dtype=np.int64)
-    kept = kept_variance(side.surface.vertices[vertices], starts, found.noise.correlation, N_WITNESSES)
-    common2 = common_variance(side, vertices, group, weight, registration, 1)
-    return float(np.sqrt(within2 * kept[0] + common2[0]))
+    area = side.areas[vertices].sum()
+    weight = side.areas[vertices] / area
+    scale = max(e.scale for e in found.test.errors)
+    within2 = float(weight @ found.sides[which].variance[vertices]) * scale**2
+    kept = kept_variance(np.array([area]), np.array([len(vertices)]), found.noise.correlation)
+    arm = side.surface.vertices[vertices] - registration.centre
+    row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
+    common2 = max(float(row @ registration.covariance @ row), 0.0) + float(weight @ side.sigma_shared[vertices]) ** 2
+    return float(np.sqrt(within2 * kept[0] + common2))
 
 
 def find_extreme(side: Side, found: Detection, vertices: Ints, correlation: Correlation) -> tuple[float, float]:

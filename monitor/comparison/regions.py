@@ -1,7 +1,9 @@
 """Change regions: what hangs together over both surfaces becomes one region with its figures (design step 13).
 
-A region joins changed vertices of one sign that are neighbours on a surface or each other's foot. Specks smaller than
-the area over which errors agree (one independent witness) are no regions, and what they cover is not called changed.
+A region joins changed vertices of one sign that are neighbours on a surface or each other's foot. It must hold as a
+whole: its strongest patch is significant among all patches tested (Bonferroni), so the chance that an unchanged object
+shows any region is at most the level. Specks smaller than the area over which errors agree (one independent witness)
+are no regions. What is no region is not called changed.
 """
 
 from __future__ import annotations
@@ -10,14 +12,15 @@ import numpy as np
 import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.stats import norm
 
 from monitor.comparison.detection import Detected, Detection
-from monitor.comparison.region_figures import describe_region, spread_margin
+from monitor.comparison.region_figures import describe_region, sigma_of_mean, spread_margin
 from monitor.comparison.side import Side
 from projects.model import REGION_COLUMNS, Ints, Registration
 
 
-def find_regions(sides: tuple[Side, Side], found: Detected, registration: Registration,
+def find_regions(sides: tuple[Side, Side], found: Detected, registration: Registration, level: float,
                  ) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:  # fmt: skip
     """Return the table of regions, largest first, and the region of each vertex of both sides (0: none)."""
     parts = connect_sides(sides, found.sides)
@@ -25,7 +28,9 @@ def find_regions(sides: tuple[Side, Side], found: Detected, registration: Regist
     for side, part in zip(sides, parts, strict=True):
         own = np.bincount(part[part >= 0], side.areas[part >= 0], minlength=len(area))
         area = np.maximum(area, own)
-    kept = np.flatnonzero(area >= least_area(sides, found))
+    candidate = area >= least_area(sides, found)
+    kept = np.array([k for k in np.flatnonzero(candidate) if holds(k, sides, found, parts, registration, level)],
+                    dtype=np.int64)  # fmt: skip
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     regions = [number[part] for part in parts]  # part -1 is the last entry: 0
@@ -39,6 +44,23 @@ def find_regions(sides: tuple[Side, Side], found: Detected, registration: Regist
     table = table.iloc[order].reset_index(drop=True)
     table["region"] = np.arange(1, len(kept) + 1)
     return table, (rank[regions[0]], rank[regions[1]])
+
+
+def holds(number: np.intp, sides: tuple[Side, Side], found: Detected, parts: tuple[Ints, Ints],
+          registration: Registration, level: float) -> bool:  # fmt: skip
+    """Whether a part is significant as a whole, by its strongest patch and by its own mean on some side.
+
+    The patch alone would let noise beside a large change share its significance.
+    """
+    strongest, own = 1.0, 1.0
+    for k in range(2):
+        vertices = np.flatnonzero(parts[k] == number)
+        if len(vertices):
+            strongest = min(strongest, float(found.sides[k].p_value[vertices].min()))
+            mean = float(np.average(sides[k].distances[vertices], weights=sides[k].areas[vertices]))
+            own = min(own, 2.0 * float(norm.sf(abs(mean) / sigma_of_mean(sides[k], found, k, vertices, registration))))
+    n_units = sum(len(u.means) for u in found.test.units)
+    return strongest * found.test.n_tested <= level and own * n_units <= level
 
 
 def least_area(sides: tuple[Side, Side], found: Detected) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor.comparison.distances import Feet, distances_to_tree, interpolate_at_feet, unit_normals
+from monitor.comparison.distances import Feet, distance_to_rim, distances_to_tree, interpolate_at_feet, unit_normals
 from monitor.comparison.mesh_tree import MeshTree
 from monitor.registration.covariance import propagate
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
@@ -20,10 +20,11 @@ from projects.transforms import apply, rotate
 class Side:
     """A surface and its change; arrays over its n vertices.
 
-    `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `edges` (e, 2) are those of the surface,
-    each once; `areas` [m2] are a third of the faces around;
-    `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_shared` [m] what the scans of the two epochs
-    disagree by (common to a neighbourhood), `sigma_motion` [m] that of the registration (common to the whole).
+    `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `edges` (e, 2) are those of the surface, each
+    once; `areas` [m2] are a third of the faces around; `to_rim` [m] is how far the vertex or its foot is from a free
+    edge of its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_shared` [m]
+    what the scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that of the
+    registration (common to the whole).
     """
 
     surface: Surface
@@ -33,6 +34,7 @@ class Side:
     edges: Ints
     areas: Floats
     distances: Floats
+    to_rim: Floats
     sigma_surfaces: Floats
     sigma_shared: Floats
     sigma_motion: Floats
@@ -56,14 +58,15 @@ def move_surface(surface: Surface, T_target_source: Floats) -> Surface:
     return replace(surface, vertices=apply(T_target_source, surface.vertices), normals=normals)
 
 
-def measure_side(surface: Surface, other: Surface, tree: MeshTree, sign: float, limits: tuple[float, float],
-                 registration: Registration) -> Side:  # fmt: skip
-    """Measure one side against the tree of the other; `sign` is +1 on the compared side, -1 on the reference's.
+def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTree], sign: float,
+                 limits: tuple[float, float], registration: Registration) -> Side:  # fmt: skip
+    """Measure one side against the other, with the trees of both; `sign` is +1 on compared, -1 on reference.
 
     A stated sigma that is NaN makes the vertex too uncertain; a surface that states none at all leaves its noise to
     the floor that the stable areas show.
     """
-    feet = distances_to_tree(surface, tree, other, *limits)
+    feet = distances_to_tree(surface, trees[1], other, *limits)
+    to_rim = np.fmin(feet.to_rim, distance_to_rim(trees[0], trees[0].vertices))
     normals = unit_normals(surface)
     own = np.zeros(len(normals)) if surface.sigma is None else surface.sigma
     foot = np.zeros(len(normals)) if other.sigma is None else interpolate_at_feet(other.sigma, other, feet)
@@ -77,7 +80,9 @@ def measure_side(surface: Surface, other: Surface, tree: MeshTree, sign: float, 
     edges, areas = mesh_edges(surface), vertex_areas(surface)
     shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
     shared = np.where(np.isfinite(shared), shared, 0.0)
-    return Side(surface, other, feet, normals, edges, areas, distances, sigma, shared, motion, is_stable, reasons)
+    return Side(
+        surface, other, feet, normals, edges, areas, distances, to_rim, sigma, shared, motion, is_stable, reasons
+    )
 
 
 def _shared_sigma(surface: Surface) -> Floats:

@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 
 from monitor.comparison.detection import Detected
+from monitor.comparison.side import Side
 from monitor.registration.significance import motion_significance
 from projects.model import Assessment, ComparedSurface, NotAssessed, Registration
 
 
-def summarize(on_compared: ComparedSurface, areas: np.ndarray, found: Detected, registration: Registration,
+def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registration: Registration,
               tolerance: float | None) -> dict[str, Any]:  # fmt: skip
     """Return the statistics of `Comparison`, over the vertices of the compared surface; lengths in metres.
 
     Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones.
     """
-    state = on_compared.assessment
+    state, areas = on_compared.assessment, side.areas
     assessed = state != Assessment.NOT_ASSESSABLE
     calm = on_compared.distances[state == Assessment.UNCHANGED]
     d, lod = on_compared.distances[assessed], on_compared.lod95[assessed]
@@ -40,14 +41,12 @@ def summarize(on_compared: ComparedSurface, areas: np.ndarray, found: Detected, 
         "assessed_area_share": float(areas[assessed].sum() / max(areas.sum(), 1e-300)),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
         "not_assessed": {r.name.lower(): int((on_compared.reasons == r).sum()) for r in NotAssessed if r},
-        "floor_m": float(found.noise.floors.max()),
+        "floor_m": float(np.median(found.noise.floor_of(side))),
         "floors_m": [float(f) for f in found.noise.floors],
         "correlation_length_m": found.noise.correlation.length,
         "unit_size_m": found.test.size,
-        "n_units": found.test.n_tested,
-        "n_significant_units": sum(int(s.sum()) for s in found.test.is_significant),
-        "unit_error_scale": found.test.errors.scale,
-        "unit_error_dof": found.test.errors.dof,
+        "n_patches": found.test.n_tested,
+        "patch_error_scales": [e.scale for e in found.test.errors],
     }
     if tolerance is not None:
         figures["tolerance_m"] = float(tolerance)

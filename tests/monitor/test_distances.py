@@ -39,7 +39,7 @@ def measure(points: Floats, looks: Floats, other: Surface, limit: float = LIMIT)
     """Return the feet of points that look somewhere."""
     feet = normal_distances(points_looking(points, looks), other, limit)
     n = len(np.atleast_2d(points))
-    return Feet(feet.distances[:n], feet.faces[:n], feet.weights[:n], feet.reasons[:n])
+    return Feet(*(getattr(feet, f.name)[:n] for f in dataclasses.fields(feet)))
 
 
 def cube() -> Surface:
@@ -119,8 +119,14 @@ def test_beyond_the_search_limit_is_no_face() -> None:
 
 
 def test_foot_on_the_rim_is_a_free_edge() -> None:
-    feet = measure([[1.01, 0.4, 0.02], [-0.01, -0.01, 0.0], [0.99, 0.4, 0.02]], np.tile([0, 0, 1.0], (3, 1)), square(3))
+    feet = measure([[1.01, 0.4, 0.02], [-0.01, -0.01, 0.0], [0.97, 0.4, 0.02]], np.tile([0, 0, 1.0], (3, 1)), square(3))
     np.testing.assert_array_equal(feet.reasons, [NotAssessed.FREE_EDGE, NotAssessed.FREE_EDGE, NotAssessed.ASSESSED])
+
+
+def test_foot_nearer_to_the_rim_than_to_the_vertex_is_a_free_edge() -> None:
+    feet = measure([[0.97, 0.4, 0.05], [0.9, 0.4, 0.05]], np.tile([0, 0, 1.0], (2, 1)), square(21))
+    np.testing.assert_array_equal(feet.reasons, [NotAssessed.FREE_EDGE, NotAssessed.ASSESSED])
+    np.testing.assert_allclose(feet.to_rim, [0.03, 0.1], atol=0.006)
 
 
 def test_sheet_that_looks_away_hides_what_lies_behind() -> None:
@@ -167,8 +173,8 @@ def rough_ball(rng: np.random.Generator, subdivisions: int = 3) -> Surface:
     return Surface(v, mesh.faces[(v[mesh.faces][:, :, 2] < 0.8).all(axis=1)])
 
 
-def slow_twin(points: Floats, looks: Floats, other: Surface, limit: float) -> tuple[Floats, Floats]:
-    """Return distance and reason (without sheets between) of each point from every face, edge and corner in turn."""
+def slow_twin(points: Floats, looks: Floats, other: Surface, limit: float) -> tuple[Floats, Floats, Floats]:
+    """Return distance, reason (no sheets, no ends) and way to the rim of each point, from every part in turn."""
     tri = other.vertices[other.faces]
     normals = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -176,7 +182,10 @@ def slow_twin(points: Floats, looks: Floats, other: Surface, limit: float) -> tu
     neighbours = face_neighbours(other.faces)
     border = {v for f, k in zip(*np.nonzero(neighbours < 0), strict=True)
               for v in (other.faces[f, k], other.faces[f, (k + 1) % 3])}  # fmt: skip
+    rim = [(other.vertices[other.faces[f, k]], other.vertices[other.faces[f, (k + 1) % 3]])
+           for f, k in zip(*np.nonzero(neighbours < 0), strict=True)]  # fmt: skip
     distances, reasons = np.full(len(points), np.nan), np.full(len(points), int(NotAssessed.NO_FACE))
+    to_rim = np.full(len(points), np.nan)
     for i, (p, look) in enumerate(zip(points, looks, strict=True)):
         nearest = [closest_by_parts(p, t) for t in tri]
         best = limit
@@ -192,9 +201,16 @@ def slow_twin(points: Floats, looks: Floats, other: Surface, limit: float) -> tu
             best = size
             direction = normals[f] if len(on) == 3 else normals[around].sum(0) if len(on) == 2 else pseudo[corners[0]]
             distances[i] = np.copysign(size, (p - q) @ direction)
+            to_rim[i] = min(np.linalg.norm(q - closest_on_edge(q, a, b)[0]) for a, b in rim)
             free = (len(on) == 2 and len(around) == 1) or (len(on) == 1 and corners[0] in border)
             reasons[i] = NotAssessed.FREE_EDGE if free else NotAssessed.ASSESSED
-    return distances, reasons
+    return distances, reasons, to_rim
+
+
+def closest_on_edge(p: Floats, a: Floats, b: Floats) -> tuple[Floats, float]:
+    """Return the nearest point of an edge and how far along it lies, 0 to 1."""
+    t = float(np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0))
+    return a + t * (b - a), t
 
 
 def closest_by_parts(p: Floats, tri: Floats) -> tuple[Floats, list[int]]:
@@ -206,9 +222,8 @@ def closest_by_parts(p: Floats, tri: Floats) -> tuple[Floats, list[int]]:
         return foot, [0, 1, 2]
     parts = []
     for k in range(3):
-        a, b = tri[k], tri[(k + 1) % 3]
-        t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-        parts.append((a + t * (b - a), [k] if t == 0 else [(k + 1) % 3] if t == 1 else [k, (k + 1) % 3]))
+        on_edge, t = closest_on_edge(p, tri[k], tri[(k + 1) % 3])
+        parts.append((on_edge, [k] if t == 0 else [(k + 1) % 3] if t == 1 else [k, (k + 1) % 3]))
     return min(parts, key=lambda part: float(np.linalg.norm(p - part[0])))
 
 
@@ -219,10 +234,12 @@ def test_kernel_agrees_with_its_slow_twin(rng: np.random.Generator, far: float) 
     points *= (rng.uniform(0.8, 1.2, 150) / np.linalg.norm(points, axis=1))[:, None]
     looks = points / np.linalg.norm(points, axis=1)[:, None] + rng.normal(0, 0.3, points.shape)
     looks /= np.linalg.norm(looks, axis=1)[:, None]
-    distances, reasons = slow_twin(points, looks, other, LIMIT)
+    distances, reasons, to_rim = slow_twin(points, looks, other, LIMIT)
     moved = dataclasses.replace(other, vertices=other.vertices + far)
     feet = measure(points + far, looks, moved)
     assert len(set(reasons)) == 3
+    np.testing.assert_allclose(feet.to_rim, to_rim, atol=0.1)  # a quarter of an edge
+    reasons[(reasons == NotAssessed.ASSESSED) & (feet.to_rim < np.abs(distances))] = NotAssessed.FREE_EDGE
     seen = feet.reasons != NotAssessed.SHEET_BETWEEN
     assert seen.mean() > 0.9
     np.testing.assert_array_equal(feet.reasons[seen], reasons[seen])
