@@ -36,7 +36,8 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
             notify(f"{compared_id}: writing the comparison with {reference_id}")
             step = require_comparison(project, object_id, reference_id, compared_id)
             comparison = project.get(object_id, compared_id, step.product, step.step_id)
-            written += export_comparison(out, object_id, reference_id, compared_id, comparison, step, wanted)
+            ids = (object_id, reference_id, compared_id)
+            written += export_comparison(out, ids, comparison, step, wanted)
     for file in written:
         typer.echo(str(file))
     return written

@@ -1,0 +1,189 @@
+"""Difference models, surfaces and tables as files, under the names and with the properties that other programs rely on.
+
+In: a comparison or a surface and the ids that name it. Out: the paths of the files written (design section 3).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from projects.errors import ParameterError
+from projects.formats import write_csv, write_e57, write_glb, write_las, write_obj, write_ply_mesh, write_stl
+from projects.model import ComparedSurface, Comparison, PointCloud, Scan, Step, Surface
+from reports.colours import choose_limit, colour_vertices
+
+SUMMARY_KEYS = ("stable_share", "bias_m", "nmad_m", "rmse_m", "lod95_median_m", "n_vertices", "n_not_assessable",
+                "n_unchanged", "n_changed", "share_above_lod95", "motion_significance")  # fmt: skip
+UNIT_NOTE = "metres; positive distance = material gained; assessment 0 not assessable, 1 unchanged, 2 changed"
+
+Properties = Mapping[str, NDArray[Any]]
+Writer = Callable[[Path, Surface, Properties], None]
+
+
+def export_comparison(
+    out: Path, ids: tuple[str, str, str], comparison: Comparison, step: Step, formats: Sequence[str]
+) -> list[Path]:
+    """Write both difference models, the table of regions and the summary; return the paths.
+
+    Parameters
+    ----------
+    out : an existing folder.
+    ids : object, reference epoch, compared epoch.
+    comparison : in the reference epoch's coordinates, m.
+    step : the comparison's record: its parameters, versions and inputs stand in the summary.
+    formats : of `FORMATS`; the table and the summary are always written.
+    """
+    stem = "_".join(ids)
+    limit = choose_limit(comparison)
+    written: list[Path] = []
+    for name in ("on-compared", "on-reference"):
+        side = comparison.on_compared if name == "on-compared" else comparison.on_reference
+        colours = colour_vertices(side.distances, side.assessment, limit)
+        surface = dataclasses.replace(side.surface, colors=colours)
+        written += _write_formats(out / f"{stem}_{name}", surface, side_properties(side, colours), formats)
+    table, summary = out / f"{stem}_regions.csv", out / f"{stem}_summary.json"
+    write_csv(table, comparison.regions)
+    write_json(summary, summarize(comparison, step))
+    return [*written, table, summary]
+
+
+def export_surface(out: Path, object_id: str, epoch_id: str, surface: Surface, formats: Sequence[str]) -> list[Path]:
+    """Write an epoch's surface, in the epoch's own project coordinates; return the paths."""
+    return _write_formats(out / f"{object_id}_{epoch_id}_surface", surface, surface_columns(surface), formats)
+
+
+def side_properties(side: ComparedSurface, colours: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
+    """Return the properties of a difference model's vertices after x y z, in their order and with their types."""
+    normals = np.full((len(side.distances), 3), np.nan) if side.surface.normals is None else side.surface.normals
+    known = side.assessment > 0
+    return {
+        **{f"n{axis}": normals[:, k].astype(np.float32) for k, axis in enumerate("xyz")},
+        **{name: colours[:, k] for k, name in enumerate(("red", "green", "blue"))},
+        "distance": np.where(known, side.distances, np.nan).astype(np.float32),
+        "lod95": np.where(known, side.lod95, np.nan).astype(np.float32),
+        "assessment": side.assessment.astype(np.uint8),
+        "region": side.region.astype(np.int32),
+    }
+
+
+def surface_columns(surface: Surface) -> dict[str, NDArray[Any]]:
+    """Return what is known of a surface's vertices, in a fixed order."""
+    columns: dict[str, NDArray[Any]] = {}
+    if surface.normals is not None:
+        columns |= {f"n{axis}": surface.normals[:, k].astype(np.float32) for k, axis in enumerate("xyz")}
+    if surface.colors is not None:
+        columns |= {name: surface.colors[:, k] for k, name in enumerate(("red", "green", "blue"))}
+    for name in ("intensity", "sigma", "sigma_shared", "sample_distance"):
+        values = getattr(surface, name)
+        if values is not None:
+            columns[name] = np.asarray(values, dtype=np.float32)
+    if surface.n_support is not None:
+        columns["n_support"] = surface.n_support
+    return columns
+
+
+def summarize(comparison: Comparison, step: Step) -> dict[str, Any]:
+    """Return the summary that other programs read: design section 3's keys first, then every further statistic."""
+    motion = comparison.registration
+    statistics = dict(comparison.statistics)
+    named = {key: statistics.pop(key) for key in SUMMARY_KEYS}
+    return {
+        "T_reference_compared": motion.T_target_source,
+        "covariance": motion.covariance,
+        "centre": motion.centre,
+        "mode": comparison.mode,
+        **named,
+        "settings": step.parameters,
+        "versions": step.versions,
+        "inputs": step.inputs,
+        "statistics": statistics,
+    }
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write plain values as strict JSON; what is unknown (NaN) is null."""
+    text = json.dumps(_plain(content), indent=2, allow_nan=False, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """Return nested values as JSON knows them."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _write_formats(stem: Path, surface: Surface, properties: Properties, formats: Sequence[str]) -> list[Path]:
+    """Write one surface in each format; return the paths."""
+    written = []
+    for name in formats:
+        if name not in _WRITERS:
+            raise ParameterError(f"format {name!r}: allowed are {', '.join(FORMATS)}")
+        path = stem.parent / f"{stem.name}.{name}"
+        _WRITERS[name](path, surface, properties)
+        written.append(path)
+    return written
+
+
+def _write_ply(path: Path, surface: Surface, properties: Properties) -> None:
+    write_ply_mesh(path, surface, properties, comments=(UNIT_NOTE,))
+
+
+def _write_obj(path: Path, surface: Surface, properties: Properties) -> None:
+    write_obj(path, surface, comments=("metres",))
+
+
+def _write_stl(path: Path, surface: Surface, properties: Properties) -> None:
+    write_stl(path, surface)
+
+
+def _write_glb(path: Path, surface: Surface, properties: Properties) -> None:
+    write_glb(path, surface)
+
+
+def _write_laz(path: Path, surface: Surface, properties: Properties) -> None:
+    plain = {name: values for name, values in properties.items() if name not in ("red", "green", "blue", "intensity")}
+    write_las(path, _vertex_cloud(surface), plain)
+
+
+def _write_csv(path: Path, surface: Surface, properties: Properties) -> None:
+    places = {axis: surface.vertices[:, k] for k, axis in enumerate("xyz")}
+    write_csv(path, pd.DataFrame({**places, **properties}))
+
+
+def _write_e57(path: Path, surface: Surface, properties: Properties) -> None:
+    write_e57(path, [Scan(path.stem, _vertex_cloud(surface), np.eye(4))], description="vertices of a surface")
+
+
+def _vertex_cloud(surface: Surface) -> PointCloud:
+    """Return the vertices as points."""
+    return PointCloud(surface.vertices, intensity=surface.intensity, colors=surface.colors)
+
+
+_WRITERS: dict[str, Writer] = {
+    "ply": _write_ply,
+    "glb": _write_glb,
+    "obj": _write_obj,
+    "stl": _write_stl,
+    "laz": _write_laz,
+    "e57": _write_e57,
+    "csv": _write_csv,
+}
+FORMATS = tuple(_WRITERS)
