@@ -85,6 +85,14 @@ def find_nearest(index: PointIndex, first: int, last: int, k: Ints) -> Ints:
     return _nearest(index.points, index.low, index.high, first, last, np.minimum(k, len(index.points)), int(k.max()))
 
 
+def find_nearest_sorted(index: PointIndex, which: Ints, k: int) -> Ints:
+    """Return indices (len(which), k) of the k nearest points of the points `which`, nearest first."""
+    near = _nearest_of_points(index.points, index.low, index.high, np.asarray(which, dtype=np.int64), k)
+    near.sort(axis=1)
+    d2 = ((index.points[near] - index.points[which][:, None]) ** 2).sum(axis=2)
+    return np.take_along_axis(near, np.argsort(d2, axis=1, kind="stable"), axis=1)
+
+
 @njit(cache=True, error_model="numpy")
 def gather_ball(points: Any, low: Any, high: Any, centre: Any, radius2: float, stack: Any, found: Any) -> int:
     """Write the indices of the points within the ball into `found` and return their number, however many fit."""
@@ -200,4 +208,14 @@ def _nearest(points: Any, low: Any, high: Any, first: int, last: int, k: Any, wi
             found = _nearest_of_leaf(
                 points, low, high, leaf, stop, k[leaf - first : stop - first], found, out[leaf - first : stop - first]
             )
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest_of_points(points: Any, low: Any, high: Any, which: Any, k: int) -> Any:
+    """Run `_nearest_of_leaf` for single points."""
+    out, sizes = np.empty((len(which), k), dtype=np.int32), np.full(1, k, dtype=np.int64)
+    found = np.empty(4096, dtype=np.int32)
+    for row, i in enumerate(which):
+        found = _nearest_of_leaf(points, low, high, i, i + 1, sizes, found, out[row : row + 1])
     return out

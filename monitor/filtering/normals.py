@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
-from monitor.filtering.nearest import LEAF, PointIndex, build_index, canonical_order, find_nearest
+from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_nearest, find_nearest_sorted
 from monitor.filtering.neighbourhoods import NeighbourhoodModel, model_neighbourhoods, undo_ball
 from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
@@ -110,7 +110,7 @@ def sample_neighbourhoods(index: PointIndex, settings: NormalSettings) -> Neighb
     largest = min(max(settings.max_neighbours, settings.n_neighbours or 0), n_points)
     sizes = np.unique(np.rint(np.geomspace(min(LEAST_SIZE, largest), largest, N_SIZES)).astype(np.int64))
     which = np.unique(np.linspace(0, n_points - 1, min(settings.n_samples, n_points)).astype(np.int64))
-    near = np.stack([_nearest_one(index, int(i), largest) for i in which])
+    near = find_nearest_sorted(index, which, largest)
     lambda3 = np.empty((len(which), len(sizes)))
     for column, n in enumerate(sizes):
         rows = _fit(index, which, near[:, :n], np.full(len(which), n), np.zeros(len(which)), settings)
@@ -118,16 +118,8 @@ def sample_neighbourhoods(index: PointIndex, settings: NormalSettings) -> Neighb
     low, high = min(settings.min_neighbours, largest), largest
     model = model_neighbourhoods(index.points[which], sizes, lambda3, rows[:, 10], (low, high))
     if settings.n_neighbours is not None:
-        model = dataclasses.replace(model, sizes=np.full(len(which), float(largest)))
+        model = dataclasses.replace(model, sizes=np.full(len(which), float(min(settings.n_neighbours, n_points))))
     return model
-
-
-def _nearest_one(index: PointIndex, i: int, k: int) -> Ints:
-    """Return the k nearest points of point i, nearest first."""
-    first = i // LEAF * LEAF
-    last = min(first + LEAF, len(index.points))
-    near = find_nearest(index, first, last, np.full(last - first, k))[i - first]
-    return near[np.argsort(((index.points[near] - index.points[i]) ** 2).sum(axis=1), kind="stable")]
 
 
 def _fit(index: PointIndex, which: Ints, near: Ints, n: Ints, noise: Floats, settings: NormalSettings) -> Floats:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from monitor.filtering.nearest import build_index, canonical_order, find_nearest, gather_ball
+from monitor.filtering.nearest import build_index, canonical_order, find_nearest, find_nearest_sorted, gather_ball
 
 
 def ordered(points):
@@ -44,6 +44,13 @@ def test_every_point_may_ask_for_its_own_number_of_neighbours(rng):
     k = rng.integers(1, 40, len(points))
     near = find_nearest(build_index(points), 0, len(points), k)
     assert ((near >= 0).sum(axis=1) == k).all()
+
+
+def test_neighbours_of_chosen_points_come_nearest_first(rng):
+    points = ordered(clouds(rng)["wall"])
+    which = np.array([5, 2999, 17])
+    near = find_nearest_sorted(build_index(points), which, 30)
+    assert np.array_equal(near, cKDTree(points).query(points[which], 30)[1])
 
 
 def test_a_block_of_queries_gives_what_the_whole_gives(rng):
