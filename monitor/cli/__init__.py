@@ -6,6 +6,7 @@ Exit codes: 0, 2 for a user's error (one clear line on stderr), 1 for ours, 130 
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Sequence
 
 from monitor.cli.app import app
@@ -22,6 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def run(arguments: list[str], debug: bool = False) -> int:
     """Run one command and return its exit code; with `debug`, errors come with their traceback."""
+    warnings.filterwarnings("ignore", message="The TBB threading layer")  # numba has others; not the user's concern
     try:
         code = app(arguments, prog_name="monitor", standalone_mode=False)
     except KeyboardInterrupt:

@@ -17,6 +17,7 @@ from projects.errors import ParameterError, StoreError
 from projects.formats import PoseLine, metres_per_unit, question_unit, read_control, read_mesh, read_poses
 from projects.identifiers import require_id
 from projects.model import ControlPoint, EpochRecord
+from projects.provenance import hash_file
 from projects.store import Project
 
 
@@ -125,7 +126,8 @@ def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit
     mesh = read_mesh(request.files[0], unit=unit.metres)
     bounds = np.array([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
     question_unit(bounds, unit.was_stated, name=request.files[0].name)
-    return project.add_epoch(record, (), mesh=mesh)
+    source = {"file": request.files[0].name, "sha256": hash_file(request.files[0])}
+    return project.add_epoch(dataclasses.replace(record, sources=(source,)), (), mesh=mesh)
 
 
 def _tell(project: Project, record: EpochRecord, as_json: bool) -> None:

@@ -13,8 +13,10 @@ from rich.table import Table
 from monitor.cli.units import metres_from_millimetres
 from projects.errors import StoreError
 from projects.extent import read_extent
+from projects.index_file import INDEX_NAME
 from projects.model import EpochRecord, ObjectRecord
 from projects.store import Project
+from projects.verify import verify_project as verify_project_folder
 
 
 def init_project(path: Path, name: str, crs: str, description: str) -> None:
@@ -44,7 +46,9 @@ def remove_epoch_from_project(path: Path, object_id: str, epoch_id: str, purge: 
 
 def verify_project(path: Path, as_json: bool) -> None:
     """Check every file against its record; a project with errors ends with exit code 2."""
-    report = Project.open(path).verify()
+    if not (path / INDEX_NAME).exists():
+        Project.open(path)  # says what is wrong with the folder
+    report = verify_project_folder(path)
     errors = [f for f in report.findings if f.severity == "error"]
     if as_json:
         findings = [{"severity": f.severity, "path": str(f.path), "message": f.message} for f in report.findings]
