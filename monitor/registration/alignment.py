@@ -15,13 +15,13 @@ from monitor.registration.sampling import motion_rows
 from monitor.registration.sides import Side
 from monitor.registration.weights import huber_weights, residual_sigma, tukey_weights
 from projects.model import Bools, Floats
-from projects.transforms import perturb
+from projects.transforms import apply, perturb
 
 N_PAIRS_NEEDED = 30
 SHRINK = 0.5  # at most so much is the sideways limit reduced from one iteration to the next
 STEPS_ASIDE = 5.0  # pairs may be aside by so many lengths of the last step
 FINE_ANGLE_SHARE = 0.75  # of the angle between normals that is allowed once the pairs stand over each other
-STALLED = 0.9
+TURN_BACK = 0.7  # of the length of steps is kept when a step goes back
 SETTLED_SHARE = 0.01  # a step below one hundredth of its own sigma changes nothing that could be known
 
 
@@ -72,10 +72,9 @@ def solve_motion(matches: Matches, weights: Floats, sigma: Floats, centre: Float
     return delta, normal_matrix
 
 
-def displacement(delta: Floats, points: Floats, centre: Floats) -> float:
-    """Return the root mean square way [m] that the points go under a small motion about `centre`."""
-    way = delta[3:] + np.cross(delta[:3], points - centre)
-    return float(np.sqrt(np.mean(np.sum(way**2, axis=1))))
+def small_motion(delta: Floats, points: Floats, centre: Floats) -> Floats:
+    """Return the ways (n, 3) [m] that points go under a small motion about `centre`."""
+    return delta[3:] + np.cross(delta[:3], points - centre)
 
 
 def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, *,
@@ -85,11 +84,9 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
     With `fine` the pairs must stand over each other from the beginning; `is_kept` (n samples) restricts what counts.
     """
     kept = np.ones(len(samples.points), dtype=bool) if is_kept is None else is_kept
-    T = T_start
+    T, pace, step = T_start, 1.0, np.inf
     aside = 0.0 if fine else rules.distance
-    weights: Floats = np.empty(0)
-    sigma: Floats = np.empty(0)
-    last_step = np.inf
+    last_way: Floats = np.zeros((len(samples.points), 3))
     for iteration in range(1, rules.max_iterations + 1):
         angle = rules.angle * (FINE_ANGLE_SHARE if fine else 1.0)
         matches = match(samples, target, T, MatchLimits(rules.distance, aside, angle), both_oriented)
@@ -101,13 +98,13 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
         weights, sigma = weigh(matches, kept, fine)
         centre = np.average(matches.points, axis=0, weights=weights)
         delta, normal_matrix = solve_motion(matches, weights, sigma, centre)
-        step = displacement(delta, matches.points, centre)
+        way = small_motion(delta, apply(T, samples.points), centre)
+        # where pairs swap to and fro the pose swings about a place without a zero: go there by ever shorter steps
+        pace *= TURN_BACK if fine and np.sum(way * last_way) < 0.0 else 1.0
+        step, last_way = pace * float(np.sqrt(np.mean(np.sum(way**2, axis=1)))), way
         if fine and step < max(rules.precision, SETTLED_SHARE * typical_sigma(normal_matrix, matches.points, centre)):
             return Alignment(T, matches, weights, sigma, centre, True, "", iteration)
-        if fine and step > STALLED * last_step:  # pairs that swap to and fro make the pose swing: go half the way
-            delta = 0.5 * delta
-        last_step = step
-        T = perturb(T, centre, delta)
+        T = perturb(T, centre, pace * delta)
         aside = min(aside, max(SHRINK * aside, STEPS_ASIDE * step))
         fine = fine or aside < float(np.median(matches.tangential)) or aside < rules.precision
     reason = f"still moving by {1e6 * step:.1f} micrometres after {rules.max_iterations} iterations"

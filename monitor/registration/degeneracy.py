@@ -13,7 +13,7 @@ from monitor.registration.sampling import motion_rows
 from projects.model import Floats, Ints
 
 N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertainty so many times
-NOISE_SHARE = 0.2  # and be no less than this share of what relief and noise of the normals seem to give together
+NOISE_SHARE = 0.05  # and be no less than this share of what relief and noise of the normals seem to give together
 
 
 def find_free_motion(matches: Matches, centre: Floats, patch: Ints) -> str:

@@ -184,7 +184,7 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
     kept = is_kept[pairs.source]
     stable, sigma = pairs.take(kept), found.sigma[kept]
     centre = stable.points.mean(axis=0)
-    reason = found.reason or find_free_motion(stable, centre, numbers[stable.source])
+    reason = find_free_motion(stable, centre, numbers[stable.source]) or found.reason
     covariance = np.full((6, 6), np.nan)
     if not reason:
         covariance = estimate_covariance(stable, sigma, centre)
