@@ -7,11 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.reconstruction.projection import grid_samples
+from monitor.reconstruction.reach import measure_noise
 from projects.model import Floats, PointCloud
 
 SPACINGS_PER_CELL = 1.5  # finer cells hold single points: nothing to gain (measured on the clouds of the paper)
 NOISES_PER_CELL = 0.7  # the band must be thicker than the noise
-N_PROBES = 20_000
+N_PROBES = 5_000
 FEWEST_NEIGHBOURS = 48
 MOST_NEIGHBOURS = 1500
 
@@ -26,9 +28,9 @@ class Sampling(NamedTuple):
 def measure_sampling(cloud: PointCloud) -> Sampling:
     """Return median spacing and noise of a cloud that has normals, from probes spread evenly over its points.
 
-    Spacing is that of a square grid with as many points in the disc of the k-th neighbour. Noise is the robust
-    scatter of neighbours along the point's normal, or the points' own sigma where that is larger. The neighbourhood
-    grows until it is four sigma wide: a ball narrower than the noise truncates it.
+    Spacing is that of a square grid with as many points in the disc of the k-th neighbour; the neighbourhood grows
+    until it is four times as wide as the scatter in it, since noise fills a narrower ball. Noise is the scatter about
+    curved patches three spacings wide, or the points' own sigma where that is larger.
     """
     assert cloud.normals is not None
     n = len(cloud)
@@ -41,8 +43,11 @@ def measure_sampling(cloud: PointCloud) -> Sampling:
         if reach >= 4.0 * scatter or k >= min(MOST_NEIGHBOURS, n - 1):
             break
         k, probes = min(2 * k, n - 1), probes[:: 2 if len(probes) > 2000 else 1]
+    spacing = float(reach * np.sqrt(np.pi / k))
+    samples = grid_samples(cloud.points, cloud.normals, 3.0 * spacing, scatter)
+    noise = measure_noise(cloud.points[probes], cloud.normals[probes], samples, 3.0 * spacing)
     stated = np.nanmedian(cloud.sigma) if cloud.sigma is not None and np.isfinite(cloud.sigma).any() else 0.0
-    return Sampling(float(reach * np.sqrt(np.pi / k)), float(max(scatter, stated)))
+    return Sampling(spacing, float(max(noise if np.isfinite(noise) else scatter, stated)))
 
 
 def _scatter_along(neighbours: Floats, normals: Floats) -> float:

@@ -1,8 +1,8 @@
 """Vertices brought onto a robust local fit of the raw points, each with its own standard error.
 
-In: vertices and normals of a raw surface, the cloud's points and normals. Out: `Projection`: moved vertices, fitted
-normals, sigma, support. A Poisson surface smooths and is biased where it smooths (Nothegger, "Improving completeness
-of geometric models", table 1); the fit is neither, and what remains uncertain is stated per vertex.
+In: vertices and normals of a raw surface, the cloud's points and normals, and how far each fit may reach. Out:
+`Projection`: moved vertices, fitted normals, sigma, support. A Poisson surface smooths and is biased where it smooths
+(Nothegger, `001`, table 1); the fit is neither, and what remains uncertain is stated per vertex.
 """
 
 from __future__ import annotations
@@ -12,14 +12,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit, prange
 
-from monitor.reconstruction.grid import PointGrid, build_grid, cell_span, count_candidates, row_points
-from monitor.reconstruction.quadric import fit_patch
+from monitor.reconstruction.grid import build_grid, cell_span, count_candidates, row_points
+from monitor.reconstruction.quadric import fit_patch, fit_room
 from projects.model import Bools, Floats, Ints
 
 COS_SAME_SHEET = 0.5  # points whose normal is within 60 degrees of the vertex's belong to its sheet
-MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a quadric at the rim of its points exceeds it
+MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch at the rim of its points exceeds it
+GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
+WIDENED = (1.0, 1.4, 2.0)  # times the radius of a plane, where too few points lie within it
 CHUNK = 256  # vertices a thread takes at a time; one buffer serves them all
 HEIGHT, SLOPE_U, SLOPE_V, UNIT_ERROR, SIGMA, EFFECTIVE = range(6)
+
+
+class Reach(NamedTuple):
+    """How the points around each vertex are fitted, one value a vertex.
+
+    `curved` and `flat` (m) are the radii for a curved patch and for a plane, `is_flat` says which to take where the
+    points allow both, and `misfit` (m) is what the surface was seen to depart from such a fit at its middle.
+    """
+
+    curved: Floats
+    flat: Floats
+    is_flat: Bools
+    misfit: Floats
 
 
 class Projection(NamedTuple):
@@ -37,31 +52,39 @@ class Projection(NamedTuple):
         return Projection(*(getattr(self, name)[which] for name in self._fields))
 
 
-def project_vertices(
-    vertices: Floats,
-    normals: Floats,
-    points: Floats,
-    point_normals: Floats,
-    radius: float,
-    gate: float,
-    max_shift: float,
-) -> Projection:
-    """Move each vertex along its normal onto the patch fitted to the points within `radius` (m) of that normal.
+class Samples(NamedTuple):
+    """The cloud as the kernels take it: a `PointGrid` (its fields, flat), the normals in its order, the noise (m)."""
 
-    Points farther than `gate` (m) along the normal, or that look another way, belong to another sheet. A move beyond
-    `max_shift` (m) means that the fit is not about this vertex: it is refused. Curved patches where the points
-    surround the vertex, planes where they lie to one side of it.
+    points: Floats
+    order: Ints
+    keys: Ints
+    starts: Ints
+    low: Floats
+    shape: Ints
+    cell: float
+    normals: Floats
+    noise: float
+
+
+def grid_samples(points: Floats, normals: Floats, cell: float, noise: float) -> Samples:
+    """Bucket points (n, 3) with their normals into cells of edge `cell` (m)."""
+    grid = build_grid(points, cell)
+    return Samples(*grid, np.ascontiguousarray(normals[grid.order]), float(noise))
+
+
+def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float) -> Projection:
+    """Move each vertex along its normal onto the patch fitted to the points of its sheet around it.
+
+    Points that look another way, or lie farther along the normal than noise and curvature explain, belong to another
+    sheet. A move beyond `max_shift` (m) means that the fit is not about this vertex: it is refused.
     """
-    n = len(vertices)
-    out = np.zeros((n, 9))
-    grid = build_grid(points, radius)
-    limits = (radius, gate, max_shift)
-    _project(vertices, normals, grid, np.ascontiguousarray(point_normals[grid.order]), limits, out)
+    out = np.zeros((len(vertices), 9))
+    _project(vertices, normals, samples, reach, max_shift, out)
     is_fitted = out[:, 8] > 0.0
     return Projection(
         vertices=np.where(is_fitted[:, None], out[:, 0:3], vertices),
         normals=np.where(is_fitted[:, None], out[:, 3:6], normals),
-        sigma=np.where(is_fitted, out[:, 6], np.nan),
+        sigma=np.where(is_fitted, np.hypot(out[:, 6], reach.misfit), np.nan),
         scatter=np.where(is_fitted, out[:, 7], np.nan),
         n_support=np.abs(out[:, 8]).astype(np.int32),
         is_fitted=is_fitted,
@@ -82,53 +105,63 @@ def tangent_frame(normal: Floats) -> Any:
 
 
 @jit(nopython=True, cache=True)
-def gather_patch(
-    grid: Any, point_normals: Floats, vertex: Floats, normal: Floats, radius: float, gate: float, patch: Floats,
-    mean: Floats,
-) -> int:  # fmt: skip
+def gate_height(radius: float, noise: float) -> float:
+    """How far from the tangent plane a point of the same sheet may lie within `radius`."""
+    return GATE_SIGMAS * noise + GATE_SAG * radius
+
+
+@jit(nopython=True, cache=True)
+def room_needed(samples: Any, vertex: Floats, radius: float) -> int:
+    """Upper bound of the points that `gather_patch` finds."""
+    reach = np.hypot(radius, gate_height(radius, samples.noise))
+    return count_candidates(samples, vertex[0], vertex[1], vertex[2], reach)
+
+
+@jit(nopython=True, cache=True)
+def gather_patch(samples: Any, vertex: Floats, normal: Floats, radius: float, patch: Floats, mean: Floats) -> int:
     """Collect the points of the vertex's sheet as (u, v, z); their mean normal goes to `mean`."""
-    reach = np.sqrt(radius * radius + gate * gate)
     (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
-    i0, i1 = cell_span(vertex[0], reach, grid.low[0], grid.cell, grid.shape[0])
-    j0, j1 = cell_span(vertex[1], reach, grid.low[1], grid.cell, grid.shape[1])
-    k0, k1 = cell_span(vertex[2], reach, grid.low[2], grid.cell, grid.shape[2])
+    gate = gate_height(radius, samples.noise)
+    reach = np.hypot(radius, gate)
+    i0, i1 = cell_span(vertex[0], reach, samples.low[0], samples.cell, samples.shape[0])
+    j0, j1 = cell_span(vertex[1], reach, samples.low[1], samples.cell, samples.shape[1])
+    k0, k1 = cell_span(vertex[2], reach, samples.low[2], samples.cell, samples.shape[2])
     n = 0
     mean[:] = 0.0
     if k1 < k0:
         return 0
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
-            first, last = row_points(grid, i, j, k0, k1)
+            first, last = row_points(samples, i, j, k0, k1)
             for p in range(first, last):
-                dx = grid.points[p, 0] - vertex[0]
-                dy = grid.points[p, 1] - vertex[1]
-                dz = grid.points[p, 2] - vertex[2]
+                dx = samples.points[p, 0] - vertex[0]
+                dy = samples.points[p, 1] - vertex[1]
+                dz = samples.points[p, 2] - vertex[2]
                 z = dx * normal[0] + dy * normal[1] + dz * normal[2]
                 if abs(z) > gate or dx * dx + dy * dy + dz * dz - z * z > radius * radius:
                     continue
-                nx, ny, nz = point_normals[p, 0], point_normals[p, 1], point_normals[p, 2]
-                same = nx * normal[0] + ny * normal[1] + nz * normal[2]
-                if not same > COS_SAME_SHEET:
+                nx, ny, nz = samples.normals[p, 0], samples.normals[p, 1], samples.normals[p, 2]
+                if not nx * normal[0] + ny * normal[1] + nz * normal[2] > COS_SAME_SHEET:
                     continue
                 patch[n, 0] = dx * tx + dy * ty + dz * tz
                 patch[n, 1] = dx * bx + dy * by + dz * bz
                 patch[n, 2] = z
-                for q in range(3):
-                    mean[q] += point_normals[p, q]
+                mean[0] += nx
+                mean[1] += ny
+                mean[2] += nz
                 n += 1
     return n
 
 
 @jit(nopython=True, cache=True)
-def fit_best(patch: Floats, n: int, radius: float, work: Any, out: Floats) -> bool:
-    """Curved patch where the points surround the vertex, a plane where a curved one would extrapolate.
-
-    Not chosen by a test of curvature at each vertex: a test does not see a bias of one standard error, and all
-    vertices of a sphere would keep that bias.
-    """
-    if fit_patch(patch, n, radius, 2, 4, work, out) and out[UNIT_ERROR] * np.sqrt(out[EFFECTIVE]) <= MOST_EXTRAPOLATED:
-        return True
-    return fit_patch(patch, n, radius, 1, 4, work, out)
+def mean_normal(samples: Any, vertex: Floats, normal: Floats, radius: float, patch: Floats, out: Floats) -> bool:
+    """Unit mean normal of the points of the vertex's sheet, in `out`; False where there are too few."""
+    n = gather_patch(samples, vertex, normal, radius, patch, out)
+    length = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    if n < 4 or length < 1e-9:
+        return False
+    out /= length
+    return True
 
 
 @jit(nopython=True, cache=True)
@@ -143,26 +176,37 @@ def tilt(normal: Floats, slope_u: float, slope_v: float) -> None:
 
 
 @jit(nopython=True, cache=True)
+def fit_vertex(samples: Any, vertex: Floats, normal: Floats, radii: Any, is_flat: bool, room: Any, fit: Floats) -> int:
+    """Fit what the reach asks for in the frame of `normal`; a plane too where the curved patch would extrapolate."""
+    patch, influence, work, mean = room
+    if not is_flat:
+        n = gather_patch(samples, vertex, normal, radii[0], patch, mean)
+        has_fit = fit_patch(patch, n, radii[0], 2, work, fit, influence)
+        if has_fit and fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED:
+            return n
+    for widened in WIDENED:
+        n = gather_patch(samples, vertex, normal, widened * radii[1], patch, mean)
+        if fit_patch(patch, n, widened * radii[1], 1, work, fit, influence):
+            return n
+    return 0
+
+
+@jit(nopython=True, cache=True)
 def project_one(
-    vertex: Floats, normal: Floats, grid: Any, point_normals: Floats, limits: Any, patch: Floats, work: Any,
-    fit: Floats, row: Floats,
-) -> None:  # fmt: skip
+    samples: Any, vertex: Floats, normal: Floats, radii: Any, is_flat: bool, max_shift: float, room: Any, row: Floats
+) -> None:
     """Project one vertex: frame from the mean normal of its points, then once more from the fitted slope."""
-    radius, gate, max_shift = limits
-    mean = fit[6:9]
-    n = gather_patch(grid, point_normals, vertex, normal, radius, gate, patch, mean)
-    row[8] = -float(n)
-    length = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
-    if n < 7 or length < 1e-9:
+    fit, own = np.empty(6), row[3:6]
+    if not mean_normal(samples, vertex, normal, radii[1], room[0], own) and not mean_normal(
+        samples, vertex, normal, WIDENED[-1] * radii[1], room[0], own
+    ):
         return
-    own = row[3:6]
-    own[:] = mean / length
+    height, n = 0.0, 0
     for _ in range(2):
-        n = gather_patch(grid, point_normals, vertex, own, radius, gate, patch, mean)
-        if n < 7 or not fit_best(patch, n, radius, work, fit):
-            return
+        n = fit_vertex(samples, vertex, own, radii, is_flat, room, fit)
+        row[8] = -float(n)
         slope2 = fit[SLOPE_U] ** 2 + fit[SLOPE_V] ** 2
-        if slope2 > 1.0:
+        if n == 0 or slope2 > 1.0:
             return
         height = fit[HEIGHT] / np.sqrt(1.0 + slope2)
         tilt(own, fit[SLOPE_U], fit[SLOPE_V])
@@ -173,16 +217,15 @@ def project_one(
 
 
 @jit(nopython=True, cache=True, parallel=True)
-def _project(
-    vertices: Floats, normals: Floats, grid: PointGrid, point_normals: Floats, limits: Any, out: Floats
-) -> None:
-    n, reach = len(vertices), np.sqrt(limits[0] ** 2 + limits[1] ** 2)
+def _project(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float, out: Floats) -> None:
+    n = len(vertices)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         first, last = chunk * CHUNK, min((chunk + 1) * CHUNK, n)
-        room = 1
+        most = 1
         for i in range(first, last):
-            room = max(room, count_candidates(grid, vertices[i, 0], vertices[i, 1], vertices[i, 2], reach))
-        patch, fit = np.empty((room, 3)), np.empty(9)
-        work = (np.empty(6), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 2)), np.empty(6), np.empty(room))
+            radius = max(WIDENED[-1] * reach.flat[i], 0.0 if reach.is_flat[i] else reach.curved[i])
+            most = max(most, room_needed(samples, vertices[i], radius))
+        room = (np.empty((most, 3)), np.empty(most), fit_room(most), np.empty(3))
         for i in range(first, last):
-            project_one(vertices[i], normals[i], grid, point_normals, limits, patch, work, fit, out[i])
+            radii = (reach.curved[i], reach.flat[i])
+            project_one(samples, vertices[i], normals[i], radii, reach.is_flat[i], max_shift, room, out[i])

@@ -1,10 +1,10 @@
-"""Robust local fit of a plane or curved patch to the points around a vertex, by orthogonal distance.
+"""Robust local fit of a plane or curved patch to the points around a vertex.
 
 In: points in the vertex's frame (u, v along the surface, z along its normal). Out: height of the patch over the
 vertex, its slope, its standard error and the scatter of the points. The patch is
 z = c0 + c1 u + c2 v + Q + Q |grad Q|^2 / 4 with Q its quadratic part: it follows spheres and cylinders to fourth
-order without a further unknown. Distances are taken at the foot point on the patch: a vertical regression would be
-off by -2 sigma^2 / R on a sphere.
+order without a further unknown. Noise along the normals of a curved surface thins out the points that lie outside of
+it, by 1 - 2 e / R on a sphere, so that a regression of heights is low by sigma^2 (k1 + k2); this is taken off.
 """
 
 from __future__ import annotations
@@ -16,36 +16,8 @@ from numba import jit
 
 from projects.model import Floats
 
+N_ITERATIONS = 3
 TUKEY = 6.0  # in sigmas; wide, so that clean noise loses under 2 % and only outliers are left out
-
-
-@jit(nopython=True, cache=True)
-def patch_height(c: Floats, degree: int, a: float, b: float) -> Any:
-    """Height and slopes (q, dq/da, dq/db) of the patch at (a, b)."""
-    q, ga, gb = c[0] + c[1] * a + c[2] * b, c[1], c[2]
-    if degree == 2:
-        quad = c[3] * a * a + c[4] * a * b + c[5] * b * b
-        ha, hb = 2.0 * c[3] * a + c[4] * b, c[4] * a + 2.0 * c[5] * b
-        slope2 = ha * ha + hb * hb
-        q += quad * (1.0 + 0.25 * slope2)
-        ga += ha + 0.25 * (ha * slope2 + quad * 2.0 * (2.0 * c[3] * ha + c[4] * hb))
-        gb += hb + 0.25 * (hb * slope2 + quad * 2.0 * (c[4] * ha + 2.0 * c[5] * hb))
-    return q, ga, gb
-
-
-@jit(nopython=True, cache=True)
-def orthogonal_distance(c: Floats, degree: int, a: float, b: float, z: float) -> Any:
-    """Signed distance of (a, b, z) to the patch, its foot point (a, b) and the length of (ga, gb, 1) there."""
-    q, ga, gb = patch_height(c, degree, a, b)
-    length = np.sqrt(1.0 + ga * ga + gb * gb)
-    distance = (z - q) / length
-    foot_a, foot_b = a, b
-    for _ in range(2):
-        foot_a, foot_b = a + distance * ga / length, b + distance * gb / length
-        q, ga, gb = patch_height(c, degree, foot_a, foot_b)
-        length = np.sqrt(1.0 + ga * ga + gb * gb)
-        distance = ((z - q) - (a - foot_a) * ga - (b - foot_b) * gb) / length
-    return distance, foot_a, foot_b, length
 
 
 @jit(nopython=True, cache=True)
@@ -75,56 +47,102 @@ def solve_spd(matrix: Floats, rhs: Floats, m: int) -> bool:
 
 
 @jit(nopython=True, cache=True)
-def fit_patch(points: Floats, n: int, radius: float, degree: int, n_iterations: int, work: Any, out: Floats) -> bool:
-    """Fit the patch to `points[:n]` (u, v, z, residual) with weights (1 - t^2) * Tukey; False where it cannot be.
+def fill_row(row: Floats, u: float, v: float) -> None:
+    """Derivatives of the height by the six coefficients."""
+    row[0], row[1], row[2], row[3], row[4], row[5] = 1.0, u, v, u * u, u * v, v * v
 
-    `out` receives height, slope along u, slope along v, standard error per unit sigma, sigma, effective number.
-    `work` is (c (6,), a (6, 6), a2 (6, 6), rhs (6, 2), row (6,), buffer (n,)). The standard error is that of the
-    weighted sum with its own weights: sqrt(e0' A^-1 A2 A^-1 e0).
+
+@jit(nopython=True, cache=True)
+def fourth_order(c: Floats, u: float, v: float) -> Any:
+    """Q |grad Q|^2 / 4, which no coefficient of its own carries, and the squared slope of the whole patch."""
+    slope_u, slope_v = 2.0 * c[3] * u + c[4] * v, c[4] * u + 2.0 * c[5] * v
+    quadratic = c[3] * u * u + c[4] * u * v + c[5] * v * v
+    slope2 = (c[1] + slope_u) ** 2 + (c[2] + slope_v) ** 2
+    return 0.25 * quadratic * (slope_u * slope_u + slope_v * slope_v), slope2
+
+
+@jit(nopython=True, cache=True)
+def fit_patch(patch: Floats, n: int, radius: float, degree: int, work: Any, out: Floats, influence: Floats) -> bool:
+    """Fit a plane (`degree` 1) or curved patch (2) to `patch[:n]` (u, v, z); False where it cannot be.
+
+    Weights are (1 - t^2) times Tukey's biweight. `out` receives height, slope along u, slope along v, standard error
+    per unit sigma, sigma, effective number. `influence[i]` is how far the height moves with point i: the heights of
+    two fits to the same points differ by sigma * |influence - influence'|. `work` is as of `fit_room`.
     """
-    c, a, a2, rhs, row, buffer = work
+    c, a, rhs, row, buffer = work
     m = 3 if degree == 1 else 6
     c[:] = 0.0
-    scale = np.inf
-    for _ in range(n_iterations):
-        a[:], a2[:], rhs[:] = 0.0, 0.0, 0.0
+    scale, total, squares, squares_weighted = np.inf, 0.0, 0.0, 0.0
+    for iteration in range(N_ITERATIONS):
+        a[:], rhs[:] = 0.0, 0.0
         total, squares, squares_weighted, used = 0.0, 0.0, 0.0, 0
         for i in range(n):
-            u, v, z = points[i, 0] / radius, points[i, 1] / radius, points[i, 2] / radius
-            distance, fu, fv, length = orthogonal_distance(c, degree, u, v, z)
-            t2 = fu * fu + fv * fv
+            u, v = patch[i, 0] / radius, patch[i, 1] / radius
+            t2 = u * u + v * v
+            influence[i] = 0.0
             if t2 >= 1.0:
                 continue
-            ratio2 = (distance / (TUKEY * scale)) ** 2
-            buffer[used] = abs(distance)
+            fill_row(row, u, v)
+            higher, slope2 = fourth_order(c, u, v)
+            height = patch[i, 2] / radius - higher
+            residual = height
+            for p in range(m):
+                residual -= c[p] * row[p]
+            residual /= np.sqrt(1.0 + slope2)
+            buffer[used] = abs(residual)
             used += 1
+            ratio2 = (residual / (TUKEY * scale)) ** 2
             if ratio2 >= 1.0:
                 continue
             w = (1.0 - t2) * (1.0 - ratio2) ** 2
-            row[0], row[1], row[2] = 1.0 / length, fu / length, fv / length
-            row[3], row[4], row[5] = fu * fu / length, fu * fv / length, fv * fv / length
+            influence[i] = w
             total += w
-            squares += w * distance * distance
+            squares += w * residual * residual
             squares_weighted += w * w
             for p in range(m):
-                rhs[p, 0] += w * row[p] * distance
+                weighted = w * row[p]
+                rhs[p, 0] += weighted * height
                 for q in range(p + 1):
-                    a[p, q] += w * row[p] * row[q]
-                    a2[p, q] += w * w * row[p] * row[q]
+                    a[p, q] += weighted * row[q]
         if used < m + 4 or total <= 0.0:
             return False
         rhs[0, 1] = 1.0
+        if degree == 2 and iteration == N_ITERATIONS - 1:
+            rhs[3, 1] = rhs[5, 1] = -2.0 * scale * scale
         if not solve_spd(a, rhs, m):
             return False
-        for p in range(m):
-            c[p] += rhs[p, 0]
-        scale = max(1.4826 * np.median(buffer[:used]) * np.sqrt(used / (used - m)), 1e-9)
+        if iteration < N_ITERATIONS - 1:
+            if iteration > 0:
+                scale = max(1.4826 * np.median(buffer[:used]) * np.sqrt(used / (used - m)), 1e-9)
+            c[:m] = rhs[:m, 0]
+    thinned = 2.0 * scale * scale * (rhs[3, 0] + rhs[5, 0]) if degree == 2 else 0.0
+    return finish_fit(patch, n, radius, m, work, (total, squares, squares_weighted, thinned), out, influence)
+
+
+@jit(nopython=True, cache=True)
+def finish_fit(
+    patch: Floats, n: int, radius: float, m: int, work: Any, sums: Any, out: Floats, influence: Floats
+) -> bool:
+    """Turn weights into influences, and report height, slopes, standard error and scatter."""
+    _, _, rhs, row, _ = work
+    total, squares, squares_weighted, thinned = sums
     variance = 0.0
-    for p in range(m):
-        for q in range(m):
-            variance += rhs[p, 1] * rhs[q, 1] * a2[max(p, q), min(p, q)]
+    for i in range(n):
+        if influence[i] > 0.0:
+            fill_row(row, patch[i, 0] / radius, patch[i, 1] / radius)
+            along = 0.0
+            for p in range(m):
+                along += row[p] * rhs[p, 1]
+            influence[i] *= along
+            variance += influence[i] ** 2
     effective = total * total / squares_weighted
     sigma2 = squares / total * effective / max(effective - m, 1.0)
-    out[0], out[1], out[2] = c[0] * radius, c[1], c[2]
+    out[0], out[1], out[2] = (rhs[0, 0] - thinned) * radius, rhs[1, 0], rhs[2, 0]
     out[3], out[4], out[5] = np.sqrt(variance), np.sqrt(sigma2) * radius, effective
     return True
+
+
+@jit(nopython=True, cache=True)
+def fit_room(n: int) -> Any:
+    """Room for `fit_patch` with up to n points: coefficients, normal matrix, its right-hand sides, row, buffer."""
+    return np.empty(6), np.empty((6, 6)), np.empty((6, 2)), np.empty(6), np.empty(n)

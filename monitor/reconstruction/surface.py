@@ -18,13 +18,14 @@ from monitor.reconstruction.cell_size import Sampling, choose_cell_size, measure
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
-from monitor.reconstruction.projection import Projection, project_vertices
+from monitor.reconstruction.projection import GATE_SIGMAS, Projection, grid_samples, project_vertices
+from monitor.reconstruction.reach import choose_reach, make_ladder
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
 FEWEST_POINTS = 50
 SLIVER = 1e-3  # of a cell: edges and heights below it are welded or dropped
-GATE = 4.5  # sigmas of noise within which points belong to the vertex's sheet
+FINEST = 1e-4  # of a cell: no vertex is claimed to be known better
 N_TINT = 4  # samples that give a vertex its colour, intensity and roughness
 
 
@@ -33,7 +34,10 @@ class SurfaceSettings:
     """How a surface is made of points. Lengths in metres."""
 
     method: str = setting(
-        "open3d", unit="", meaning="engine of the raw surface; open3d to compare with", choices=("localized", "open3d")
+        "localized",
+        unit="",
+        meaning="engine of the raw surface; open3d to compare with",
+        choices=("localized", "open3d"),
     )
     cell_size: float | None = setting(
         None, unit="m", meaning="edge of a cell; auto: 1.5 spacings, or 0.7 sigma of noise if larger", low=1e-6, high=10
@@ -41,8 +45,15 @@ class SurfaceSettings:
     trim_cells: float = setting(
         2.5, unit="cells", meaning="the surface ends at this distance from the samples", low=0.5, high=20
     )  # fmt: skip
-    fit_cells: float = setting(
-        3.0, unit="cells", meaning="radius of the points that a vertex is brought onto", low=1.5, high=20
+    narrowest_fit_cells: float = setting(
+        1.5, unit="cells", meaning="smallest radius of the points that a vertex is brought onto", low=1, high=20
+    )  # fmt: skip
+    widest_fit_cells: float = setting(
+        16.0, unit="cells", meaning="largest radius of the points that a vertex is brought onto", low=1, high=100
+    )  # fmt: skip
+    noise_share: float = setting(
+        0.05, unit="", meaning="standard error of a vertex, in sigmas of noise, below which no wider fit is tried",
+        low=0.001, high=1
     )  # fmt: skip
     crumb_cells: float = setting(
         5.0, unit="cells", meaning="pieces smaller than a disc of this radius are dropped", low=0, high=1000
@@ -94,14 +105,18 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     cell = settings.cell_size or choose_cell_size(sampling)
     assert cloud.normals is not None
     vertices, faces, cell_used = raw_mesh(points, cloud.normals, cell, sampling, settings.method)
+    automatic = {"method": settings.method, "cell_size_m": cell_used, "spacing_m": sampling.spacing,
+                 "noise_m": sampling.noise}  # fmt: skip
     counts = {"points_used": len(points), "faces_raw": len(faces)}
     samples = cKDTree(points)
     faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
-    projection, faces = settle(vertices, faces, points, cloud.normals, (cell_used, sampling.noise), settings, counts)
+    projection, faces = settle(
+        vertices, faces, points, cloud.normals, (cell_used, sampling.noise), settings, counts, automatic
+    )
     surface = finish(projection, faces, samples, cloud, shift)
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
-    return ReconstructionResult(surface, automatic_values(sampling, cell_used, settings), counts)
+    return ReconstructionResult(surface, automatic, counts)
 
 
 def raw_mesh(
@@ -144,16 +159,20 @@ def trim(vertices: Floats, faces: Ints, samples: cKDTree, farthest: float) -> In
 
 def settle(
     vertices: Floats, faces: Ints, points: Floats, normals: Floats, sizes: tuple[float, float],
-    settings: SurfaceSettings, counts: dict[str, int],
+    settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any],
 ) -> tuple[Projection, Ints]:  # fmt: skip
     """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties."""
     cell, noise = sizes
-    radius = fit_radius(cell, noise, settings)
-    gate = max(settings.fit_cells * cell, GATE * noise)
     faces = weld(vertices, faces, SLIVER * cell)
     used, faces = compact(len(vertices), faces)
     outward = vertex_normals(vertices[used], faces)
-    projection = project_vertices(vertices[used], outward, points, normals, radius, gate, cell + GATE * noise)
+    ladder = make_ladder(cell, noise, settings.narrowest_fit_cells, settings.widest_fit_cells, settings.noise_share)
+    samples = grid_samples(points, normals, ladder.radii[0], noise)
+    reach = choose_reach(vertices[used], outward, samples, ladder)
+    reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
+    projection = project_vertices(vertices[used], outward, samples, reach, cell + GATE_SIGMAS * noise)
+    automatic["fit_radius_m"] = float(np.median(np.where(reach.is_flat, reach.flat, reach.curved)))
+    automatic["flat_share"] = float(np.mean(reach.is_flat))
     keep = projection.is_fitted[faces].all(axis=1)
     counts["faces_without_support"] = int(np.count_nonzero(~keep))
     faces = faces[keep]
@@ -162,11 +181,6 @@ def settle(
     counts["faces_crumbs_and_slivers"] = before - len(faces)
     used, faces = compact(len(projection.vertices), faces)
     return projection.take(used), faces
-
-
-def fit_radius(cell: float, noise: float, settings: SurfaceSettings) -> float:
-    """Return the radius of the local fit in metres; eight sigma at least, so that noise does not pass for slope."""
-    return max(settings.fit_cells * cell, 8.0 * noise)
 
 
 def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Ints:
@@ -211,12 +225,6 @@ def vertex_sigma(projection: Projection, cloud: PointCloud, index: Ints) -> Floa
         return projection.sigma
     stated = np.sqrt(np.nanmean(np.nan_to_num(cloud.sigma)[index] ** 2, axis=1))
     return projection.sigma * np.maximum(1.0, stated / np.maximum(projection.scatter, 1e-12))
-
-
-def automatic_values(sampling: Sampling, cell: float, settings: SurfaceSettings) -> dict[str, Any]:
-    """Return what was found from the data, in metres."""
-    return {"method": settings.method, "cell_size_m": cell, "spacing_m": sampling.spacing, "noise_m": sampling.noise,
-            "fit_radius_m": fit_radius(cell, sampling.noise, settings)}  # fmt: skip
 
 
 def _blend(values: Any, index: Ints, weight: Floats) -> Floats:

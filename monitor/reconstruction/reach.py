@@ -1,0 +1,211 @@
+"""How far around a vertex points may be used: as wide as the surface allows, no wider than its noise asks.
+
+In: vertices and normals of a raw surface, the samples. Out: `Reach` for every vertex. On a ladder of radii a curved
+patch is fitted at probes spread over the surface; a radius is refused where its height at the middle departs from
+that of the next smaller radius by more than noise explains (Lepski 1991). The evidence of neighbouring probes is
+pooled: a single test does not see a bias of one standard error, and all of a sphere would keep it. The same evidence
+says where a plane will do, and what misfit remains, which becomes part of the vertex's sigma.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import jit, prange
+from scipy.spatial import cKDTree
+
+from monitor.reconstruction.projection import (
+    EFFECTIVE,
+    HEIGHT,
+    MOST_EXTRAPOLATED,
+    SIGMA,
+    UNIT_ERROR,
+    Reach,
+    Samples,
+    gather_patch,
+    mean_normal,
+    room_needed,
+)
+from monitor.reconstruction.quadric import fit_patch, fit_room
+from projects.model import Bools, Floats, Ints
+
+LADDER_RATIO = 1.4
+NARROWEST_SIGMAS = 6.0  # of noise: in a narrower fit the noise passes for curvature
+VERTICES_PER_PROBE = 8
+N_POOLED = 48  # probes, so that several fits that do not overlap are among them
+POOLED_DOUBT, POOLED_REFUSAL = 1.5, 2.5  # mean squared departure of pooled probes against that of noise alone
+OWN_REFUSAL = 16.0  # the same for one probe: four sigma
+CLIPPED, MEAN_CLIPPED = (
+    4.0,
+    0.92,
+)  # of a squared departure, so that an edge nearby does not decide; mean of min(chi2, 4)
+PROBE_CHUNK = 32
+CURVED, CURVED_UNIT, SCATTER, STEP, STEP_UNIT2, FLAT_UNIT, FLAT_STEP, FLAT_STEP_UNIT2 = range(1, 9)
+
+
+class Ladder(NamedTuple):
+    """Radii tried (m, ascending) and the standard error (m) below which no wider one is tried."""
+
+    radii: Floats
+    wanted: float
+
+
+class Probes(NamedTuple):
+    """Places on the surface where radii are tried; `pool` (n, k) names those around each, `area` (m2) is each one's."""
+
+    vertices: Floats
+    normals: Floats
+    pool: Ints
+    area: float
+
+
+def make_ladder(cell: float, noise: float, narrowest: float, widest: float, noise_share: float) -> Ladder:
+    """Return radii from `narrowest` cells (or six sigmas) to `widest` cells, and the standard error wanted.
+
+    Wanted is `noise_share` of the noise, but no less than a hundredth of a cell, which no mesh of that cell shows.
+    """
+    low = max(narrowest * cell, NARROWEST_SIGMAS * noise)
+    n = 1 + max(0, int(np.floor(np.log(max(widest * cell, low) / low) / np.log(LADDER_RATIO) + 1e-9)))
+    return Ladder(low * LADDER_RATIO ** np.arange(n), max(noise_share * noise, 0.01 * cell))
+
+
+def measure_noise(places: Floats, normals: Floats, samples: Samples, radius: float) -> float:
+    """Return the median scatter (m) of the points about curved patches of `radius` at `places`; NaN without any."""
+    rows = np.full((len(places), 9), np.nan)
+    _probe(places, normals, np.arange(len(places)), samples, radius, radius, rows)
+    known = rows[np.isfinite(rows[:, SCATTER]), SCATTER]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def choose_reach(vertices: Floats, normals: Floats, samples: Samples, ladder: Ladder) -> Reach:
+    """Return how to fit around each vertex (n,), decided at probes and taken over from the nearest one."""
+    probes = np.arange(0, len(vertices), VERTICES_PER_PROBE)
+    tree = cKDTree(vertices[probes])
+    distance, pool = tree.query(vertices[probes], k=[*range(1, min(N_POOLED, len(probes)) + 1)], workers=2)
+    area = np.pi * float(np.median(distance[:, -1])) ** 2 / pool.shape[1]
+    at_probes = climb(Probes(vertices[probes], normals[probes], pool, area), samples, ladder)
+    nearest = tree.query(vertices, workers=2)[1]
+    return Reach(*(values[nearest] for values in at_probes))
+
+
+def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
+    """Go up the ladder at every probe until a radius is refused or the wanted standard error is reached.
+
+    A radius that is only doubtful is passed over; two doubtful ones in succession end the climb, since a bias grows
+    with the radius and chance does not.
+    """
+    n, pool = len(probes.vertices), probes.pool
+    curved, flat = np.full(n, ladder.radii[0]), np.full(n, ladder.radii[0])
+    risk, flat_risk = np.full(n, np.inf), np.full(n, np.inf)
+    misfit2, flat_misfit2 = np.zeros(n), np.zeros(n)
+    climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
+    for k, radius in enumerate(ladder.radii):
+        rows = np.full((n, 9), np.nan)
+        _probe(
+            probes.vertices,
+            probes.normals,
+            np.flatnonzero(climbing),
+            samples,
+            ladder.radii[max(k - 1, 0)],
+            radius,
+            rows,
+        )
+        noise2 = np.where(np.isnan(noise2), _pooled(rows[:, SCATTER] ** 2, pool), noise2)
+        error2, flat_error2 = (noise2 * _pooled(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
+        step = _compare(rows[:, STEP], rows[:, STEP_UNIT2] * noise2, pool)
+        flat_step = _compare(rows[:, FLAT_STEP], rows[:, FLAT_STEP_UNIT2] * noise2, pool)
+        has_fit = np.isfinite(risk)
+        is_doubtful = (step.is_doubtful | is_bent(step.own2, radius, probes.area)) & has_fit
+        climbing &= ~has_fit | (np.isfinite(error2) & ~step.is_refused & ~(is_doubtful & doubted))
+        doubted = is_doubtful
+        taken = climbing & ~doubted & np.isfinite(error2)
+        curved, misfit2 = np.where(taken, radius, curved), np.where(taken, step.excess2, misfit2)
+        risk = np.where(taken, error2 + step.excess2, risk)
+        this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
+        better = climbing & ~flat_step.is_refused & ~flat_step.is_doubtful & (this_risk < flat_risk)
+        flat, flat_misfit2 = np.where(better, radius, flat), np.where(better, flat_step.excess2, flat_misfit2)
+        flat_risk = np.where(better, this_risk, flat_risk)
+        climbing &= ~(np.where(flat_risk < risk, flat_error2, error2) <= ladder.wanted**2)
+        if not climbing.any():
+            break
+    is_flat = flat_risk < risk
+    return Reach(curved, flat, is_flat, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
+
+
+def is_bent(own2: Floats, radius: float, area: float) -> bool:
+    """Whether all probes together depart more than noise explains: a bias too small for any one neighbourhood.
+
+    Probes whose fits overlap tell the same; `area` (m2) a probe says how many independent ones there are.
+    """
+    known = own2[np.isfinite(own2)]
+    n_apart = len(known) * area / (0.5 * np.pi * radius**2)
+    if n_apart < 1.0:
+        return False
+    return bool(np.minimum(known, CLIPPED).mean() / MEAN_CLIPPED > 1.0 + 2.0 * np.sqrt(2.0 / n_apart))
+
+
+class Departure(NamedTuple):
+    """How two fits depart from each other at each probe: beyond noise or perhaps so; by how much (m2), how sure."""
+
+    own2: Floats  # squared, in units of its variance
+    is_refused: Bools
+    is_doubtful: Bools
+    excess2: Floats
+    doubt2: Floats
+
+
+def _pooled(values: Floats, pool: Ints) -> Floats:
+    """Return the mean over each probe's neighbours, NaN where none has a value."""
+    picked = values[pool]
+    count = np.isfinite(picked).sum(axis=1)
+    return np.where(count > 0, np.nansum(picked, axis=1) / np.maximum(count, 1), np.nan)
+
+
+def _compare(step: Floats, variance: Floats, pool: Ints) -> Departure:
+    """Judge departures (n,) against the variance (n,) that noise gives them, pooled over the probes around."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        own = step**2 / variance
+        pooled = _pooled(np.minimum(own, CLIPPED), pool) / MEAN_CLIPPED
+        is_refused, is_doubtful = (pooled > POOLED_REFUSAL) | (own > OWN_REFUSAL), pooled > POOLED_DOUBT
+    expected = _pooled(variance, pool)
+    excess2 = np.nan_to_num(np.maximum(pooled - 1.0, 0.0) * expected)
+    return Departure(own, is_refused, is_doubtful, excess2, expected * np.sqrt(2.0 / pool.shape[1]))
+
+
+@jit(nopython=True, cache=True)
+def probe_one(
+    samples: Any, vertex: Floats, normal: Floats, inner: float, radius: float, room: Any, row: Floats
+) -> None:
+    """Compare three fits at one probe: curved within `radius`, curved within `inner`, plane within `radius`."""
+    patch, work, influence, other, own, mean, fit, fit_other = room
+    if not mean_normal(samples, vertex, normal, inner, patch, own):
+        return
+    n = gather_patch(samples, vertex, own, radius, patch, mean)
+    if not fit_patch(patch, n, radius, 2, work, fit, influence):
+        return
+    if fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) > MOST_EXTRAPOLATED:
+        return
+    row[CURVED], row[CURVED_UNIT], row[SCATTER] = fit[HEIGHT], fit[UNIT_ERROR], fit[SIGMA]
+    if inner < radius and fit_patch(patch, n, inner, 2, work, fit_other, other):
+        row[STEP] = fit[HEIGHT] - fit_other[HEIGHT]
+        row[STEP_UNIT2] = ((influence[:n] - other[:n]) ** 2).sum()
+    if fit_patch(patch, n, radius, 1, work, fit_other, other):
+        row[FLAT_UNIT] = fit_other[UNIT_ERROR]
+        row[FLAT_STEP] = fit[HEIGHT] - fit_other[HEIGHT]
+        row[FLAT_STEP_UNIT2] = ((influence[:n] - other[:n]) ** 2).sum()
+
+
+@jit(nopython=True, cache=True, parallel=True)
+def _probe(
+    vertices: Floats, normals: Floats, which: Ints, samples: Samples, inner: float, radius: float, rows: Floats
+) -> None:
+    for chunk in prange((len(which) + PROBE_CHUNK - 1) // PROBE_CHUNK):
+        mine = which[chunk * PROBE_CHUNK : (chunk + 1) * PROBE_CHUNK]
+        most = 1
+        for i in mine:
+            most = max(most, room_needed(samples, vertices[i], radius))
+        room = (np.empty((most, 3)), fit_room(most), np.empty(most), np.empty(most), np.empty(3), np.empty(3),
+                np.empty(6), np.empty(6))  # fmt: skip
+        for i in mine:
+            probe_one(samples, vertices[i], normals[i], inner, radius, room, rows[i])
