@@ -71,6 +71,7 @@ class TangentPlanes:
     ----------
     normals : (n, 3) unit vectors towards the scanner, or outward where its place is not known.
     lambda3, surface_variation : (n,) m2, 1: least eigenvalue (free of the bias of small n) and its share of the sum.
+    relief2 : (n,) m2, mean square height of all neighbours over the plane: what roughness is told by.
     sigma : (n,) m, spread of the neighbours across the plane: noise and what roughness the plane cannot follow.
     noise : (n,) m, noise alone, from the sills of the variograms around.
     heights : (n,) m, height of the point above its plane, along the normal.
@@ -84,6 +85,7 @@ class TangentPlanes:
     normals: Floats
     lambda3: Floats
     surface_variation: Floats
+    relief2: Floats
     sigma: Floats
     noise: Floats
     heights: Floats
@@ -160,6 +162,7 @@ def _planes(rows: Floats, n: Ints, noise: Floats, towards: Floats | None) -> Tan
         normals=normals * sign[:, None],
         lambda3=lambda3,
         surface_variation=lambda3 / np.maximum(rows[:, 3] + middle + lambda3, 1e-300),
+        relief2=rows[:, 13],
         sigma=np.sqrt(lambda3),
         noise=noise,
         heights=rows[:, 6] * sign,
@@ -203,7 +206,7 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
         normals=planes.normals[back],
         sigma=planes.sigma[back] if cloud.sigma is None else cloud.sigma,
         surface_variation=planes.surface_variation[back],
-        roughness=classify_roughness(planes.lambda3, planes.noise, planes.n_neighbours)[back],
+        roughness=classify_roughness(planes.relief2, planes.noise, planes.n_neighbours)[back],
         spacing=planes.spacing[back] if cloud.spacing is None else cloud.spacing,
     )
 

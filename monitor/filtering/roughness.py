@@ -1,4 +1,4 @@
-"""Roughness classes: what lambda3 is beyond noise alone (Nothegger and Dorninger, section 2.2; Pauly et al. 2002)."""
+"""Roughness classes: relief beyond noise alone (Nothegger and Dorninger, section 2.2; Pauly et al. 2002)."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from projects.model import Floats, Ints, Roughness
 ROUGH_TIMES_NOISE = 3.0  # shape that outweighs the noise three times over is rough
 
 
-def classify_roughness(lambda3: Floats, noise: Floats, n_neighbours: Ints) -> NDArray[np.uint8]:
-    """Classify points by their surface variation against what noise alone gives at that neighbourhood size.
+def classify_roughness(relief2: Floats, noise: Floats, n_neighbours: Ints) -> NDArray[np.uint8]:
+    """Classify points by the relief around them against what noise alone gives at that neighbourhood size.
 
     Parameters
     ----------
-    lambda3 : (n,) m2, least eigenvalue of the neighbours' covariance, free of the bias of small n.
+    relief2 : (n,) m2, mean square height of the neighbours over the robust plane, free of the bias of small n: lambda3
+        with the neighbours that the robust plane leaves out (the flank of a groove, the far side of an edge).
     noise : (n,) m, noise alone.
     n_neighbours : (n,) neighbourhood size.
 
     Returns
     -------
-    (n,) uint8 `Roughness`. SMOOTH: noise alone exceeds this lambda3 in one case of a hundred; MEDIUM: more than
+    (n,) uint8 `Roughness`. SMOOTH: noise alone exceeds this relief in one case of a hundred; MEDIUM: more than
     that; ROUGH: three times the noise or more. Surface variation is lambda3 over the sum of the eigenvalues, and
     the sum is that of the neighbourhood whatever the noise, so that lambda3 carries the comparison.
     """
     degrees = np.maximum(np.asarray(n_neighbours) - 3.0, 1.0)
     noise2 = np.maximum(np.asarray(noise) ** 2, 1e-300)
-    ratio = np.asarray(lambda3) / noise2
+    ratio = np.asarray(relief2) / noise2
     classes = np.where(ratio > chi2.ppf(0.99, degrees) / degrees, Roughness.MEDIUM, Roughness.SMOOTH)
     return np.where(ratio > ROUGH_TIMES_NOISE**2, Roughness.ROUGH, classes).astype(np.uint8)

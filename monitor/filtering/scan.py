@@ -121,7 +121,7 @@ def thin_cloud(
     cloud: PointCloud, planes: TangentPlanes, settings: ThinningSettings
 ) -> tuple[PointCloud, ThinnedPoints, Floats]:
     """Thin a cloud in canonical order to its modes; return it with the thinning's result and the target spacings."""
-    roughness = classify_roughness(planes.lambda3, planes.noise, planes.n_neighbours)
+    roughness = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours)
     targets = target_spacings(planes.spacing, planes.noise, roughness, settings)
     merged = np.ones(len(cloud), dtype=np.int32) if cloud.n_merged is None else cloud.n_merged
     index: PointIndex = build_index(cloud.points)
@@ -149,7 +149,7 @@ def _mean_of_members(values: Any, thinned: ThinnedPoints) -> Any:
 def describe(planes: TangentPlanes, thinned: ThinnedPoints, targets: Floats) -> dict[str, Any]:
     """Return the values that were found from the data: quartiles of sizes and lengths [m], noise before and after."""
     n_points = max(len(planes.noise), 1)
-    classes = classify_roughness(planes.lambda3, planes.noise, planes.n_neighbours)
+    classes = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours)
     return {
         "n_neighbours_quartiles": _quartiles(planes.n_neighbours),
         "spacing_quartiles": _quartiles(planes.spacing),

@@ -28,7 +28,8 @@ from monitor.filtering.mcd import (
 
 # Columns of the result: unit normal (sign arbitrary), eigenvalues of the consistent covariance [m2], height of the
 # point above the plane [m], noise used to judge it [m], state, points that define the plane, radius of the
-# neighbourhood [m], determinant reached by the h-subset (NaN where none was needed), distance to the sixth nearest [m].
+# neighbourhood [m], determinant reached by the h-subset (NaN where none was needed), distance to the sixth nearest
+# [m], mean square height of all neighbours over the plane, far ones cut short [m2].
 COLUMNS = (
     "nx",
     "ny",
@@ -43,10 +44,13 @@ COLUMNS = (
     "radius",
     "det",
     "near",
+    "relief2",
 )
+N_COLUMNS = len(COLUMNS)
 CLEAN, INLIER, SECOND, OUTLIER = 0, 1, 2, 3  # state of a point
 MIN_COMPANIONS = 6
 MAX_COMPANIONS = 16
+FAR = 5.0
 CUT2 = 9.348403604496148  # chi-square, 3 degrees of freedom, 0.975 (Rousseeuw and van Driessen, reweighting step)
 CHUNK = 256
 
@@ -144,6 +148,16 @@ def robust_plane(x: Any, y: Any, z: Any, n: int, h: int, noise: float, w: Any, d
     return m, c, least if noise > 0.0 else least * final_factor(n), det
 
 
+@njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")
+def relief(x: Any, y: Any, z: Any, n: int, m: Any, v: Any, scale: float) -> float:
+    """Return the mean square height [m2] of all neighbours, none counted for more than `FAR` times the scale."""
+    total, limit = 0.0, (FAR * scale) ** 2
+    for i in range(n):
+        h = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
+        total += min(h * h, limit)
+    return total / n
+
+
 @njit(cache=True, error_model="numpy")
 def second_plane(x: Any, y: Any, z: Any, n: int, radius: float, scale: float, w: Any, d2: Any, work: Any) -> Any:
     """Return (found, mean, covariance, lambda3) of a surface that the origin has with points outside of the plane `w`.
@@ -186,14 +200,15 @@ def fit_tangent(x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: flo
         s += w[i]
     lambdas, v, height = plane_of(m, c)
     least = max(least, 0.0)
-    return (v[0], v[1], v[2], lambdas[0], lambdas[1], least, height, scale, float(state), s, radius, det, near)
+    relief2 = least if state == CLEAN else relief(x, y, z, n, m, v, scale) * n / max(n - 3.0, 1.0)
+    return (v[0], v[1], v[2], lambdas[0], lambdas[1], least, height, scale, float(state), s, radius, det, near, relief2)
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def fit_tangents(points: Any, which: Any, neighbours: Any, n_use: Any, noise: Any, limits: Any, share: float) -> Any:
-    """Return (m, 13) rows of `COLUMNS` for the points `which`, each from its first `n_use` of `neighbours` (m, k)."""
+    """Return (m, 14) rows of `COLUMNS` for the points `which`, each from its first `n_use` of `neighbours` (m, k)."""
     n_rows, k = neighbours.shape
-    out = np.empty((n_rows, 13))
+    out = np.empty((n_rows, N_COLUMNS))
     for chunk in prange((n_rows + CHUNK - 1) // CHUNK):
         xyz, scratch = np.empty((3, k)), np.empty((3 + N_STARTS, k))
         for r in range(chunk * CHUNK, min(n_rows, (chunk + 1) * CHUNK)):
@@ -204,6 +219,6 @@ def fit_tangents(points: Any, which: Any, neighbours: Any, n_use: Any, noise: An
                     xyz[axis, j] = points[q, axis] - points[i, axis]
             h = max((n + 4) // 2, int(share * n))
             row = fit_tangent(xyz[0], xyz[1], xyz[2], n, h, noise[r], limits[n], scratch)
-            for column in range(13):
+            for column in range(N_COLUMNS):
                 out[r, column] = row[column]
     return out

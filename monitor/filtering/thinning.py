@@ -131,7 +131,7 @@ def thin(index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats
     targets : (n,) m, target spacing.
     """
     radii = np.where(targets > planes.spacing, targets / DISC_PACKING, 0.0)
-    is_smooth = classify_roughness(planes.lambda3, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
+    is_smooth = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
     carry = np.where(is_smooth, 0.0, 0.5)
     order = draw_order(index.points, seed)
     rows, owner = _draw(

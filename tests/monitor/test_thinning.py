@@ -17,11 +17,12 @@ from monitor.filtering.thinning import (
 from projects.model import Roughness
 
 
-def thin_all(points, normals, noise, targets, spacing=0.001, seed=0, lambda3=0.0):
-    """Thin with the same noise [m], target and spacing everywhere; `lambda3` above the noise marks a curved surface."""
+def thin_all(points, normals, noise, targets, spacing=0.001, seed=0, relief2=0.0):
+    """Thin with the same noise [m], target and spacing everywhere; `relief2` above the noise marks a curved surface."""
     ones = np.ones(len(points))
     planes = TangentPlanes(
-        normals=normals, lambda3=lambda3 * ones, surface_variation=ones, sigma=ones, noise=noise * ones, heights=ones,
+        normals=normals, lambda3=ones, relief2=relief2 * ones, surface_variation=ones, sigma=ones,
+        noise=noise * ones, heights=ones,
         sigma_normal=ones, n_neighbours=40 * ones.astype(int), spacing=spacing * ones, reach=ones, is_outlier=ones < 0,
     )  # fmt: skip
     return thin(build_index(points), planes, ones.astype(int), targets * ones, seed)
@@ -82,7 +83,7 @@ def test_curvature_does_not_shift_the_representatives(rng):
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     points = 0.02 * normals + 0.02e-3 * normals * rng.normal(size=(12_000, 1))
     order = canonical_order(points)
-    thinned = thin_all(points[order], normals[order], 0.02e-3, 4.8e-3, spacing=0.6e-3, lambda3=1e-6)
+    thinned = thin_all(points[order], normals[order], 0.02e-3, 4.8e-3, spacing=0.6e-3, relief2=1e-6)
     assert np.median(thinned.n_merged) > 20
     assert abs(np.mean(np.linalg.norm(thinned.points, axis=1)) - 0.02) < 0.01e-3
 
