@@ -21,7 +21,7 @@ MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch
 GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
 WIDENED = (1.0, 1.4, 2.0)  # times the radius of a plane, where too few points lie within it
 CHUNK = 256  # vertices a thread takes at a time; one buffer serves them all
-HEIGHT, SLOPE_U, SLOPE_V, UNIT_ERROR, SIGMA, EFFECTIVE = range(6)
+HEIGHT, SLOPE_U, SLOPE_V, UNIT_ERROR, SIGMA, EFFECTIVE, BEND = range(7)
 
 
 class Reach(NamedTuple):
@@ -196,7 +196,7 @@ def project_one(
     samples: Any, vertex: Floats, normal: Floats, radii: Any, is_flat: bool, max_shift: float, room: Any, row: Floats
 ) -> None:
     """Project one vertex: frame from the mean normal of its points, then once more from the fitted slope."""
-    fit, own = np.empty(6), row[3:6]
+    fit, own = np.empty(7), row[3:6]
     if not mean_normal(samples, vertex, normal, radii[1], room[0], own) and not mean_normal(
         samples, vertex, normal, WIDENED[-1] * radii[1], room[0], own
     ):

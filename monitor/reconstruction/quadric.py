@@ -66,8 +66,9 @@ def fit_patch(patch: Floats, n: int, radius: float, degree: int, work: Any, out:
     """Fit a plane (`degree` 1) or curved patch (2) to `patch[:n]` (u, v, z); False where it cannot be.
 
     Weights are (1 - t^2) times Tukey's biweight. `out` receives height, slope along u, slope along v, standard error
-    per unit sigma, sigma, effective number. `influence[i]` is how far the height moves with point i: the heights of
-    two fits to the same points differ by sigma * |influence - influence'|. `work` is as of `fit_room`.
+    per unit sigma, sigma, effective number, and the sum of the slopes that both curvatures make at `radius`.
+    `influence[i]` is how far the height moves with point i: the heights of two fits to the same points differ by
+    sigma * |influence - influence'|. `work` is as of `fit_room`.
     """
     c, a, rhs, row, buffer = work
     m = 3 if degree == 1 else 6
@@ -139,6 +140,7 @@ def finish_fit(
     sigma2 = squares / total * effective / max(effective - m, 1.0)
     out[0], out[1], out[2] = (rhs[0, 0] - thinned) * radius, rhs[1, 0], rhs[2, 0]
     out[3], out[4], out[5] = np.sqrt(variance), np.sqrt(sigma2) * radius, effective
+    out[6] = 2.0 * (rhs[3, 0] + rhs[5, 0]) if m == 6 else 0.0
     return True
 
 

@@ -16,6 +16,7 @@ from numba import jit, prange
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction.projection import (
+    BEND,
     EFFECTIVE,
     HEIGHT,
     MOST_EXTRAPOLATED,
@@ -40,8 +41,9 @@ CLIPPED, MEAN_CLIPPED = (
     4.0,
     0.92,
 )  # of a squared departure, so that an edge nearby does not decide; mean of min(chi2, 4)
+MOST_BENT = 0.84  # sum of both slopes at the rim: 0.42 of a sphere's radius, beyond which sixth order counts
 PROBE_CHUNK = 32
-CURVED, CURVED_UNIT, SCATTER, STEP, STEP_UNIT2, FLAT_UNIT, FLAT_STEP, FLAT_STEP_UNIT2 = range(1, 9)
+CURVATURE, CURVED_UNIT, SCATTER, STEP, STEP_UNIT2, FLAT_UNIT, FLAT_STEP, FLAT_STEP_UNIT2 = range(1, 9)
 
 
 class Ladder(NamedTuple):
@@ -116,7 +118,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         step = _compare(rows[:, STEP], rows[:, STEP_UNIT2] * noise2, pool)
         flat_step = _compare(rows[:, FLAT_STEP], rows[:, FLAT_STEP_UNIT2] * noise2, pool)
         has_fit = np.isfinite(risk)
-        is_doubtful = (step.is_doubtful | is_bent(step.own2, radius, probes.area)) & has_fit
+        is_steep = np.abs(_pooled(rows[:, CURVATURE], pool)) > MOST_BENT
+        is_doubtful = (is_steep | step.is_doubtful | is_bent(step.own2, radius, probes.area)) & has_fit
         climbing &= ~has_fit | (np.isfinite(error2) & ~step.is_refused & ~(is_doubtful & doubted))
         doubted = is_doubtful
         taken = climbing & ~doubted & np.isfinite(error2)
@@ -186,7 +189,7 @@ def probe_one(
         return
     if fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) > MOST_EXTRAPOLATED:
         return
-    row[CURVED], row[CURVED_UNIT], row[SCATTER] = fit[HEIGHT], fit[UNIT_ERROR], fit[SIGMA]
+    row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
     if inner < radius and fit_patch(patch, n, inner, 2, work, fit_other, other):
         row[STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[STEP_UNIT2] = ((influence[:n] - other[:n]) ** 2).sum()
@@ -206,6 +209,6 @@ def _probe(
         for i in mine:
             most = max(most, room_needed(samples, vertices[i], radius))
         room = (np.empty((most, 3)), fit_room(most), np.empty(most), np.empty(most), np.empty(3), np.empty(3),
-                np.empty(6), np.empty(6))  # fmt: skip
+                np.empty(7), np.empty(7))  # fmt: skip
         for i in mine:
             probe_one(samples, vertices[i], normals[i], inner, radius, room, rows[i])
