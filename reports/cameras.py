@@ -1,0 +1,185 @@
+"""Where an object is looked at from: orthographic views in the object's own frame, z up, all at one scale.
+
+A surface goes in; named views and the frames of their pictures come out. "Front" is the side that most of the measured
+surface faces horizontally; "right" is the side at the right hand of someone who stands before the front.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from projects.model import Bools, Floats, Surface
+from projects.open3d_library import load_open3d
+
+UP = np.array([0.0, 0.0, 1.0])
+N_PROBES = 4000
+WORTH_A_VIEW = 0.04  # share of the surface that a view must show and no earlier view does
+MARGIN, FOOT = 0.035, 0.085  # of the longest side: room around the object, and below it for the scale bar
+ROUND = 1.25  # how much more surface the best side must show than the worst to be called a front
+
+
+@dataclass(frozen=True)
+class View:
+    """A direction to look from. `towards` (object to viewer) and `up` (in the picture) are unit vectors (3,)."""
+
+    name: str
+    towards: Floats
+    up: Floats
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a picture shows: an orthographic view with its scale and size, the same for each surface drawn in it.
+
+    Attributes
+    ----------
+    name : of the view.
+    centre : (3,) m, the point at the middle of the picture.
+    right, up, towards : (3,) unit vectors, right-handed; `towards` points at the viewer.
+    metres_per_pixel : m.
+    width, height : pixels.
+    foot : pixels at the lower edge that are kept for the scale bar.
+    near : m along `towards` from `centre`; what lies nearer to the viewer is cut away.
+    """
+
+    name: str
+    centre: Floats
+    right: Floats
+    up: Floats
+    towards: Floats
+    metres_per_pixel: float
+    width: int
+    height: int
+    foot: int = 0
+    near: float = np.inf
+
+    @property
+    def axes(self) -> Floats:
+        """The rows right, up and towards (3, 3)."""
+        return np.stack([self.right, self.up, self.towards])
+
+
+def project_points(frame: Frame, points: Floats) -> Floats:
+    """Return pixel coordinates x (right), y (down) and height towards the viewer [m] of points (n, 3), as (n, 3)."""
+    right, up, towards = np.moveaxis((points - frame.centre) @ frame.axes.T, -1, 0)
+    x = right / frame.metres_per_pixel + frame.width / 2
+    y = frame.height / 2 - up / frame.metres_per_pixel
+    return np.stack([x, y, towards], axis=-1)
+
+
+def face_normals(surface: Surface) -> Floats:
+    """Return outward normals (m, 3) of length twice the face's area [m2]."""
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _measured_normals(surface: Surface) -> Floats:
+    """Return `face_normals`, 0 for the faces that close holes."""
+    normals = face_normals(surface)
+    return normals if surface.face_invented is None else normals * ~surface.face_invented[:, None]
+
+
+def find_front(surface: Surface) -> Floats:
+    """Return the horizontal unit vector (3,) from the object towards someone before its front.
+
+    Among the directions that most of the measured area faces (cosine to the eighth, so that a wall counts where it is
+    seen square-on, to the degree) it is the one nearest to -y, made an axis where that is as good; on an object that
+    is round in plan it is -y.
+    """
+    normals = _measured_normals(surface)
+    flat = np.hypot(normals[:, 0], normals[:, 1])
+    bearing = np.degrees(np.arctan2(normals[:, 1], normals[:, 0])) % 360.0
+    of_degree = np.bincount(np.rint(bearing).astype(int) % 360, flat, minlength=360)
+    seen = np.maximum(np.cos(np.radians(np.arange(360))), 0.0) ** 8
+    facing = np.fft.irfft(np.fft.rfft(of_degree) * np.fft.rfft(seen), 360)
+    if facing.max() <= ROUND * max(facing.min(), 0.0):
+        return np.array([0.0, -1.0, 0.0])
+    crest = (facing >= np.roll(facing, 1)) & (facing >= np.roll(facing, -1)) & (facing >= 0.8 * facing.max())
+    candidates = np.flatnonzero(crest)
+    away = np.abs((candidates - 270 + 180) % 360 - 180)
+    best = candidates[away.argmin()]
+    axis = round(best / 90) * 90 % 360
+    angle = np.radians(float(axis if facing[axis] >= 0.98 * facing[best] else best))
+    return np.array([np.cos(angle), np.sin(angle), 0.0]).round(12)
+
+
+def all_views(front: Floats) -> tuple[View, ...]:
+    """Return the six named views about a horizontal unit vector (3,) towards someone before the front."""
+    right = np.cross(UP, front)
+    named = {"front": (front, UP), "right": (right, UP), "back": (-front, UP), "left": (-right, UP),
+             "top": (UP, -front), "below": (-UP, front)}  # fmt: skip
+    return tuple(View(name, towards, up) for name, (towards, up) in named.items())
+
+
+def sample_surface(surface: Surface, n: int) -> tuple[Floats, Floats]:
+    """Return n points spread evenly by measured area, and their unit normals: systematic, the same every time."""
+    normals = _measured_normals(surface)
+    areas = np.linalg.norm(normals, axis=1)
+    reached = np.cumsum(areas)
+    picked = np.searchsorted(reached, (np.arange(n) + 0.5) / n * reached[-1])
+    points = surface.vertices[surface.faces[picked]].mean(axis=1)
+    return points, normals[picked] / areas[picked, None]
+
+
+def see_probes(surface: Surface, views: Sequence[View]) -> Bools:
+    """Return which of `N_PROBES` points of the surface are seen, less than 75 degrees oblique, in each view."""
+    scene = load_open3d().t.geometry.RaycastingScene()
+    middle = surface.vertices.mean(axis=0)
+    scene.add_triangles((surface.vertices - middle).astype(np.float32), surface.faces.astype(np.uint32))
+    points, normals = sample_surface(surface, N_PROBES)
+    lift = 1e-4 * np.ptp(surface.vertices, axis=0).max()
+    seen = []
+    for view in views:
+        start = points - middle + lift * (normals + view.towards)
+        rays = np.concatenate([start, np.broadcast_to(view.towards, start.shape)], axis=1).astype(np.float32)
+        seen.append(~scene.test_occlusions(rays).numpy() & (normals @ view.towards > np.cos(np.deg2rad(75.0))))
+    return np.array(seen)
+
+
+def choose_views(surface: Surface) -> list[View]:
+    """Return the views worth drawing, of front, right, back, left, top and below, in this order.
+
+    A view is worth it where it shows at least 4 % of the measured surface that none before it shows: a relief has its
+    front alone, a statue its four sides, a floor its top.
+    """
+    views = all_views(find_front(surface))
+    seen = see_probes(surface, views)
+    chosen, shown = [], np.zeros(N_PROBES, dtype=bool)
+    for view, sees in zip(views, seen, strict=True):
+        if np.count_nonzero(sees & ~shown) >= WORTH_A_VIEW * N_PROBES:
+            chosen.append(view)
+            shown |= sees
+    return chosen or [views[int(seen.sum(axis=1).argmax())]]
+
+
+def frame_view(view: View, points: Floats, metres_per_pixel: float, *, room: int = 0, foot: int = 0) -> Frame:
+    """Return the frame that holds all points (n, 3) [m], with `room` pixels around them and `foot` more below."""
+    towards = view.towards / np.linalg.norm(view.towards)
+    right = np.cross(view.up, towards)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(towards, right), towards])
+    seen = points @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    width, height = (int(np.ceil(length / metres_per_pixel)) + 2 * room for length in (high - low)[:2])
+    centre = (low + high) / 2
+    centre[1] -= foot / 2 * metres_per_pixel
+    return Frame(view.name, centre @ axes, axes[0], axes[1], axes[2], metres_per_pixel, width, height + foot, foot)
+
+
+def frame_views(views: Sequence[View], surfaces: Sequence[Surface], *, longest_px: int = 900) -> list[Frame]:
+    """Return the frames of the views at one common scale, for every surface alike, the longest side `longest_px`."""
+    points = np.concatenate([s.vertices for s in surfaces])
+    frames = [frame_view(view, points, 1.0) for view in views]  # only for their axes
+    extents = np.stack([np.ptp(points @ f.axes.T, axis=0)[:2] for f in frames])
+    room, foot = round(MARGIN * longest_px), round(FOOT * longest_px)
+    free = np.array([longest_px - 2 * room, longest_px - 2 * room - foot]) - 1
+    metres_per_pixel = float((extents / free).max())
+    return [frame_view(view, points, metres_per_pixel, room=room, foot=foot) for view in views]
+
+
+def cut_near(frame: Frame, near: float) -> Frame:
+    """Return the frame without what lies more than `near` [m] nearer to the viewer than its centre."""
+    return replace(frame, near=near)

@@ -1,0 +1,81 @@
+"""The colours of change: one diverging, colour-blind safe map with fixed rules, the same on screen, paper and in files.
+
+Lost is warm (sand to dark red), gained is cool (pale to dark blue), both darker the larger the change; unchanged is a
+light grey, and what is not assessable a cool grey, hatched in pictures, that neither sign can be taken for. The ramps
+begin beside the grey and not in it: only significant vertices are coloured, so a change is seen however small.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from projects.model import Assessment, Bools, ComparedSurface, Comparison, Floats
+
+UNCHANGED = (214, 213, 210)
+NOT_ASSESSABLE = (152, 160, 174)
+HATCH_LIGHT = (224, 228, 234)
+HATCH_DARK = (134, 144, 160)
+STONE = (226, 219, 206)
+INSIDE = (120, 122, 128)
+LOST = ((248, 214, 160), (244, 165, 82), (219, 96, 38), (168, 38, 30), (98, 8, 28))
+GAINED = ((184, 222, 236), (104, 178, 216), (42, 118, 186), (26, 66, 148), (18, 24, 92))
+ROUND_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+RGB = NDArray[np.uint8]
+
+
+def round_up(value: float, steps: tuple[float, ...] = ROUND_STEPS) -> float:
+    """Return the smallest of `steps` (1 to 10) times a power of ten that is not below `value` (> 0)."""
+    power = 10.0 ** np.floor(np.log10(value))
+    step = next(s for s in steps if s * power >= value * (1.0 - 1e-9))
+    return float(f"{step * power:.3g}")
+
+
+def change_range(distances: Floats, lod95: Floats) -> float:
+    """Return the distance [m] at which the colours end, for both signs: a round number, one for a whole comparison.
+
+    It is the round number above the 99.5 % quantile of the absolute distances that exceed their level of detection,
+    and at least twice the median level of detection, so that the bar shows what would have been seen.
+
+    Parameters
+    ----------
+    distances : (n,) m, signed; NaN where unknown. Give those called changed where the states are known.
+    lod95 : (n,) m, or that of all vertices: only its median is used beyond the test.
+    """
+    size = np.abs(distances)
+    beyond = size[size > lod95] if np.shape(lod95) == np.shape(distances) else size
+    beyond = beyond[np.isfinite(beyond)]
+    levels = lod95[np.isfinite(lod95)]
+    least = 2.0 * float(np.median(levels)) if len(levels) else 0.0
+    largest = float(np.quantile(beyond, 0.995)) if len(beyond) else 0.0
+    wanted = max(least, largest)
+    return round_up(wanted) if wanted > 0.0 else 1e-3
+
+
+def choose_limit(comparison: Comparison) -> float:
+    """Return `change_range` [m] over what is called changed on both sides: one for every picture, bar and export."""
+    sides = (comparison.on_compared, comparison.on_reference)
+    changed = [np.where(s.assessment == Assessment.CHANGED, s.distances, np.nan) for s in sides]
+    return change_range(np.concatenate(changed), np.concatenate([s.lod95 for s in sides]))
+
+
+def change_ramp(distances: Floats, limit_m: float) -> Floats:
+    """Return the colour (n, 3) float in 0 to 255 of significant signed distances [m]; beyond the limit the last."""
+    fraction = np.clip(np.abs(distances) / limit_m, 0.0, 1.0) * (len(LOST) - 1)
+    stops = np.arange(len(LOST), dtype=float)
+    lost, gained = np.array(LOST, dtype=float), np.array(GAINED, dtype=float)
+    ramp = [np.where(distances < 0, np.interp(fraction, stops, lost[:, k]), np.interp(fraction, stops, gained[:, k]))
+            for k in range(3)]  # fmt: skip
+    return np.stack(ramp, axis=-1)
+
+
+def vertex_colours(compared_surface: ComparedSurface, limit_m: float) -> RGB:
+    """Return the colour (n, 3) uint8 of each vertex: by distance where changed, else the colour of its state."""
+    state = compared_surface.assessment
+    colours = np.empty((len(state), 3))
+    colours[:] = UNCHANGED
+    colours[state == Assessment.NOT_ASSESSABLE] = NOT_ASSESSABLE
+    changed: Bools = state == Assessment.CHANGED
+    colours[changed] = change_ramp(compared_surface.distances[changed], limit_m)
+    return np.rint(colours).astype(np.uint8)
