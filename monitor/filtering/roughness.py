@@ -24,8 +24,8 @@ def classify_roughness(relief2: Floats, noise: Floats, n_neighbours: Ints) -> ND
     Returns
     -------
     (n,) uint8 `Roughness`. SMOOTH: noise alone exceeds this relief in one case of a hundred; MEDIUM: more than
-    that; ROUGH: three times the noise or more. Surface variation is lambda3 over the sum of the eigenvalues, and
-    the sum is that of the neighbourhood whatever the noise, so that lambda3 carries the comparison.
+    that; ROUGH: three times the noise or more. Surface variation is this over the sum of the eigenvalues, which is
+    that of the neighbourhood whatever the noise: comparing one compares the other.
     """
     degrees = np.maximum(np.asarray(n_neighbours) - 3.0, 1.0)
     noise2 = np.maximum(np.asarray(noise) ** 2, 1e-300)
