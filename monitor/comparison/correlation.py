@@ -16,6 +16,7 @@ from scipy.spatial.distance import pdist
 from projects.model import Floats, Ints
 
 N_SAMPLES = 1500  # vertices whose pairs show the correlation at distance
+FEWEST_VERTICES = 50  # that a correlation is learned from
 N_NEAR = 12
 N_BINS = 20
 N_RANGES = 8
@@ -54,9 +55,9 @@ def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.
     spacing = float(np.sqrt(np.median(areas))) if n else 1.0
     longest = max(0.1 * float(np.linalg.norm(np.ptp(points, axis=0))) if n else 0.0, 2.0 * spacing)
     ranges = np.geomspace(spacing, longest, N_RANGES)
-    if n < 50:
+    scale = 1.4826 * float(np.median(np.abs(errors))) if n else 0.0
+    if n < FEWEST_VERTICES or scale == 0.0:
         return Correlation(np.zeros(N_RANGES), ranges)
-    scale = 1.4826 * float(np.median(np.abs(errors)))
     usual = np.abs(errors) <= 3.0 * scale
     points, errors = points[usual], errors[usual] / max(scale, 1e-300)
     lag, product = _pair_products(points, errors, rng)

@@ -82,10 +82,12 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
     test = judge_units(sides, calm, noise, registration, level, first_errors)
-    rest = (away_from(sides[0], test, 0), away_from(sides[1], test, 1))
-    if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
-        calm, noise = rest, learn_noise(sides, rest, 0.95, rng, noise.correlation.area)
-        test = judge_units(sides, calm, noise, registration, level, calm_errors)
+    for limit in (test.limit, None):
+        rest = tuple(away_from(s, test, k, level / test.n_tested if limit is None else limit)
+                     for k, s in enumerate(sides))  # fmt: skip
+        if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
+            calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation.area)
+            test = judge_units(sides, calm, noise, registration, level, calm_errors)
     found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(sides))
     return Detected((found[0], found[1]), noise, test)
 
@@ -123,8 +125,8 @@ def _standardize(patches: Patches) -> Floats:
     return patches.means / patches.sigmas
 
 
-def away_from(side: Side, test: Tested, which: int) -> Bools:
-    """Return which assessed vertices lie neither in a unit of a significant patch nor in one that touches it."""
+def away_from(side: Side, test: Tested, which: int, limit: float) -> Bools:
+    """Return which assessed vertices lie neither in a unit with a p value up to `limit` nor in one that touches it."""
     number = test.units[which].number
     hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= test.limit
     pairs = number[side.edges]

@@ -16,7 +16,7 @@ from monitor.comparison.distances import search_limit
 from monitor.comparison.mesh_tree import build_tree
 from monitor.comparison.regions import find_regions
 from monitor.comparison.side import Side, measure_side, move_surface
-from monitor.comparison.summary import summarize
+from monitor.comparison.summary import count_reasons, summarize
 from monitor.declare import check_settings, setting
 from projects.errors import ComparisonError, ParameterError, RegistrationError
 from projects.model import (
@@ -87,8 +87,10 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     settings = CompareSettings() if settings is None else settings
     if mode not in MODES:
         raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")
+    require_sound(reference, compared)
     limit = settings.search_limit or search_limit(reference, compared, 0.05)
-    require_near(reference, compared, limit if registration is None else np.inf)
+    if registration is None:
+        require_near(reference, compared, limit)
     registration = register_epochs(reference, compared) if registration is None else registration
     if not registration.converged:
         raise RegistrationError(f"the epochs could not be registered: {registration.reason}")
@@ -97,9 +99,10 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
              drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
     if not any(s.is_assessed.any() for s in sides):
+        reasons = ", ".join(f"{name} {n}" for name, n in count_reasons(sides[1].reasons).items() if n)
         raise ComparisonError(
-            f"no vertex of either epoch has a counterpart within {limit:.4g} m that looks the same way; "
-            "the epochs do not overlap: check their poses and units"
+            f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); "
+            "the epochs do not overlap, or not the same side of them: check their poses and units"
         )
     found = detect(sides, registration, settings.false_discovery_rate, settings.seed)
     regions, numbers = find_regions(sides, found, registration, settings.false_discovery_rate)
@@ -108,11 +111,17 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     return Comparison(on_compared, on_reference, regions, registration, mode, statistics)
 
 
-def require_near(reference: Surface, compared: Surface, limit: float) -> None:
-    """Raise `ComparisonError` where the surfaces are empty or their boxes lie farther apart than they are large."""
+def require_sound(reference: Surface, compared: Surface) -> None:
+    """Raise `ComparisonError` where a surface has no faces or vertices that are not finite."""
     for surface, name in ((reference, "reference"), (compared, "compared")):
-        if not len(surface.faces):
-            raise ComparisonError(f"the {name} surface has no faces; give a mesh of what was measured")
+        if not len(surface.faces) or not np.isfinite(surface.vertices).all():
+            raise ComparisonError(
+                f"the {name} surface has no faces, or vertices that are not finite; give a sound mesh"
+            )
+
+
+def require_near(reference: Surface, compared: Surface, limit: float) -> None:
+    """Raise `ComparisonError` where the boxes of the surfaces lie farther apart than `limit` [m]."""
     low = np.maximum(reference.vertices.min(axis=0), compared.vertices.min(axis=0))
     high = np.minimum(reference.vertices.max(axis=0), compared.vertices.max(axis=0))
     gap = float(np.linalg.norm(np.maximum(low - high, 0.0)))

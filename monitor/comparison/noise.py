@@ -41,7 +41,7 @@ class Noise:
 
 def stratum_of(side: Side, spacing: float) -> Ints:
     """Return the stratum (n,) of each vertex: 3 times the step from the rim, plus the roughness class."""
-    rim = np.digitize(np.nan_to_num(side.to_rim, nan=np.inf) / spacing, RIM_STEPS)
+    rim = np.digitize(np.where(np.isnan(side.to_rim), np.inf, side.to_rim) / spacing, RIM_STEPS)
     rough = np.zeros(len(rim), dtype=np.int64) if side.surface.roughness is None else side.surface.roughness
     return 3 * rim + np.minimum(rough, 2)
 
@@ -79,7 +79,7 @@ def learn_floors(sides: tuple[Side, Side], calm: Masks, share: float, spacing: f
     at_rim = [(stratum // 3 == k, slice(3 * k, 3 * k + 3)) for k in range(N_STRATA // 3)]
     single = [(stratum == k, slice(k, k + 1)) for k in range(N_STRATA)]
     for group, which in at_rim + single:
-        n_witnesses = 0.5 * float(area[group].sum()) / witness_area  # both sides bear the same witness
+        n_witnesses = 0.5 * float(area[group].sum()) / max(witness_area, spacing**2)  # both sides bear the same witness
         if n_witnesses < FEWEST_WITNESSES:
             continue
         spread = np.sqrt(sigma[group] ** 2 + floors[which][0] ** 2)

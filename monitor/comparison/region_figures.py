@@ -1,7 +1,8 @@
 """The figures of one change region: area, volume, extreme, mean, each with a sigma that knows of correlation.
 
-Volume and mean are those of both surfaces' view: seen from the reference a curved gain looks too small, from the
-compared surface too large, and the mean of the two is the volume between them to second order.
+A vertex stands for a prism: its area, across the way to its foot, times its change. Volume and mean are those of both
+surfaces' view: seen from the reference a curved gain looks too small, from the compared surface too large, and the mean
+of the two is the volume between them to second order.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected, Detection
 from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, cosine_to_foot
 from projects.model import Floats, Ints, Registration
 
 Pair = tuple[Side, Side]
@@ -96,7 +97,7 @@ def view_region(side: Side, found: Detected, which: int, vertices: Ints, margin:
     return RegionView(
         area=float(weight.sum()),
         sigma_area=sigma_of_area(side, here, vertices, margin, correlation),
-        volume=float(side.areas[margin] @ side.distances[margin]),
+        volume=float((side.areas[margin] * cosine_to_foot(side, margin)) @ side.distances[margin]),
         sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, which, margin, registration),
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, which, vertices, registration),

@@ -107,6 +107,14 @@ def mesh_edges(surface: Surface) -> Ints:
     return np.column_stack(np.divmod(key, len(surface.vertices)))
 
 
+def cosine_to_foot(side: Side, vertices: Ints) -> Floats:
+    """Return the cosine between a vertex's normal and the way to its foot, which is the normal of the foot's face."""
+    corners = side.other.vertices[side.other.faces[side.feet.faces[vertices]]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    return np.clip(np.einsum("ij,ij->i", normal, side.normals[vertices]) / length, 0.0, 1.0)
+
+
 def _rests_on_nothing(surface: Surface) -> Bools:
     """Whether all faces around a vertex close a hole where nothing was measured."""
     n = len(surface.vertices)

@@ -9,7 +9,7 @@ import numpy as np
 from monitor.comparison.detection import Detected
 from monitor.comparison.side import Side
 from monitor.registration.significance import motion_significance
-from projects.model import Assessment, ComparedSurface, NotAssessed, Registration
+from projects.model import Assessment, ComparedSurface, Ints, NotAssessed, Registration
 
 
 def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registration: Registration,
@@ -40,7 +40,7 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         "motion_is_significant": bool(motion.is_significant),
         "assessed_area_share": float(areas[assessed].sum() / max(areas.sum(), 1e-300)),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
-        "not_assessed": {r.name.lower(): int((on_compared.reasons == r).sum()) for r in NotAssessed if r},
+        "not_assessed": count_reasons(on_compared.reasons),
         "floor_m": float(np.median(found.noise.floor_of(side))),
         "floors_m": [float(f) for f in found.noise.floors],
         "correlation_length_m": found.noise.correlation.length,
@@ -52,6 +52,11 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         figures["tolerance_m"] = float(tolerance)
         figures["share_beyond_tolerance"] = _or_nan(np.mean, (np.abs(d) > tolerance).astype(float))
     return figures
+
+
+def count_reasons(reasons: Ints) -> dict[str, int]:
+    """Return how many vertices are not assessable for each reason."""
+    return {r.name.lower(): int((reasons == r).sum()) for r in NotAssessed if r}
 
 
 def _or_nan(figure: Any, values: np.ndarray) -> float:

@@ -1,0 +1,140 @@
+"""Regions and their figures against bodies whose change is known exactly; patches and their noise against formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.stats import norm
+
+from monitor.comparison import compare, lague_lod95, level_of_detection
+from monitor.comparison.correlation import Correlation, estimate_correlation, kept_variance
+from monitor.comparison.level_of_detection import estimate_floor
+from monitor.comparison.patches import benjamini_hochberg
+from monitor.comparison.region_figures import name_kind
+from projects.model import Registration, Surface
+
+
+def sphere(radius_at: object = None) -> Surface:
+    """Return a sphere of 0.1 m, its vertices moved outwards by a function (n, 3) -> (n,) of their directions."""
+    mesh = trimesh.creation.icosphere(subdivisions=6)
+    out = 0.0 if radius_at is None else radius_at(mesh.vertices)  # type: ignore[operator]
+    return Surface(mesh.vertices * (0.1 + np.broadcast_to(out, len(mesh.vertices)))[:, None], mesh.faces)
+
+
+def known(surface: Surface) -> Registration:
+    n = len(surface.vertices)
+    return Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                        is_stable=np.ones(n, dtype=bool))  # fmt: skip
+
+
+def cap(depth: float, half_angle: float):
+    """Return a cosine bump around +z, as a function of directions."""
+
+    def out(directions: np.ndarray) -> np.ndarray:
+        angle = np.arccos(np.clip(directions[:, 2], -1.0, 1.0))
+        return np.where(angle < half_angle, 0.5 * depth * (1 + np.cos(np.pi * angle / half_angle)), 0.0)
+
+    return out
+
+
+@pytest.mark.parametrize("depth", [5e-3, -5e-3])
+def test_volume_between_curved_surfaces_is_that_of_the_bodies(rng: np.random.Generator, depth: float) -> None:
+    noise = 2e-5
+    reference, compared = (
+        sphere(lambda v: rng.normal(0, noise, len(v))),
+        sphere(lambda v: cap(depth, 0.5)(v) + rng.normal(0, noise, len(v))),
+    )
+    truth = (trimesh.Trimesh(compared.vertices, compared.faces, process=False).volume
+             - trimesh.Trimesh(reference.vertices, reference.faces, process=False).volume)  # fmt: skip
+    result = compare(reference, compared, known(compared))
+    assert len(result.regions) == 1
+    region = result.regions.iloc[0]
+    assert region.volume_m3 == pytest.approx(truth, rel=0.02)
+    assert region.extreme_m == pytest.approx(depth, rel=0.02)
+    assert region.kind == ("added" if depth > 0 else "lost")
+    assert np.hypot(region.x, region.y) < 1e-3
+    assert region.z == pytest.approx(0.096, abs=5e-3)
+    assert 0.0 < region.sigma_volume_m3 < 0.05 * abs(truth)
+    assert 0.0 < region.sigma_area_m2 < 0.2 * region.area_m2
+
+
+def test_two_changes_are_two_regions_the_larger_first(rng: np.random.Generator) -> None:
+    def two(v: np.ndarray) -> np.ndarray:
+        return cap(3e-3, 0.5)(v) + cap(-3e-3, 0.3)(-v) + rng.normal(0, 2e-5, len(v))
+
+    compared = sphere(two)
+    table = compare(sphere(lambda v: rng.normal(0, 2e-5, len(v))), compared, known(compared)).regions
+    assert list(table.region) == [1, 2]
+    assert list(table.kind) == ["added", "lost"]
+    assert table.area_m2[0] > table.area_m2[1]
+    assert table.z[0] > 0 > table.z[1]
+
+
+def test_every_region_number_is_found_on_the_surfaces(rng: np.random.Generator) -> None:
+    compared = sphere(lambda v: cap(3e-3, 0.5)(v) + rng.normal(0, 2e-5, len(v)))
+    result = compare(sphere(lambda v: rng.normal(0, 2e-5, len(v))), compared, known(compared))
+    for side in (result.on_compared, result.on_reference):
+        assert set(np.unique(side.region)) == {0, 1}
+        np.testing.assert_array_equal(side.region > 0, side.assessment == 2)
+
+
+def test_level_of_detection_is_the_root_of_the_squares() -> None:
+    lod = level_of_detection(np.array([3e-3]), np.array([4e-3]), 12e-3)
+    assert lod[0] == pytest.approx(1.959964 * 13e-3, rel=1e-6)
+
+
+def test_lague_adds_the_registration_linearly() -> None:
+    lod = lague_lod95(np.array([0.03]), np.array([9]), np.array([0.04]), np.array([16]), 0.005)
+    assert lod[0] == pytest.approx(1.96 * (np.sqrt(1e-4 + 1e-4) + 0.005), rel=1e-12)
+
+
+def test_floor_is_what_is_missing_to_the_spread(rng: np.random.Generator) -> None:
+    sigma = rng.uniform(0.5e-3, 1.5e-3, 100_000)
+    distances = rng.normal(0, np.hypot(sigma, 2e-3))
+    assert estimate_floor(distances, sigma) == pytest.approx(2e-3, rel=0.02)
+    assert estimate_floor(distances, sigma, 0.6827) == pytest.approx(2e-3, rel=0.02)
+    assert estimate_floor(0.1 * sigma * norm.ppf(0.9), sigma) == 0.0
+
+
+def test_correlation_of_a_field_is_found(rng: np.random.Generator) -> None:
+    lags, found = np.array([0.03, 0.1]), []
+    for _ in range(6):
+        points = rng.uniform(0, 1, (1000, 3)) * [1, 1, 0]
+        lag = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        field = np.linalg.cholesky(0.7 * np.exp(-lag / 0.05) + 0.3 * np.eye(1000)) @ rng.normal(size=1000)
+        found.append(estimate_correlation(points, field, np.full(1000, 1e-3), rng).at(lags))
+    # one field scatters by 0.05, the mean of six by 0.02
+    np.testing.assert_allclose(np.mean(found, axis=0), 0.7 * np.exp(-lags / 0.05), atol=0.06)
+
+
+def test_mean_over_a_patch_keeps_what_its_correlation_leaves(rng: np.random.Generator) -> None:
+    correlation = Correlation(np.array([0.8]), np.array([0.01]))
+    n, radius = 400, 0.02
+    points = (
+        radius
+        * np.sqrt(rng.uniform(size=n))[:, None]
+        * np.column_stack([np.cos(a := rng.uniform(0, 2 * np.pi, n)), np.sin(a)])
+    )
+    lag = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    by_hand = np.mean(np.where(lag > 0, 0.8 * np.exp(-lag / 0.01), 1.0))
+    kept = kept_variance(np.array([np.pi * radius**2]), np.array([n]), correlation)
+    assert kept[0] == pytest.approx(by_hand, rel=0.03)
+    assert correlation.area == pytest.approx(2 * np.pi * 0.8 * 1e-4)
+
+
+def test_benjamini_hochberg_gives_the_textbook_answer() -> None:
+    p = np.array([0.001, 0.008, 0.039, 0.041, 0.042, 0.06, 0.074, 0.205, 0.212, 0.216])
+    assert benjamini_hochberg(p, 0.05) == 0.008
+    assert benjamini_hochberg(p, 0.10) == 0.06
+    assert benjamini_hochberg(np.ones(5), 0.05) == 0.0
+    assert benjamini_hochberg(np.zeros(0), 0.05) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("mean", "spread", "area", "kind"),
+    [(-1e-2, 8e-3, 0.01, "lost"), (1e-2, 8e-3, 0.01, "added"), (-1e-3, 1e-4, 0.04, "cleaned"),
+     (1e-3, 1e-4, 0.04, "coated"), (-1e-2, 1e-4, 0.01, "lost"), (1e-4, 1e-4, 0.01, "unclear")],
+)  # fmt: skip
+def test_kinds_follow_sign_evenness_and_width(mean: float, spread: float, area: float, kind: str) -> None:
+    assert name_kind(mean, 1e-4, spread, area) == kind
