@@ -112,7 +112,9 @@ def measure_change(
     filled = [np.clip(0.5 - evaluate(f, nodes) / cell, 0.0, 1.0) for f in (before, after)]
     volume = float((filled[1] - filled[0]).sum() * cell**3)
     vertices, areas = _sample_surface(before, box, cell)
-    reached = _distance_to(after, vertices, _sample_surface(after, box, cell)[0])
+    reached = np.zeros(len(vertices))
+    moved = np.abs(evaluate(after, vertices)) > 1e-5
+    reached[moved] = _distance_to(after, vertices[moved], _sample_surface(after, box, cell)[0])
     changed = reached > threshold
     weight = areas * changed
     sign = 1.0 if volume > 0.0 else -1.0

@@ -32,6 +32,7 @@ class CarvedFigure:
     truth: Truth
 
 
+@functools.cache
 def intact_figure() -> Solid:
     """Return the whole figure on its pedestal as carved."""
     return Solid((pedestal_part(), *statue_parts()))

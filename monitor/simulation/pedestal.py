@@ -38,7 +38,7 @@ def _profile() -> Drawing:
     half += [(0.173, 0.337), *_quarter((0.173, 0.369), 0.032, -90, 0)]  # ovolo
     half += [(0.209, 0.369), (0.209, 0.376), (HALF_WIDTH, 0.376), (HALF_WIDTH, 0.406), (0.206, HEIGHT), (0.0, HEIGHT)]
     mirrored = [(-u, v) for u, v in half[::-1]]
-    return draw_polygon(np.array(half + mirrored), (-0.02, -0.08), (0.33, 0.52), step=0.0005)
+    return draw_polygon(np.array(half + mirrored), (-0.02, -0.08), (0.33, 0.52), step=0.001)
 
 
 def _letters() -> Drawing:
@@ -46,7 +46,7 @@ def _letters() -> Drawing:
     strokes = write_line("HERITAGE", height=0.036, middle=(0.0, _MIDDLE + 0.030), spacing=0.17)
     strokes += write_line("ANNO", height=0.023, middle=(-0.072, _MIDDLE - 0.032), spacing=0.17)
     strokes += write_line("MMXXVI", height=0.023, middle=(0.048, _MIDDLE - 0.032), spacing=0.17)
-    return draw_strokes(strokes, (-0.14, _MIDDLE - 0.09), (0.14, _MIDDLE + 0.09), step=0.0004)
+    return draw_strokes(strokes, (-0.14, _MIDDLE - 0.09), (0.14, _MIDDLE + 0.09), step=0.0005)
 
 
 def _rosette(u: Floats, v: Floats) -> Floats:

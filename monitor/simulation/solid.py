@@ -306,4 +306,11 @@ def _pull(field: Field, vertices: Floats, normals: Floats, cell: float) -> Float
         slope[open_] = np.where(bend, np.abs((after - before[open_]) / np.where(bend, step, 1.0)), slope[open_])
         before[open_] = after
         open_ = open_[np.abs(after) > 1e-6]
-    return vertices + np.clip(moved, -cell, cell)[:, None] * n
+    pulled = vertices + np.clip(moved, -cell, cell)[:, None] * n
+    # At creases the grid's normal may miss the surface: there the field's own gradient leads.
+    stray = np.flatnonzero(np.abs(before) > 1e-6)
+    led = project(field, vertices[stray], n_steps=5)
+    reached = np.abs(evaluate(field, led)) < np.abs(evaluate(field, pulled[stray]))
+    reached &= np.linalg.norm(led - vertices[stray], axis=1) < cell
+    pulled[stray[reached]] = led[reached]
+    return pulled

@@ -343,8 +343,9 @@ def _shield() -> list[Part]:
 
     def relief(u: Floats, v: Floats, edge: Floats) -> Floats:
         rim = 0.055 * (1.0 - smoothstep(np.abs(edge + 0.075), 0.045, 0.075))
-        bead_place = np.cos(2.0 * np.pi * (np.arctan2(v, u * 1.9) * 7.0))
-        beads = 0.02 * smoothstep(bead_place, 0.2, 0.9) * (1.0 - smoothstep(np.abs(edge + 0.20), 0.02, 0.05))
+        studs = [np.hypot(np.abs(u) - a, v - b) for a, b in ((0.52, 1.22), (0.50, 0.35), (0.50, -0.35), (0.36, -0.95))]
+        studs += [np.hypot(u, v - b) for b in (1.16, -1.25)]
+        beads = 0.9 * np.sqrt(np.maximum(0.055**2 - np.min(studs, axis=0) ** 2, 0.0))
         castle = 0.06 * (1.0 - smoothstep(tower(u, v), -0.03, 0.005))
         gate = np.minimum(np.hypot(u, v + 0.35) - 0.13, np.maximum(np.abs(u) - 0.13, np.abs(v + 0.50) - 0.15))
         castle = castle - 0.05 * (1.0 - smoothstep(gate, -0.02, 0.01))
