@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from projects.errors import ParameterError
 from projects.formats import write_csv, write_e57, write_glb, write_las, write_obj, write_ply_mesh, write_stl
 from projects.model import ComparedSurface, Comparison, PointCloud, Scan, Step, Surface
-from reports.colours import choose_limit, colour_vertices
+from reports.colours import choose_limit, vertex_colours
 
 SUMMARY_KEYS = ("stable_share", "bias_m", "nmad_m", "rmse_m", "lod95_median_m", "n_vertices", "n_not_assessable",
                 "n_unchanged", "n_changed", "share_above_lod95", "motion_significance")  # fmt: skip
@@ -47,7 +47,7 @@ def export_comparison(
     written: list[Path] = []
     for name in ("on-compared", "on-reference"):
         side = comparison.on_compared if name == "on-compared" else comparison.on_reference
-        colours = colour_vertices(side.distances, side.assessment, limit)
+        colours = vertex_colours(side, limit)
         surface = dataclasses.replace(side.surface, colors=colours)
         written += _write_formats(out / f"{stem}_{name}", surface, side_properties(side, colours), formats)
     table, summary = out / f"{stem}_regions.csv", out / f"{stem}_summary.json"

@@ -1,0 +1,208 @@
+"""The command line on a small project: the whole way, and bad input that leaves the project as it was."""
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.cli import run
+from projects import Project
+
+STATION = "0 0 4"
+
+
+def relief(n: int, rng: np.random.Generator, dent: float) -> np.ndarray:
+    """Return points (n, 3) [m] of a wavy relief 0.6 m wide, seen from above, with a round dent of depth `dent`."""
+    x, y = rng.uniform(-0.3, 0.3, (2, n))
+    z = 0.03 * np.sin(11 * x) * np.cos(9 * y) + 0.01 * np.sin(23 * y + 7 * x)
+    radius = np.hypot(x - 0.1, y + 0.05)
+    z = z - dent * 0.5 * (1 + np.cos(np.pi * np.minimum(radius, 0.06) / 0.06))
+    return np.column_stack([x, y, z + rng.normal(0, 0.0003, n)])
+
+
+def write_epoch(folder: Path, name: str, dent: float, rng: np.random.Generator) -> tuple[list[str], str]:
+    """Write two scans as text and their poses file; return the files and the poses file."""
+    files, lines = [], []
+    for k in range(2):
+        path = folder / f"{name}-{k}.xyz"
+        np.savetxt(path, relief(9000, rng, dent), fmt="%.6f")
+        files.append(str(path))
+        lines.append(f"{path.name} 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1 {STATION}")
+    poses = folder / f"{name}.poses"
+    poses.write_text("\n".join(lines) + "\n")
+    return files, str(poses)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a project with two epochs, processed and compared, through the command line alone."""
+    folder = tmp_path_factory.mktemp("relief")
+    project, rng = str(folder / "project"), np.random.default_rng(7)
+    assert run(["init", project, "--name", "Reliefs"]) == 0
+    assert run(["add-object", project, "relief", "--material", "limestone", "--tolerance", "2"]) == 0
+    for name, date, dent in (("e1", "2025-05-01", 0.0), ("e2", "2026-05-01", 0.006)):
+        files, poses = write_epoch(folder, name, dent, rng)
+        assert run(["add-epoch", project, "relief", name, "--date", date, "--poses", poses, *files]) == 0
+    assert run(["process", project]) == 0
+    assert run(["compare", project, "relief"]) == 0
+    return folder
+
+
+def digest(folder: Path) -> dict[str, str]:
+    """Return the hash of every file of a project."""
+    files = (p for p in folder.rglob("*") if p.is_file() and p.name != "project.lock")
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def test_the_dent_is_found_and_told_as_lost(made: Path) -> None:
+    comparison = Project.open(made / "project").get("relief", "e2", "comparison-e1")
+    largest = comparison.regions.iloc[0]
+    assert largest["kind"] == "lost"
+    assert np.hypot(largest["x"] - 0.1, largest["y"] + 0.05) < 0.01
+    assert largest["extreme_m"] == pytest.approx(-0.006, abs=0.001)
+    volume = -0.006 * np.pi * 0.06**2 * (0.5 - 2 / np.pi**2)  # of the cosine bowl
+    assert largest["volume_m3"] == pytest.approx(volume, rel=0.12)
+
+
+def test_export_names_and_properties_are_those_of_the_contract(made: Path, tmp_path: Path) -> None:
+    out = str(tmp_path)
+    formats = "ply,glb,obj,stl,laz,e57,csv"
+    assert run(["export", str(made / "project"), "relief", "e1", "e2", "--out", out, "--format", formats]) == 0
+    stem = "relief_e1_e2"
+    names = {f"{stem}_on-{side}.{f}" for side in ("compared", "reference") for f in formats.split(",")}
+    assert {p.name for p in tmp_path.iterdir()} == names | {f"{stem}_regions.csv", f"{stem}_summary.json"}
+    header = (tmp_path / f"{stem}_on-compared.ply").read_bytes().split(b"end_header")[0].decode()
+    properties = [line.removeprefix("property ") for line in header.splitlines() if line.startswith("property ")]
+    assert properties[:13] == [
+        "double x", "double y", "double z", "float nx", "float ny", "float nz", "uchar red", "uchar green",
+        "uchar blue", "float distance", "float lod95", "uchar assessment", "int region",
+    ]  # fmt: skip
+    summary = json.loads((tmp_path / f"{stem}_summary.json").read_text())
+    assert summary["n_vertices"] == summary["n_not_assessable"] + summary["n_unchanged"] + summary["n_changed"]
+    assert np.shape(summary["covariance"]) == (6, 6)
+    assert summary["mode"] == "relative"
+
+
+def test_export_of_one_epoch_is_its_surface(made: Path, tmp_path: Path) -> None:
+    assert run(["export", str(made / "project"), "relief", "e1", "--out", str(tmp_path)]) == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["relief_e1_surface.ply"]
+
+
+def test_a_second_process_makes_nothing_new(made: Path) -> None:
+    before = digest(made / "project")
+    assert run(["process", str(made / "project")]) == 0
+    assert run(["compare", str(made / "project"), "relief", "e1", "e2"]) == 0
+    assert digest(made / "project") == before
+
+
+def test_report_is_one_file_with_its_fixed_name(made: Path, tmp_path: Path) -> None:
+    assert run(["report", str(made / "project"), "relief", "e1", "e2", "--out", str(tmp_path)]) == 0
+    (report,) = tmp_path.iterdir()
+    assert report.name == "relief_e1_e2_report.html"
+    text = report.read_text(encoding="utf-8")
+    assert "limestone" in text
+    assert "http://" not in text.replace("http://www.w3.org", "")
+
+
+def test_status_as_json_names_what_was_done(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["status", str(made / "project"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    epochs = facts["objects"][0]["epochs"]
+    assert [e["n_scans"] for e in epochs] == [2, 2]
+    assert [e["n_points"] for e in epochs] == [18000, 18000]
+    assert epochs[1]["compared_with"] == ["e1"]
+
+
+def test_verify_finds_a_changed_byte(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    project = tmp_path / "copy"
+    shutil.copytree(made / "project", project)
+    assert run(["verify", str(project)]) == 0
+    victim = next((project / "objects").rglob("surface-*.h5"))
+    content = bytearray(victim.read_bytes())
+    content[len(content) // 2] ^= 1
+    victim.write_bytes(content)
+    assert run(["verify", str(project)]) == 2
+    assert "surface" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["status", "{tmp}/nowhere"], "nowhere"),
+        (["status", "{tmp}"], "not a project"),
+        (["add-object", "{project}", "../../etc"], "OBJECT"),
+        (["add-object", "{project}", "Große Vase"], "Grosse-Vase"),
+        (["add-object", "{project}", "a/b"], "a-b"),
+        (["add-object", "{project}", "relief"], "relief"),
+        (["add-object", "{project}", "vase", "--tolerance", "-3"], "--tolerance"),
+        (["add-object", "{project}", "vase", "--extent", "{tmp}/none.json"], "none.json"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01"], "FILE"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01", "{tmp}/none.ply"], "no such file"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "May 2026", "{scan0}"], "--date"),
+        (["add-epoch", "{project}", "relief", "e1", "--date", "2026-05-01", "{scan0}"], "has an epoch e1 already"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01", "{scan0}", "{scan1}"], "--poses"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01", "{scan0}", "{scan0}"], "given twice"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01", "--unit", "km", "{scan0}"], "km"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01", "--scanner", "eye", "{scan0}"], "eye"),
+        (["add-epoch", "{project}", "nothing", "e3", "--date", "2026-05-01", "{scan0}"], "nothing"),
+        (["process", "{project}", "nothing"], "nothing"),
+        (["compare", "{project}", "relief", "e1"], "two"),
+        (["compare", "{project}", "relief", "e1", "e1"], "twice"),
+        (["compare", "{project}", "relief", "e1", "e9"], "e9"),
+        (["compare", "{project}", "relief", "e1", "e2", "--mode", "sideways"], "relative, absolute"),
+        (["export", "{project}", "relief", "--out", "{tmp}/o", "--format", "dwg"], "dwg"),
+        (["report", "{project}", "relief", "e2", "e1", "--out", "{tmp}/o"], "monitor compare"),
+        (["process", "{project}", "--settings", "{tmp}/none.toml"], "none.toml"),
+        (["process", "{project}", "--workers", "0"], "at least 1"),
+        (["paint", "{project}"], "No such command"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_changes_nothing(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    names = {"tmp": tmp_path, "project": made / "project", "scan0": made / "e1-0.xyz", "scan1": made / "e1-1.xyz"}
+    before = digest(made / "project")
+    capsys.readouterr()
+    assert run([a.format(**names) for a in arguments]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    said = [line for line in lines if line.startswith("monitor: ")]
+    assert len(said) == 1
+    assert message in said[0]
+    assert digest(made / "project") == before
+
+
+def test_epochs_that_do_not_overlap_are_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    project = tmp_path / "copy"
+    shutil.copytree(made / "project", project)
+    far = tmp_path / "far.xyz"
+    np.savetxt(far, relief(9000, np.random.default_rng(3), 0.0) + np.array([40.0, 0.0, 0.0]), fmt="%.6f")
+    assert run(["add-epoch", str(project), "relief", "far", "--date", "2026-06-01", str(far)]) == 0
+    assert run(["process", str(project), "relief", "far"]) == 0
+    before = digest(project)
+    assert run(["compare", str(project), "relief", "e1", "far"]) == 2
+    assert "overlap" in capsys.readouterr().err
+    assert digest(project) == before
+
+
+def test_millimetres_taken_for_metres_are_questioned_with_the_size(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scan = tmp_path / "millimetres.xyz"
+    np.savetxt(scan, 1000 * relief(3000, np.random.default_rng(3), 0.0), fmt="%.3f")
+    before = digest(made / "project")
+    command = ["add-epoch", str(made / "project"), "relief", "mm", "--date", "2026-06-01", str(scan)]
+    assert run(command) == 2
+    assert "0.6 m if in mm" in capsys.readouterr().err
+    assert digest(made / "project") == before
+
+
+def test_a_removed_epoch_is_gone_and_its_comparison_with_it(made: Path, tmp_path: Path) -> None:
+    project = tmp_path / "copy"
+    shutil.copytree(made / "project", project)
+    assert run(["remove-epoch", str(project), "relief", "e1"]) == 0
+    kept = Project.open(project)
+    assert [e.epoch_id for e in kept.epochs("relief")] == ["e2"]
+    assert kept.latest("relief", "e2", "comparison-e1") is None
