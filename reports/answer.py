@@ -1,0 +1,151 @@
+"""The answer before all else: what changed, where, how much, how sure, in sentences for a conservator.
+
+In: a comparison and its regions as texts. Out: a headline, a few sentences, the figures to remember.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from projects.model import Assessment, Comparison, NotAssessed
+from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
+from reports.quantities import NBSP, NOT_KNOWN, in_words, listed, millimetres, percent
+from reports.wholemotion import describe_motion
+
+NAN = float("nan")
+NAMED = 3  # so many regions are told in the answer, the others stand in the table
+NO_CONTROL = (
+    "Without control points in both epochs it cannot be told whether the object moved or only the coordinates differ."
+)
+HAPPENED = {
+    "lost": "lost material",
+    "added": "gained material",
+    "moved": "moved as a part",
+    "cleaned": "lost a thin, even layer (as cleaning or weathering leaves)",
+    "coated": "gained a thin, even layer (as a coating or dirt leaves)",
+    "unclear": "changed in a way that is neither clearly loss nor gain",
+}
+WHY_NOT = {
+    NotAssessed.NO_FACE: "the other epoch has no surface there that faces the same way",
+    NotAssessed.FREE_EDGE: "it lies beyond the edge of what the other epoch recorded",
+    NotAssessed.SHEET_BETWEEN: "another part of the object lies in between",
+    NotAssessed.TOO_UNCERTAIN: "the measurement is too uncertain there",
+    NotAssessed.NOT_SEEN: "the scanners of one epoch did not look there",
+}
+
+
+def state_answer(
+    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts, has_control: bool
+) -> Answer:
+    """Return the answer of a comparison; `has_control`: control points tie both epochs to the same ground."""
+    changed = _what_changed(comparison, regions, before, after)
+    sure = (_how_small(comparison, bool(regions)), _whole(comparison, has_control), _not_assessed(comparison))
+    return Answer(_headline(regions), changed, sure, _figures(comparison, regions))
+
+
+def _headline(regions: tuple[RegionFacts, ...]) -> str:
+    n = len(regions)
+    if n == 0:
+        return "No change was found."
+    return "One region changed." if n == 1 else f"{in_words(n).capitalize()} regions changed."
+
+
+def _what_changed(
+    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts
+) -> tuple[str, ...]:
+    """Return what changed between which dates, and the largest regions one by one."""
+    between = f"Between {before.date} and {after.date}"
+    if not regions:
+        return (f"{between} no part of the surface that could be assessed changed by more than the measurement error.",)
+    parts = []
+    for kind, n in Counter(r.kind for r in regions).items():
+        where = listed([str(r.number) for r in regions if r.kind == kind])
+        things = "" if parts else " region" if n == 1 else " regions"
+        parts.append(f"{in_words(n)}{things} {HAPPENED.get(kind, kind)} ({'no.' if n == 1 else 'nos.'}{NBSP}{where})")
+    changed = comparison.statistics.get("changed_area_m2", NAN)
+    size = f"; together they cover {_square(changed)}" if np.isfinite(changed) and len(regions) > 1 else ""
+    told = [_tell(r) for r in regions[:NAMED]]
+    rest = ("The others stand in the table of regions.",) if len(regions) > NAMED else ()
+    return (f"{between} {listed(parts)}{size}.", *told, *rest)
+
+
+def _square(area: float) -> str:
+    return f"{area * 1e4:.3g}\u00a0cm²" if area < 1.0 else f"{area:.3g}\u00a0m²"
+
+
+def _tell(region: RegionFacts) -> str:
+    """Return one region as a sentence: where, how large, how much."""
+    peak = {"lost": "at its deepest", "gained": "at its highest"}.get(region.side, "at most")
+    return (
+        f"Region {region.number} ({region.where}): {region.area.text}, {peak} {region.extreme.text}, "
+        f"volume {region.volume.text}."
+    )
+
+
+def _how_small(comparison: Comparison, changed: bool) -> str:
+    """Return the smallest change that can be seen."""
+    level = millimetres(comparison.statistics.get("lod95_median_m", NAN))
+    if changed:
+        return f"The smallest change that can be told from measurement error is {level} (95\u00a0%, median)."
+    return f"The smallest change that would have been seen is {level} (95\u00a0%, median over the surface)."
+
+
+def _whole(comparison: Comparison, has_control: bool) -> str:
+    """Return whether the object moved as a whole, and what was done about it."""
+    motion = describe_motion(comparison.registration)
+    significant = comparison.statistics.get("motion_is_significant")
+    if significant is None or not np.isfinite(comparison.statistics.get("motion_significance", NAN)):
+        return "Whether the object as a whole moved is not known."
+    shift, turn = motion.displacement.text, motion.angle.text
+    if not significant:
+        return f"The object as a whole did not measurably move ({shift}, turned by {turn})."
+    where = "taken out of" if comparison.mode == "relative" else "contained in"
+    moved = (
+        f"The object as a whole stands {shift} from where it stood, turned by {turn}; this is {where} the differences."
+    )
+    return moved if has_control else f"{moved} {NO_CONTROL}"
+
+
+def share_not_assessed(comparison: Comparison) -> float:
+    """Return the share of the compared surface that could not be assessed: of its area, else of its vertices."""
+    assessed = comparison.statistics.get("assessed_area_share", NAN)
+    if np.isfinite(assessed):
+        return float(1.0 - assessed)
+    state = comparison.on_compared.assessment
+    return float(np.mean(state == Assessment.NOT_ASSESSABLE)) if len(state) else NAN
+
+
+def _not_assessed(comparison: Comparison) -> str:
+    """Return the share that could not be assessed, with its main reason."""
+    share = share_not_assessed(comparison)
+    reasons = Counter(comparison.on_compared.reasons[comparison.on_compared.assessment == 0].tolist())
+    known = {NotAssessed(r): n for r, n in reasons.items() if r}
+    if not known:
+        return f"{percent(share)} of the surface could not be assessed."
+    main = WHY_NOT[max(known, key=lambda r: known[r])]
+    return f"{percent(share)} of the surface could not be assessed, mostly because {main}; nothing is said about it."
+
+
+def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> tuple[KeyFigure, ...]:
+    """Return the four figures to remember."""
+    statistics = comparison.statistics
+    motion = describe_motion(comparison.registration)
+    significance = statistics.get("motion_significance", NAN)
+    sure = f"{motion.angle.text}; significance {print_significance(significance)}"
+    return (
+        KeyFigure("Regions of change", str(len(regions)), "significant at 95\u00a0% over the whole surface"),
+        KeyFigure(
+            "Smallest detectable change", millimetres(statistics.get("lod95_median_m", NAN)), "95\u00a0%, median"
+        ),
+        KeyFigure("Object as a whole", motion.displacement.text, sure),
+        KeyFigure("Not assessable", percent(share_not_assessed(comparison)), "of the later epoch’s surface"),
+    )
+
+
+def print_significance(significance: float) -> str:
+    """Return the probability that the object did move, in per cent."""
+    if not np.isfinite(significance):
+        return NOT_KNOWN
+    return "above 99.9\u00a0%" if significance > 0.999 else percent(significance)

@@ -1,0 +1,144 @@
+"""How sure: the motion and its margins, the level of detection, what could not be assessed, how well scans agree.
+
+In: a comparison and the steps of both epochs. Out: tables of texts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from projects.model import Assessment, Comparison, NotAssessed, Step
+from reports.answer import NAN, WHY_NOT, print_significance
+from reports.facts import Table
+from reports.quantities import DEGREES, MM, count, estimate, millimetres, percent
+from reports.wholemotion import describe_motion
+
+
+def state_certainty(
+    comparison: Comparison, steps: Mapping[str, Sequence[Step]], false_discovery_rate: float
+) -> tuple[Table, ...]:
+    """Return the tables of the section "How sure"; `steps` by the epoch's name as it heads a column."""
+    tables = [
+        registration_table(comparison),
+        motion_table(comparison),
+        detection_table(comparison, false_discovery_rate),
+        not_assessed_table(comparison),
+        agreement_table(steps),
+    ]
+    return tuple(t for t in tables if t.rows)
+
+
+def registration_table(comparison: Comparison) -> Table:
+    """Return how well the two epochs were brought onto each other."""
+    registration, statistics = comparison.registration, comparison.statistics
+    motion = describe_motion(registration)
+    rows = (
+        ("Object as a whole displaced by", motion.displacement.text),
+        ("turned by", motion.angle.text),
+        ("significance of this motion", print_significance(statistics.get("motion_significance", NAN))),
+        (
+            "in the differences",
+            "taken out (relative mode)" if comparison.mode == "relative" else "kept (absolute mode)",
+        ),
+        ("surface held to be stable", percent(registration.stable_share)),
+        ("overlap of the epochs", percent(registration.overlap)),
+        ("correspondences used", f"{count(registration.n_inliers)} of {count(registration.n_correspondences)}"),
+        ("scatter of the stable surface (one sigma)", millimetres(registration.sigma)),
+    )
+    return Table("Registration of the epochs", ("", ""), rows, "± is the half-width of the 95\u00a0% interval.")
+
+
+def motion_table(comparison: Comparison) -> Table:
+    """Return the motion axis by axis, with the margins from the registration's covariance."""
+    motion = describe_motion(comparison.registration)
+    rows = []
+    for axis, t, st, r, sr in zip("xyz", motion.translation, motion.sigma_translation, motion.rotation,
+                                  motion.sigma_rotation, strict=True):  # fmt: skip
+        shift = estimate(float(t), float(st), MM, "", signed=True).text
+        rows.append((axis, shift, estimate(float(r), float(sr), DEGREES, "", signed=True).text))
+    where = ", ".join(f"{v:.3f}" for v in comparison.registration.centre)
+    return Table(
+        "The motion, axis by axis", ("axis", "shift (mm)", "turn (°)"), tuple(rows),
+        f"From the earlier to the later epoch, about the point {where} m in the coordinates of the earlier epoch.",
+    )  # fmt: skip
+
+
+def detection_table(comparison: Comparison, false_discovery_rate: float) -> Table:
+    """Return what change can be seen, and how well unchanged surface agrees."""
+    statistics = comparison.statistics
+    levels = comparison.on_compared.lod95[comparison.on_compared.assessment != Assessment.NOT_ASSESSABLE]
+    levels = levels[np.isfinite(levels)]
+    low, high = np.quantile(levels, [0.05, 0.95]) if len(levels) else (NAN, NAN)
+    rows = [
+        ("Smallest change seen at 95\u00a0%, median", millimetres(statistics.get("lod95_median_m", NAN))),
+        ("on nine tenths of the surface between", f"{millimetres(float(low))} and {millimetres(float(high))}"),
+        ("mean difference where nothing changed (bias)", millimetres(statistics.get("bias_m", NAN), signed=True)),
+        ("scatter there (robust sigma, NMAD)", millimetres(statistics.get("nmad_m", NAN))),
+        ("root mean square there", millimetres(statistics.get("rmse_m", NAN))),
+        ("single vertices beyond their own limit", percent(statistics.get("share_above_lod95", NAN))),
+    ]
+    if "correlation_length_m" in statistics:
+        rows.append(("errors of neighbours agree over", millimetres(statistics["correlation_length_m"])))
+    if "tolerance_m" in statistics:
+        rows.append(("the client’s tolerance", millimetres(statistics["tolerance_m"])))
+        rows.append(("assessed surface beyond it", percent(statistics.get("share_beyond_tolerance", NAN))))
+    note = (
+        "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
+        "called changed. Changed is only what hangs together as a region and is significant as a whole, with the share "
+        f"of false discoveries held at {percent(false_discovery_rate)} over the whole surface."
+    )
+    return Table("What can be seen", ("", ""), tuple(rows), note)
+
+
+def not_assessed_table(comparison: Comparison) -> Table:
+    """Return how much of the later surface was assessed, and why the rest was not."""
+    side = comparison.on_compared
+    n = max(len(side.assessment), 1)
+    states = ((Assessment.UNCHANGED, "Assessed, unchanged"), (Assessment.CHANGED, "Assessed, changed"))
+    rows = [_share_row(words, int((side.assessment == state).sum()), n) for state, words in states]
+    unassessed = side.assessment == Assessment.NOT_ASSESSABLE
+    for reason, words in WHY_NOT.items():
+        found = int((side.reasons[unassessed] == reason).sum())
+        if found:
+            rows.append(_share_row(f"Not assessable: {words}", found, n))
+    other = int((side.reasons[unassessed] == NotAssessed.ASSESSED).sum())
+    if other:
+        rows.append(_share_row("Not assessable: reason not recorded", other, n))
+    return Table("What could be assessed", ("", "vertices", "share"), tuple(rows), "Vertices of the later surface.")
+
+
+def _share_row(words: str, found: int, n: int) -> tuple[str, str, str]:
+    return words, count(found), percent(found / n)
+
+
+def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
+    """Return how well the scans of each epoch agree with each other, and its surface with them."""
+    found = [{step.product: step.automatic for step in of_epoch} for of_epoch in steps.values()]
+    fitted = [_figures(f, "quality", "all") for f in found]
+    rows = (
+        ("Scans against each other before adjustment", *_lengths(found, "network", "misfit_before_m")),
+        ("after adjustment", *_lengths(found, "network", "misfit_after_m")),
+        ("Disagreement left between scans (one sigma)", *_lengths(found, "surface", "scan_disagreement_m")),
+        ("Surface against its scans: mean", *(_length(f, "bias_m", signed=True) for f in fitted)),
+        ("scatter (robust sigma, NMAD)", *(_length(f, "nmad_m") for f in fitted)),
+        ("95\u00a0% of the points within", *(_length(f, "p95_m") for f in fitted)),
+        ("points without surface", *(percent(float(f.get("unknown_share", NAN))) for f in fitted)),
+    )
+    return Table("The scans of each epoch", ("", *steps), rows)
+
+
+def _figures(found: Mapping[str, Mapping[str, Any]], product: str, name: str) -> Mapping[str, Any]:
+    """Return a group of figures of a product, empty where there is none."""
+    return found.get(product, {}).get(name) or {}
+
+
+def _lengths(found: list[dict[str, Mapping[str, Any]]], product: str, name: str) -> tuple[str, ...]:
+    return tuple(_length(f.get(product, {}), name) for f in found)
+
+
+def _length(figures: Mapping[str, Any], name: str, *, signed: bool = False) -> str:
+    value = figures.get(name)
+    return millimetres(NAN if value is None else float(value), signed=signed)

@@ -1,0 +1,140 @@
+"""Gather what the report of one comparison says, as texts ready to print; nothing here computes a change.
+
+In: a project and the ids of an object and two epochs, or the nouns themselves. Out: `ReportFacts`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+
+from projects.errors import StoreError
+from projects.model import Comparison, EpochRecord, ObjectRecord, Step
+from projects.store import Project
+from reports.answer import state_answer
+from reports.certainty import state_certainty
+from reports.facts import EpochFacts, RegionFacts, ReportFacts
+from reports.history import (
+    EpochHistory,
+    describe_object,
+    epochs_table,
+    inputs_table,
+    kind_of,
+    points_table,
+    record_steps,
+    versions_table,
+)
+from reports.quantities import CM2, CM3, MM, day, estimate
+from reports.whereabouts import locate
+
+MEANINGS = {
+    "lost": "material lost", "added": "material added", "moved": "part moved",
+    "cleaned": "thin layer lost, as by cleaning or weathering", "coated": "thin layer added, as by coating or dirt",
+    "unclear": "changed, neither clearly lost nor added",
+}  # fmt: skip
+COLOURED = {"lost": "lost", "cleaned": "lost", "added": "gained", "coated": "gained"}
+FALSE_DISCOVERY_RATE = 0.05  # where the record does not say
+
+
+def gather_facts(project: Project, object_id: str, reference_id: str, compared_id: str) -> ReportFacts:
+    """Return the facts of the comparison that a project holds of two epochs of an object.
+
+    Raises
+    ------
+    StoreError
+        If there is no such object, epoch or comparison, or a file is damaged.
+    """
+    record = project.object(object_id)
+    before, after = (gather_history(project, object_id, e, reference_id) for e in (reference_id, compared_id))
+    product = f"comparison-{reference_id}"
+    step = after.step(product)
+    if step is None:
+        raise StoreError(
+            f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
+            f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
+        )
+    comparison = project.get(object_id, compared_id, product, step.step_id)
+    return make_facts(comparison, record, before, after, project_name=project.name)
+
+
+def gather_history(project: Project, object_id: str, epoch_id: str, reference_id: str) -> EpochHistory:
+    """Return an epoch with its steps, without its comparisons with other epochs than the reference."""
+    wanted = f"comparison-{reference_id}"
+    steps = [s for s in project.steps(object_id, epoch_id) if kind_of(s) != "comparison" or s.product == wanted]
+    headers = project.scan_headers(object_id, epoch_id)
+    scanners = tuple(dict.fromkeys(h.scanner for h in headers if h.scanner))
+    return EpochHistory(project.epoch(object_id, epoch_id), tuple(steps), scanners)
+
+
+def make_facts(
+    comparison: Comparison, record: ObjectRecord, before: EpochHistory, after: EpochHistory, *, project_name: str = ""
+) -> ReportFacts:
+    """Return the facts of a comparison from the nouns.
+
+    Parameters
+    ----------
+    comparison : of `after` (compared) with `before` (reference).
+    record : the object.
+    before, after : the epochs with the steps that made their surfaces; `after` also with the comparison's.
+    project_name : as the object block names it.
+    """
+    made = after.step(f"comparison-{before.record.epoch_id}")
+    earlier, later = _name_epoch(before.record), _name_epoch(after.record)
+    regions = tuple(describe_region(comparison, row) for _, row in comparison.regions.iterrows())
+    has_control = bool(before.record.control and after.record.control)
+    columns = {f"before ({earlier.date})": before.steps, f"after ({later.date})": after.steps}
+    return ReportFacts(
+        title=record.name or record.object_id,
+        subtitle=f"What changed between {earlier.caption} and {later.caption}",
+        made=made.created[:10] if made else "",
+        remarks=_remarks(made, before, after),
+        before=earlier,
+        after=later,
+        answer=state_answer(comparison, regions, earlier, later, has_control),
+        regions=regions,
+        certainty=state_certainty(comparison, columns, _false_discovery_rate(made)),
+        object_rows=describe_object(record, project_name),
+        history=(epochs_table((before, after)), points_table((before, after))),
+        record=record_steps((before, after)),
+        versions=versions_table(made),
+        inputs=inputs_table((before, after)),
+        mode=comparison.mode,
+        comparison=comparison,
+    )
+
+
+def describe_region(comparison: Comparison, row: pd.Series) -> RegionFacts:
+    """Return one row of the table of regions as texts: cm2, cm3 and mm, each with its 95 % margin."""
+    place = row[["x", "y", "z"]].to_numpy(dtype=float)
+    number, kind = int(row["region"]), str(row["kind"])
+    return RegionFacts(
+        number=number,
+        kind=kind,
+        meaning=MEANINGS.get(kind, kind),
+        side=COLOURED.get(kind, "other"),
+        where=locate(comparison, number, place),
+        area=estimate(float(row["area_m2"]), float(row["sigma_area_m2"]), CM2, "cm²"),
+        volume=estimate(float(row["volume_m3"]), float(row["sigma_volume_m3"]), CM3, "cm³", signed=True),
+        extreme=estimate(float(row["extreme_m"]), float(row["sigma_extreme_m"]), MM, "mm", signed=True),
+        mean=estimate(float(row["mean_m"]), float(row["sigma_mean_m"]), MM, "mm", signed=True),
+    )
+
+
+def _name_epoch(record: EpochRecord) -> EpochFacts:
+    return EpochFacts(record.epoch_id, day(record.date), record.label)
+
+
+def _false_discovery_rate(made: Step | None) -> float:
+    asked = (made.parameters.get("compare") or {}) if made else {}
+    rate = asked.get("false_discovery_rate")
+    return FALSE_DISCOVERY_RATE if rate is None or not math.isfinite(rate) else float(rate)
+
+
+def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tuple[str, ...]:
+    """Return what is out of date: a surface that was made again after the comparison."""
+    if made is None:
+        return ()
+    surfaces = [(e, e.step("surface")) for e in (before, after)]
+    stale = [e.record.epoch_id for e, s in surfaces if s is not None and s.step_id not in made.inputs]
+    return tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)

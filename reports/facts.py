@@ -1,0 +1,109 @@
+"""What a report says, as plain texts ready to print: made by `reports.document`, laid out by `reports.html`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from projects.model import Comparison
+from reports.quantities import Estimate
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts; the first column names the row, `note` stands below."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class KeyFigure:
+    """One number that the reader takes home."""
+
+    label: str
+    value: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer before all else: one line, what changed, how sure that is, and the figures to remember."""
+
+    headline: str
+    changed: tuple[str, ...]
+    sure: tuple[str, ...]
+    figures: tuple[KeyFigure, ...]
+
+
+@dataclass(frozen=True)
+class RegionFacts:
+    """One region of change; `side` is "lost", "gained" or "other" and chooses its colour."""
+
+    number: int
+    kind: str
+    meaning: str
+    side: str
+    where: str
+    area: Estimate
+    volume: Estimate
+    extreme: Estimate
+    mean: Estimate
+
+
+@dataclass(frozen=True)
+class StepFacts:
+    """What one step of the chain was asked for and what it found, value by value."""
+
+    title: str
+    settings: tuple[tuple[str, str], ...]
+    found: tuple[Table, ...]
+
+
+@dataclass(frozen=True)
+class EpochFacts:
+    """An epoch as the captions name it."""
+
+    epoch_id: str
+    date: str
+    label: str
+
+    @property
+    def caption(self) -> str:
+        """Date and label in one."""
+        return f"{self.date}, {self.label}" if self.label else self.date
+
+
+@dataclass(frozen=True)
+class ReportFacts:
+    """Everything that a report of one comparison says; `comparison` is what its pictures are drawn from.
+
+    Attributes
+    ----------
+    title, subtitle : the object, and what was compared.
+    made : when the comparison was computed.
+    remarks : what the reader must know before trusting the rest.
+    before, after : the reference and the compared epoch.
+    certainty : how well the change is known, table by table.
+    object_rows : name and text of what is known of the object.
+    history : the two epochs side by side, and what became of their points.
+    record : the steps in order; versions and inputs : what they were made with and from.
+    """
+
+    title: str
+    subtitle: str
+    made: str
+    remarks: tuple[str, ...]
+    before: EpochFacts
+    after: EpochFacts
+    answer: Answer
+    regions: tuple[RegionFacts, ...]
+    certainty: tuple[Table, ...]
+    object_rows: tuple[tuple[str, str], ...]
+    history: tuple[Table, ...]
+    record: tuple[StepFacts, ...]
+    versions: Table
+    inputs: Table
+    mode: str
+    comparison: Comparison

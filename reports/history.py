@@ -1,0 +1,213 @@
+"""Where the result comes from: the object, its epochs, what became of their points, each step's settings and findings.
+
+In: the records of the store. Out: tables of texts. Values of the record stand as they are kept: metres and radians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from projects.model import EpochRecord, ObjectRecord, Step
+from reports.facts import StepFacts, Table
+from reports.quantities import NOT_KNOWN, count, day
+
+STEP_TITLES = {
+    "raw": "Reading", "scan": "Filtering each scan", "network": "Fitting the scans onto each other",
+    "filtered": "Merging the scans", "surface": "Surface", "quality": "Surface against its scans",
+    "mesh": "Finished mesh", "comparison": "Registration and comparison of the epochs",
+}  # fmt: skip
+DROPPED = {
+    "outside_extent": "outside the object’s extent", "speck": "specks in the air", "outlier": "outliers",
+    "mixed_pixel": "mixed pixels at silhouettes", "grazing": "seen at a grazing angle",
+    "too_few": "scans with too few points", "merged": "merged by thinning",
+}  # fmt: skip
+NOT_DROPPED = ("read", "in", "out")
+
+
+@dataclass(frozen=True)
+class EpochHistory:
+    """An epoch and the steps of its chain, in order; `scanners` as the files name them."""
+
+    record: EpochRecord
+    steps: tuple[Step, ...] = ()
+    scanners: tuple[str, ...] = field(default=())
+
+    def step(self, product: str) -> Step | None:
+        """Return the step of a product, None where there is none."""
+        return next((s for s in self.steps if s.product == product), None)
+
+
+def describe_object(record: ObjectRecord, project_name: str = "") -> tuple[tuple[str, str], ...]:
+    """Return what is known of the object, name and text; what was not entered is left out."""
+    rows = (
+        ("Object", record.name or record.object_id), ("Identifier", record.object_id),
+        ("Inventory", record.inventory), ("Place", record.place), ("Material", record.material),
+        ("Description", record.description), ("Project", project_name),
+    )  # fmt: skip
+    return tuple((name, text) for name, text in rows if text)
+
+
+def epochs_table(epochs: Sequence[EpochHistory]) -> Table:
+    """Return the epochs side by side: date, instrument, operator, scans."""
+    rows = (
+        ("Epoch", *(e.record.epoch_id for e in epochs)),
+        ("Date", *(day(e.record.date) for e in epochs)),
+        ("Label", *(e.record.label or "–" for e in epochs)),
+        ("Instrument", *(_instrument(e) for e in epochs)),
+        ("Operator", *(e.record.operator or "not stated" for e in epochs)),
+        ("Measured as", *(_measured_as(e) for e in epochs)),
+        ("Control points", *(count(len(e.record.control)) for e in epochs)),
+    )
+    return Table("The epochs", ("", "before", "after"), rows)
+
+
+def _instrument(epoch: EpochHistory) -> str:
+    names = dict.fromkeys(n for n in (epoch.record.scanner, *epoch.scanners) if n)
+    return ", ".join(names) or "not stated"
+
+
+def _measured_as(epoch: EpochHistory) -> str:
+    if epoch.record.is_mesh:
+        return "a finished mesh"
+    n = len([s for s in epoch.steps if kind_of(s) == "scan"]) or len(epoch.record.sources)
+    scans = f"{n} scan" if n == 1 else f"{n} scans"
+    return f"{scans}, repeated from one station" if epoch.record.repeated else scans
+
+
+def kind_of(step: Step) -> str:
+    """Return what a step is: "scan" for scan000 and on, "comparison" for comparison-REFERENCE, else its product."""
+    if step.product.startswith("comparison-"):
+        return "comparison"
+    return "scan" if step.product.startswith("scan") else step.product
+
+
+def points_table(epochs: Sequence[EpochHistory]) -> Table:
+    """Return what became of the points of each epoch, from the files to the surface."""
+    flows = [_flow(e) for e in epochs]
+    names = dict.fromkeys(name for flow in flows for name in flow)
+    order = sorted(names, key=lambda name: (_PHASES.index(name[0]), _rank(name)))
+    rows = tuple((words, *(count(flow[(phase, words)]) if (phase, words) in flow else "–" for flow in flows))
+                 for phase, words in order)  # fmt: skip
+    return Table("From the scanner to the surface", ("points", "before", "after"), rows)
+
+
+_PHASES = ("files", "scan", "filtered", "surface")
+_ORDER = ("measured points in the files", "points considered", *DROPPED.values(), "left after filtering each scan",
+          "dropped as outliers of the merged cloud", "merged with points of other scans", "left after merging",
+          "vertices of the surface", "triangles of the surface")  # fmt: skip
+
+
+def _rank(name: tuple[str, str]) -> int:
+    return _ORDER.index(name[1]) if name[1] in _ORDER else len(DROPPED)
+
+
+def _flow(epoch: EpochHistory) -> dict[tuple[str, str], int]:
+    """Return the counts of one epoch by phase and in words."""
+    flow: dict[tuple[str, str], int] = {}
+    for step in epoch.steps:
+        kind, counts = kind_of(step), step.counts
+        if kind == "raw":
+            for reason, n in (counts.get("dropped") or {}).items():
+                flow[("files", f"dropped on reading: {reason}")] = int(n)
+            flow[("files", "measured points in the files")] = int(counts.get("n_points", 0))
+        elif kind == "scan":
+            _add_scan(flow, counts)
+        elif kind == "filtered":
+            names = {"outlier": "dropped as outliers of the merged cloud",
+                     "merged": "merged with points of other scans", "out": "left after merging"}  # fmt: skip
+            flow |= {("filtered", words): int(counts[key]) for key, words in names.items() if key in counts}
+        elif kind == "surface":
+            names = {"vertices": "vertices of the surface", "faces": "triangles of the surface"}
+            flow |= {("surface", words): int(counts[key]) for key, words in names.items() if key in counts}
+    return flow
+
+
+def _add_scan(flow: dict[tuple[str, str], int], counts: Mapping[str, Any]) -> None:
+    """Add the counts of one filtered scan."""
+    for key, n in counts.items():
+        if key in NOT_DROPPED and key != "out":
+            continue
+        words = "left after filtering each scan" if key == "out" else DROPPED.get(key, key.replace("_", " "))
+        flow[("scan", words)] = flow.get(("scan", words), 0) + int(n)
+
+
+def record_steps(epochs: Sequence[EpochHistory]) -> tuple[StepFacts, ...]:
+    """Return each step of the chain once, with its settings and what it found in each epoch."""
+    facts = []
+    for kind, title in STEP_TITLES.items():
+        own = [[step for step in e.steps if kind_of(step) == kind] for e in epochs]
+        if any(own):
+            facts.append(_record_step(title, own))
+    return tuple(facts)
+
+
+def _record_step(title: str, own: list[list[Step]]) -> StepFacts:
+    """Return one kind of step: one table for both epochs, or one each where an epoch has several such steps."""
+    asked = [pair for steps in own for step in steps for pair in flatten(_shared(step.parameters))]
+    named = list(zip(("before", "after"), own, strict=True))
+    if max(len(steps) for steps in own) == 1:
+        tables = [_found_table("", [(name, step) for name, steps in named for step in steps])]
+    else:
+        tables = [_found_table(name, [(step.product, step) for step in steps]) for name, steps in named if steps]
+    return StepFacts(title, tuple(dict.fromkeys(asked)), tuple(tables))
+
+
+def _shared(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a step without what only tells one scan from another."""
+    return {k: v for k, v in parameters.items() if k not in ("scan", "name")}
+
+
+def _found_table(title: str, own: list[tuple[str, Step]]) -> Table:
+    """Return the automatic values of steps, one row a value, one column a step, with its id and when it was made."""
+    found = [{"step": s.step_id, "made": _made(s), **dict(flatten(s.automatic))} for _, s in own]
+    names = dict.fromkeys(key for values in found for key in values)
+    rows = tuple((key, *(values.get(key, "–") for values in found)) for key in names)
+    return Table(title, ("", *(name for name, _ in own)), rows)
+
+
+def _made(step: Step) -> str:
+    """Return when a step was made, to the minute."""
+    return f"{step.created[:16].replace('T', ' ')} UTC" if step.created else NOT_KNOWN
+
+
+def flatten(values: Any, prefix: str = "") -> list[tuple[str, str]]:
+    """Return nested values as pairs of dotted name and text; a list of mappings becomes numbered names."""
+    if isinstance(values, Mapping):
+        return [pair for key, value in values.items() for pair in flatten(value, f"{prefix}.{key}" if prefix else key)]
+    if isinstance(values, list | tuple) and values and isinstance(values[0], Mapping):
+        return [(f"{prefix}[{k}]", ", ".join(f"{n} {t}" for n, t in flatten(v))) for k, v in enumerate(values)]
+    return [(prefix, print_value(values))]
+
+
+def print_value(value: Any) -> str:
+    """Return a recorded value as text: numbers with four digits, None as "auto"."""
+    if value is None:
+        return "auto"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return NOT_KNOWN if value != value else f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return " ".join(print_value(v) for v in value) or "–"
+    return str(value) if str(value) else "–"
+
+
+def versions_table(step: Step | None) -> Table:
+    """Return the programs that made the comparison."""
+    return Table("", ("program", "version"), tuple((step.versions if step else {}).items()))
+
+
+def inputs_table(epochs: Sequence[EpochHistory]) -> Table:
+    """Return every input file with its points and its SHA-256."""
+    rows = tuple(
+        (str(s.get("scan") or s.get("file", "")), name, _points(s), str(s.get("sha256", "")))
+        for name, e in zip(("before", "after"), epochs, strict=True)
+        for s in e.record.sources
+    )
+    return Table("", ("file", "epoch", "points", "SHA-256"), rows)
+
+
+def _points(source: Mapping[str, Any]) -> str:
+    return count(source["n_points"]) if source.get("n_points") is not None else "–"

@@ -1,0 +1,161 @@
+"""The report as one HTML file that needs nothing else: pictures inside, no script, no network, ready for A4 paper.
+
+`ReportFacts` go in; a file comes out that appears whole or not at all.
+"""
+
+from __future__ import annotations
+
+import base64
+import os
+import uuid
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from projects.errors import ParameterError
+from projects.model import Comparison
+from reports.colours import choose_limit
+from reports.document import MEANINGS
+from reports.facts import ReportFacts
+from reports.figures import draw_colour_bar, draw_histogram, draw_section
+from reports.views import Picture, ViewPictures, draw_close_up, draw_comparison
+
+VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
+              "below": "From below"}  # fmt: skip
+VIEW_PX = 800  # longest side of a view: what a third of the page shows, twice as fine
+ROW, TALLEST = 94.0, 62.0  # per cent of the page's width: pictures in a row together, the tallest of them
+CLOSE_UPS = 24  # so many regions, the largest, are drawn close up; all are in the table
+
+
+@dataclass(frozen=True)
+class Embedded:
+    """A picture as the page holds it: a data URI, its size in pixels (0: drawn to scale), its text."""
+
+    src: str
+    width: int
+    height: int
+    alt: str
+
+
+@dataclass(frozen=True)
+class EmbeddedView:
+    """One fixed view: before, after, difference; how wide each is shown in an overview and beside the others [%]."""
+
+    name: str
+    before: Embedded
+    after: Embedded
+    difference: Embedded
+    wide: float
+    narrow: float
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """All pictures of a report; `regions` holds the close-up and the section of a region by its number."""
+
+    views: tuple[EmbeddedView, ...]
+    colour_bar: Embedded
+    histogram: Embedded
+    regions: Mapping[int, tuple[Embedded, Embedded]]
+
+
+def write_report(path: Path | str, facts: ReportFacts) -> None:
+    """Draw the pictures of a comparison and write its report as one self-contained HTML file.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be written there; what was there before stays.
+    """
+    write_whole(Path(path), fill_page(facts, draw_pictures(facts.comparison)))
+
+
+def draw_pictures(comparison: Comparison) -> Pictures:
+    """Return every picture of the report, all with one range of colours."""
+    limit = choose_limit(comparison)
+    level = comparison.statistics.get("lod95_median_m", float("nan"))
+    views = embed_views(draw_comparison(comparison, limit_m=limit, height_px=VIEW_PX))
+    numbers = [int(n) for n in comparison.regions["region"]][:CLOSE_UPS]
+    regions = {
+        n: (
+            embed(draw_close_up(comparison, n, limit_m=limit)),
+            embed_svg(draw_section(comparison, n), f"Section through region {n} with both epochs"),
+        )
+        for n in numbers
+    }
+    bar = embed_svg(draw_colour_bar(limit, level), "Colours of the differences in millimetres")
+    histogram = embed_svg(draw_histogram(comparison), "Histogram of all differences")
+    return Pictures(views, bar, histogram, regions)
+
+
+def embed_views(views: Sequence[ViewPictures]) -> tuple[EmbeddedView, ...]:
+    """Return the views for the page, at one scale in the overview and at one beside each other."""
+    sizes = [(v.difference.width, v.difference.height) for v in views]
+    wide, narrow = fit_scale(sizes, len(views)), fit_scale([size for size in sizes for _ in range(3)], 3)
+    return tuple(
+        EmbeddedView(VIEW_NAMES.get(v.view.name, v.view.name), embed(v.before), embed(v.after), embed(v.difference),
+                     round(wide * v.difference.width, 2), round(narrow * v.difference.width, 2))
+        for v in views
+    )  # fmt: skip
+
+
+def fit_scale(sizes: Sequence[tuple[int, int]], most: int) -> float:
+    """Return the per cent of the page's width for one pixel of pictures that share a scale, up to `most` in a row.
+
+    As many stand in a row as keeps them no taller than `TALLEST` of the page's width.
+    """
+    for n in range(1, most + 1):
+        rows = [sizes[k : k + n] for k in range(0, len(sizes), n)]
+        scale = ROW / max(sum(w for w, _ in row) for row in rows)
+        if scale * max(h for _, h in sizes) <= TALLEST:
+            return scale
+    return min(scale, TALLEST / max(h for _, h in sizes))
+
+
+def embed(picture: Picture) -> Embedded:
+    """Return a picture for the page."""
+    return Embedded(_uri(picture.image, picture.media_type), picture.width, picture.height, picture.alt)
+
+
+def embed_svg(drawing: bytes, alt: str) -> Embedded:
+    """Return a drawing for the page; as an image, nothing in it can act."""
+    return Embedded(_uri(drawing, "image/svg+xml"), 0, 0, alt)
+
+
+def _uri(content: bytes, media_type: str) -> str:
+    return f"data:{media_type};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def fill_page(facts: ReportFacts, pictures: Pictures) -> str:
+    """Return the page; every text is escaped, and a fact that is missing is an error, not a gap."""
+    templates = Environment(
+        loader=PackageLoader("reports", "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    style = files("reports").joinpath("templates/report.css").read_text(encoding="utf-8")
+    present = dict.fromkeys(r.kind for r in facts.regions)
+    kinds = [(kind, MEANINGS[kind]) for kind in present if kind in MEANINGS]
+    page = templates.get_template("report.html")
+    return page.render(facts=facts, pictures=pictures, style=Markup(style), kinds=kinds)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file so that it appears whole or not at all, beside what was there before."""
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        try:
+            with open(draft, "w", encoding="utf-8", newline="\n", errors="replace") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.replace(draft, path)
+        finally:
+            with suppress(OSError):
+                draft.unlink(missing_ok=True)
+    except OSError as error:
+        raise ParameterError(f"{path}: the report cannot be written ({error.strerror})") from error

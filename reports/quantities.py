@@ -1,0 +1,129 @@
+"""Numbers as a reader wants them: rounded by their uncertainty, with a unit, and "not known" where they are NaN.
+
+The one place where metres and radians become millimetres, square centimetres and degrees. A margin is always the
+half-width of the 95 % interval. Spaces inside a quantity do not break.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+from dataclasses import dataclass
+
+NOT_KNOWN = "not known"
+Z95 = 1.96
+MM, CM2, CM3, DEGREES = 1e3, 1e4, 1e6, 180.0 / math.pi  # of one m, m2, m3, rad
+NBSP, THIN, MINUS = "\u00a0", "\u202f", "\u2212"
+FINEST = 4  # no more decimals than these, however small the margin
+MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
+          "November", "December")  # fmt: skip
+WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % margin, both printed: "\u221212.4" and "0.3"; the margin is empty where there is none."""
+
+    value: str
+    margin: str = ""
+    unit: str = ""
+
+    @property
+    def text(self) -> str:
+        """The whole: value, margin and unit; a degree sign stands at each number."""
+        if self.unit == "°" and self.value != NOT_KNOWN:
+            return f"{self.value}°" + (f"{NBSP}±{NBSP}{self.margin}°" if self.margin else "")
+        parts = [self.value, f"±{NBSP}{self.margin}" if self.margin else "", self.unit]
+        return NBSP.join(p for p in parts if p) if self.value != NOT_KNOWN else NOT_KNOWN
+
+
+def count_decimals(margin: float) -> int:
+    """Return how many decimals a number with this margin deserves: two digits of a margin that begins with 1 or 2,
+    one of others; negative where tens are rounded."""
+    exponent = math.floor(math.log10(margin))
+    leading = round(margin / 10.0**exponent, 1)
+    return min((1 if leading < 3.0 else 0) - exponent, FINEST)
+
+
+def print_number(value: float, decimals: int, *, signed: bool = False) -> str:
+    """Return a number with so many decimals, thousands apart, a true minus, and a plus where it is `signed`."""
+    rounded = round(value, decimals) + 0.0  # no minus before zero
+    text = f"{abs(rounded):,.{max(decimals, 0)}f}".replace(",", THIN)
+    sign = MINUS if rounded < 0 else "+" if signed and rounded > 0 else ""
+    return sign + text
+
+
+def estimate(value: float, sigma: float, scale: float, unit: str, *, signed: bool = False) -> Estimate:
+    """Return `value` (one sigma `sigma`) times `scale` as printed, rounded by its 95 % margin."""
+    if not math.isfinite(value):
+        return Estimate(NOT_KNOWN)
+    margin = Z95 * sigma * scale
+    if not math.isfinite(margin) or margin <= 0.0:
+        unknown = "" if margin == 0.0 else NOT_KNOWN
+        return Estimate(print_number(value * scale, significant(value * scale), signed=signed), unknown, unit)
+    decimals = count_decimals(margin)
+    return Estimate(print_number(value * scale, decimals, signed=signed), print_number(margin, decimals), unit)
+
+
+def significant(value: float, digits: int = 3) -> int:
+    """Return the decimals that show so many digits of a number."""
+    if value == 0.0 or not math.isfinite(value):
+        return 0
+    return max(min(digits - 1 - math.floor(math.log10(abs(value))), FINEST), 0)
+
+
+def plain(value: float, scale: float, unit: str, *, signed: bool = False, digits: int = 2) -> str:
+    """Return a number without a margin, with so many digits."""
+    if not math.isfinite(value):
+        return NOT_KNOWN
+    text = print_number(value * scale, significant(value * scale, digits), signed=signed)
+    return f"{text}{NBSP}{unit}" if unit else text
+
+
+def millimetres(value: float, *, signed: bool = False) -> str:
+    """Return a length [m] in millimetres, two digits."""
+    return plain(value, MM, "mm", signed=signed)
+
+
+def percent(share: float) -> str:
+    """Return a share of 0 to 1 in per cent, with more decimals the nearer it is to none or all."""
+    if not math.isfinite(share):
+        return NOT_KNOWN
+    rest = min(share, 1.0 - share)
+    if rest <= 0.0:
+        return f"{100.0 * share:.0f}{NBSP}%"
+    if rest < 1e-4:
+        return f"less than 0.01{NBSP}%" if share < 0.5 else f"more than 99.99{NBSP}%"
+    decimals = 0 if rest >= 0.0995 else 1 if rest >= 0.00995 else 2
+    return f"{100.0 * share:.{decimals}f}{NBSP}%"
+
+
+def count(n: int | float | None) -> str:
+    """Return a number of things, thousands apart."""
+    return NOT_KNOWN if n is None or not math.isfinite(n) else f"{int(n):,}".replace(",", THIN)
+
+
+def in_words(n: int) -> str:
+    """Return a number of things as a word up to twelve, in digits beyond."""
+    return WORDS[n] if n < len(WORDS) else count(n)
+
+
+def height(value: float) -> str:
+    """Return a length [m] as one says where something is: centimetres, millimetres below ten of them, metres above."""
+    if not math.isfinite(value):
+        return NOT_KNOWN
+    if abs(value) < 0.0995:
+        return f"{print_number(value * 1e3, 0)}{NBSP}mm"
+    if abs(value) < 0.995:
+        return f"{print_number(value * 1e2, 0)}{NBSP}cm"
+    return f"{print_number(value, 2)}{NBSP}m"
+
+
+def day(date: datetime.date) -> str:
+    """Return a date in words, whatever the machine's language."""
+    return f"{date.day}{NBSP}{MONTHS[date.month - 1]}{NBSP}{date.year}"
+
+
+def listed(parts: list[str]) -> str:
+    """Return parts as a list in words: "a, b and c"."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
