@@ -17,7 +17,7 @@ from projects.open3d_library import load_open3d
 UP = np.array([0.0, 0.0, 1.0])
 N_PROBES = 4000
 WORTH_A_VIEW = 0.04  # share of the surface that a view must show and no earlier view does
-MARGIN, FOOT = 0.035, 0.085  # of the longest side: room around the object, and below it for the scale bar
+MARGIN, FOOT = 0.035, 0.06  # of the longest side: room around the object, and below it for the scale bar
 ROUND = 1.25  # how much more surface the best side must show than the worst to be called a front
 
 

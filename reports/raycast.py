@@ -91,6 +91,7 @@ def cast_view(scene: Scene, frame: Frame) -> Pixels:
     answer = scene.rays.cast_rays(rays)
     distance = answer["t_hit"].numpy()
     hit = np.isfinite(distance)
+    hit[rows - frame.foot * SUBPIXELS :] = False  # kept for the scale bar
     face = np.where(hit, answer["primitive_ids"].numpy(), 0).astype(np.int64)
     u, v = np.moveaxis(answer["primitive_uvs"].numpy(), -1, 0)
     weights = np.stack([1 - u - v, u, v], axis=-1)

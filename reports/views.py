@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from projects.errors import ParameterError
-from projects.model import Bools, ComparedSurface, Comparison, Floats, Ints, Surface
+from projects.model import Bools, ComparedSurface, Comparison, Ints, Surface
 from reports.annotations import annotate, place_labels, seen_regions
 from reports.cameras import Frame, View, choose_views, face_normals, frame_view, frame_views
 from reports.colours import RGB, choose_limit
 from reports.raycast import SUBPIXELS, Pixels, Scene, build_scene, cast_view
+from reports.sections import main_side, region_normal
 from reports.shading import add_ghost, draw_change, draw_stone, map_regions, outline, paint_change
 
 __all__ = ["Frame", "Picture", "View", "ViewPictures", "choose_views", "draw_close_up", "draw_comparison",
@@ -183,11 +183,8 @@ def draw_close_up(
     ParameterError
         Where the comparison has no such region.
     """
-    sides = [s for s in (comparison.on_compared, comparison.on_reference) if (s.region == region_number).any()]
-    if not sides:
-        raise ParameterError(f"region {region_number} is not in the comparison, which has {len(comparison.regions)}")
     limit = limit_m if limit_m is not None else choose_limit(comparison)
-    side = max(sides, key=lambda s: np.linalg.norm(_region_normal(s, region_number)))
+    side = main_side(comparison, region_number)
     frame = frame_region(side, region_number, height_px)
     seen = cast_view(build_scene(side.surface), frame)
     return _difference((side, seen), None, frame, limit, label=False, outlined=region_number)
@@ -195,7 +192,7 @@ def draw_close_up(
 
 def frame_region(side: ComparedSurface, number: int, longest_px: int) -> Frame:
     """Return the frame of a close-up: along the region's mean normal, z up where it can be."""
-    normal = _region_normal(side, number)
+    normal = region_normal(side, number)
     towards = normal / max(float(np.linalg.norm(normal)), 1e-300)
     up = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.94 else np.array([0.0, 1.0, 0.0])
     points = side.surface.vertices[side.region == number]
@@ -210,13 +207,6 @@ def frame_region(side: ComparedSurface, number: int, longest_px: int) -> Frame:
     near = float(extent[2] / 2 + 0.5 * extent[:2].max())
     return Frame(tight.name, centre, tight.right, tight.up, tight.towards, metres_per_pixel, longest_px, height, foot,
                  near)  # fmt: skip
-
-
-def _region_normal(side: ComparedSurface, number: int) -> Floats:
-    """Return the sum of area-weighted normals (3,) of the faces that lie in a region with two corners or more."""
-    inside = (side.region == number)[side.surface.faces].sum(axis=1) >= 2
-    picked = Surface(side.surface.vertices, side.surface.faces[inside])
-    return face_normals(picked).sum(axis=0) if inside.any() else np.array([0.0, -1e-300, 0.0])
 
 
 def _none(pixels: Pixels) -> Ints:
