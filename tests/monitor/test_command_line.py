@@ -133,7 +133,7 @@ def test_verify_finds_a_changed_byte(made: Path, tmp_path: Path, capsys: pytest.
     [
         (["status", "{tmp}/nowhere"], "nowhere"),
         (["status", "{tmp}"], "not a project"),
-        (["add-object", "{project}", "../../etc"], "OBJECT"),
+        (["add-object", "{project}", "../../etc"], "for example 'etc'"),
         (["add-object", "{project}", "Große Vase"], "Grosse-Vase"),
         (["add-object", "{project}", "a/b"], "a-b"),
         (["add-object", "{project}", "relief"], "relief"),
