@@ -21,12 +21,18 @@ LOWEST_RATIO, HIGHEST_RATIO = 0.01, 30.0  # of the field's variance to that of a
 
 @dataclass(frozen=True)
 class CorrelationModel:
-    """Residuals with variance `noise2` per point, independent, and `field2` exp(-d / range [m]) in common."""
+    """Residuals with variance `noise2` per point, independent, and `field2` R(d / `range` [m]) in common."""
 
     probability: float
     noise2: float
     field2: float
     range: float
+
+
+def correlate(distances: Floats, reach: float) -> Floats:
+    """Return the correlation of Matern 3/2, (1 + a) exp(-a) with a = sqrt(3) d / reach: once differentiable."""
+    a = np.sqrt(3.0) * distances / reach
+    return np.asarray((1.0 + a) * np.exp(-a))
 
 
 def fit_correlation(means: Floats, rows: Floats, counts: Floats, distances: Floats, cell: float,
@@ -43,7 +49,7 @@ def fit_correlation(means: Floats, rows: Floats, counts: Floats, distances: Floa
 
     Notes
     -----
-    V = noise2 (diag(1/n) + ratio R), R = exp(-d / range); log L = -(log|V| + log|X'V^-1 X| + (p - 6) log r'V^-1 r) / 2
+    V = noise2 (diag(1/n) + ratio R), R of `correlate`; log L = -(log|V| + log|X'V^-1 X| + (p - 6) log r'V^-1 r) / 2
     with r the generalized least squares residual. Flat prior over the grid, in which "no field" has its place.
     """
     root = np.sqrt(counts)
@@ -52,7 +58,7 @@ def fit_correlation(means: Floats, rows: Floats, counts: Floats, distances: Floa
     ratios = np.concatenate([[0.0], np.geomspace(LOWEST_RATIO, HIGHEST_RATIO, N_RATIOS)]) / counts.mean()
     found = []
     for reach in np.geomspace(LOWEST_RANGE * cell, max(HIGHEST_RANGE * distances.max(), cell), N_RANGES):
-        values, vectors = np.linalg.eigh(np.exp(-distances / reach) * np.outer(root, root))
+        values, vectors = np.linalg.eigh(correlate(distances, reach) * np.outer(root, root))
         y_turned, X_turned = vectors.T @ y, vectors.T @ X
         for ratio in ratios:
             likelihood, noise2 = restricted_likelihood(y_turned, X_turned, 1.0 + ratio * np.maximum(values, 0.0), free)

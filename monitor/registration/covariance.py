@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.registration.correlation import fit_correlation
+from monitor.registration.correlation import correlate, fit_correlation
 from monitor.registration.matching import Matches
 from monitor.registration.patches import cut_patches
 from monitor.registration.sampling import motion_rows
@@ -112,7 +112,7 @@ def score_covariance(adjusted: Adjusted) -> Floats:
     fields: dict[float, Floats] = {}
     for model in fit_correlation(means, sums / count[:, None], count, distances, grid.cell):
         if model.range not in fields:
-            fields[model.range] = sums.T @ np.exp(-distances / model.range) @ sums
+            fields[model.range] = sums.T @ correlate(distances, model.range) @ sums
         total += model.probability * (model.noise2 * own + model.field2 * fields[model.range])
     return total
 

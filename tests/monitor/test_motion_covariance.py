@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from monitor.registration import motion_significance, propagate, register
-from monitor.registration.correlation import fit_correlation
+from monitor.registration.correlation import correlate, fit_correlation
 from monitor.registration.covariance import at_least
 from monitor.registration.sampling import motion_rows
 from projects.errors import ShapeError
@@ -99,7 +99,7 @@ def test_restricted_likelihood_finds_noise_and_field(field: float, reach: float)
         rng = np.random.default_rng(seed)
         places, counts = rng.uniform(size=(150, 2)), rng.integers(20, 60, 150).astype(float)
         distances = np.linalg.norm(places[:, None] - places[None], axis=2)
-        truth = np.diag(1.0 / counts) + field * np.exp(-distances / reach)
+        truth = np.diag(1.0 / counts) + field * correlate(distances, reach)
         rows = np.column_stack([np.ones(150), places, places**2, places[:, 0] * places[:, 1]])
         means = np.linalg.cholesky(truth) @ rng.normal(size=150)
         means -= rows @ np.linalg.lstsq(rows, means, rcond=None)[0]
