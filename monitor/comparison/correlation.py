@@ -90,11 +90,14 @@ def kept_variance(areas: Floats, n_vertices: Ints, correlation: Correlation) -> 
     A patch of `areas` (u,) [m2] with `n_vertices` (u,) counts as a disc: the mean correlation of two points of a disc,
     over the density of their distance (disc line picking), and 1 / n of what is independent between vertices.
     """
+    if not len(areas):
+        return np.zeros(0)
     radius = np.sqrt(np.maximum(areas, 1e-300) / np.pi)
+    table = np.geomspace(0.9 * radius.min(), 1.1 * radius.max(), 200)  # smooth in the radius
     nodes, weights = np.polynomial.legendre.leggauss(48)
     t = 0.5 * (nodes + 1.0)  # distance over diameter
-    density = 16.0 / np.pi * t * (np.arccos(t) - t * np.sqrt(1.0 - t * t)) * 0.5 * weights
-    rho = np.exp(-2.0 * radius[:, None, None] * t[None, :, None] / correlation.ranges) @ correlation.sills
-    between = rho @ (density / density.sum())
+    density = t * (np.arccos(t) - t * np.sqrt(1.0 - t * t)) * weights
+    rho = np.exp(-2.0 * table[:, None, None] * t[None, :, None] / correlation.ranges) @ correlation.sills
+    between = np.interp(radius, table, rho @ (density / density.sum()))
     n = np.maximum(n_vertices, 1)
     return 1.0 / n + (1.0 - 1.0 / n) * between

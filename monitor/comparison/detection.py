@@ -41,7 +41,7 @@ class Tested:
 
     `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
     largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
-    first; `n_tested` patches in all.
+    first; `n_tested` patches in all; `patches` [size][side] and `p_values` of them.
     """
 
     units: tuple[Units, Units]
@@ -51,6 +51,8 @@ class Tested:
     size: float
     errors: tuple[PatchErrors, ...]
     n_tested: int
+    patches: list[list[Patches]]
+    p_values: list[list[Floats]]
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def judge_units(sides: tuple[Side, Side], calm: Masks, noise: Noise, registratio
                                  for pair, values in zip(sizes, p_values, strict=True)])
               for k in range(2)] for sign in (1.0, -1.0)]  # fmt: skip
     return Tested((units[0], units[1]), (least[0][0], least[0][1]), (least[1][0], least[1][1]),
-                  benjamini_hochberg(tested, level), size, errors, len(tested))  # fmt: skip
+                  benjamini_hochberg(tested, level), size, errors, len(tested), sizes, p_values)  # fmt: skip
 
 
 def _standardize(patches: Patches) -> Floats:

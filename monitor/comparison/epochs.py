@@ -93,7 +93,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         require_near(reference, compared, limit)
     registration = register_epochs(reference, compared) if registration is None else registration
     if not registration.converged:
-        raise RegistrationError(f"the epochs could not be registered: {registration.reason}")
+        raise RegistrationError(
+            f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
+        )
     moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
     sides = measure_sides(reference, moved, registration, (limit, settings.max_normal_angle))
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),

@@ -1,9 +1,9 @@
 """Change regions: what hangs together over both surfaces becomes one region with its figures (design step 13).
 
 A region joins changed vertices of one sign that are neighbours on a surface or each other's foot. It must hold as a
-whole: its strongest patch is significant among all patches tested (Bonferroni), so the chance that an unchanged object
-shows any region is at most the level. Specks smaller than the area over which errors agree (one independent witness)
-are no regions. What is no region is not called changed.
+whole: it makes a patch that is significant among all patches tested (Bonferroni), so the chance that an unchanged
+object shows any region is at most the level. Specks smaller than the area over which errors agree (one independent
+witness) are no regions. What is no region is not called changed.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import norm
 
-from monitor.comparison.detection import Detected, Detection
-from monitor.comparison.region_figures import describe_region, sigma_of_mean, spread_margin
+from monitor.comparison.detection import Detected, Detection, Tested
+from monitor.comparison.region_figures import describe_region, spread_margin
 from monitor.comparison.side import Side
+from monitor.comparison.units import sum_groups
 from projects.model import REGION_COLUMNS, Ints, Registration
 
 
@@ -29,7 +29,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, registration: Regist
         own = np.bincount(part[part >= 0], side.areas[part >= 0], minlength=len(area))
         area = np.maximum(area, own)
     candidate = area >= least_area(sides, found)
-    kept = np.array([k for k in np.flatnonzero(candidate) if holds(k, sides, found, parts, registration, level)],
+    kept = np.array([k for k in np.flatnonzero(candidate) if holds(int(k), sides, found.test, parts, level)],
                     dtype=np.int64)  # fmt: skip
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
@@ -46,21 +46,22 @@ def find_regions(sides: tuple[Side, Side], found: Detected, registration: Regist
     return table, (rank[regions[0]], rank[regions[1]])
 
 
-def holds(number: np.intp, sides: tuple[Side, Side], found: Detected, parts: tuple[Ints, Ints],
-          registration: Registration, level: float) -> bool:  # fmt: skip
-    """Whether a part is significant as a whole, by its strongest patch and by its own mean on some side.
+def holds(number: int, sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints], level: float) -> bool:
+    """Whether a part makes up at least half of the change of a patch that is significant among all patches tested.
 
-    The patch alone would let noise beside a large change share its significance.
+    Noise beside a large change shares its patches, but does not make them.
     """
-    strongest, own = 1.0, 1.0
-    for k in range(2):
-        vertices = np.flatnonzero(parts[k] == number)
-        if len(vertices):
-            strongest = min(strongest, float(found.sides[k].p_value[vertices].min()))
-            mean = float(np.average(sides[k].distances[vertices], weights=sides[k].areas[vertices]))
-            own = min(own, 2.0 * float(norm.sf(abs(mean) / sigma_of_mean(sides[k], found, k, vertices, registration))))
-    n_units = sum(len(u.means) for u in found.test.units)
-    return strongest * found.test.n_tested <= level and own * n_units <= level
+    for k, side in enumerate(sides):
+        units = test.units[k]
+        vertices = np.flatnonzero((parts[k] == number) & (units.number >= 0))
+        change = side.areas[vertices] * side.distances[vertices]
+        here = sum_groups(units.number[vertices], change, len(units.means))
+        for patches, p_values in zip(test.patches, test.p_values, strict=True):
+            whole = patches[k].members @ (units.areas * units.means)
+            share = (patches[k].members @ here) / np.where(whole == 0.0, np.inf, whole)
+            if ((p_values[k] <= level / test.n_tested) & (share >= 0.5)).any():
+                return True
+    return False
 
 
 def least_area(sides: tuple[Side, Side], found: Detected) -> float:

@@ -77,7 +77,7 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     distances = np.where(reasons == NotAssessed.ASSESSED, sign * feet.distances, np.nan)
     motion = propagate(registration.covariance, registration.centre, surface.vertices, normals)
     is_stable = np.zeros(len(normals), dtype=np.bool_)
-    edges, areas = mesh_edges(surface), vertex_areas(surface)
+    edges, areas = mesh_edges(trees[0]), vertex_areas(surface)
     shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
     shared = np.where(np.isfinite(shared), shared, 0.0)
     return Side(
@@ -100,11 +100,10 @@ def vertex_areas(surface: Surface) -> Floats:
     return np.asarray(total, dtype=np.float64)
 
 
-def mesh_edges(surface: Surface) -> Ints:
+def mesh_edges(tree: MeshTree) -> Ints:
     """Return the edges (e, 2) of a surface, each once."""
-    pairs = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
-    key = np.unique(pairs.min(axis=1).astype(np.int64) * len(surface.vertices) + pairs.max(axis=1))
-    return np.column_stack(np.divmod(key, len(surface.vertices)))
+    face, side = np.nonzero(tree.neighbours < np.arange(len(tree.faces))[:, None])  # its one face, or the later of two
+    return np.column_stack([tree.faces[face, side], tree.faces[face, (side + 1) % 3]]).astype(np.int64)
 
 
 def cosine_to_foot(side: Side, vertices: Ints) -> Floats:

@@ -17,7 +17,7 @@ from projects.model import Registration, Surface
 
 def sphere(radius_at: object = None) -> Surface:
     """Return a sphere of 0.1 m, its vertices moved outwards by a function (n, 3) -> (n,) of their directions."""
-    mesh = trimesh.creation.icosphere(subdivisions=6)
+    mesh = trimesh.creation.icosphere(subdivisions=5)
     out = 0.0 if radius_at is None else radius_at(mesh.vertices)  # type: ignore[operator]
     return Surface(mesh.vertices * (0.1 + np.broadcast_to(out, len(mesh.vertices)))[:, None], mesh.faces)
 
@@ -53,7 +53,7 @@ def test_volume_between_curved_surfaces_is_that_of_the_bodies(rng: np.random.Gen
     assert region.volume_m3 == pytest.approx(truth, rel=0.02)
     assert region.extreme_m == pytest.approx(depth, rel=0.02)
     assert region.kind == ("added" if depth > 0 else "lost")
-    assert np.hypot(region.x, region.y) < 1e-3
+    assert np.hypot(region.x, region.y) < 2e-3  # of a body 0.1 m wide with vertices 2.4 mm apart
     assert region.z == pytest.approx(0.096, abs=5e-3)
     assert 0.0 < region.sigma_volume_m3 < 0.05 * abs(truth)
     assert 0.0 < region.sigma_area_m2 < 0.2 * region.area_m2
