@@ -41,7 +41,12 @@ def state_answer(
 ) -> Answer:
     """Return the answer of a comparison; `has_control`: control points tie both epochs to the same ground."""
     changed = _what_changed(comparison, regions, before, after)
-    sure = (_how_small(comparison, bool(regions)), _whole(comparison, has_control), _not_assessed(comparison))
+    sure = (
+        _how_small(comparison, bool(regions)),
+        *_beyond_tolerance(comparison),
+        _whole(comparison, has_control),
+        _not_assessed(comparison),
+    )
     return Answer(_headline(regions), changed, sure, _figures(comparison, regions))
 
 
@@ -92,6 +97,15 @@ def _how_small(comparison: Comparison, changed: bool) -> str:
     return f"The smallest change that would have been seen is {level} (95\u00a0%, median over the surface)."
 
 
+def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:
+    """Return how much of the surface lies beyond the client's own limit, where one was given."""
+    tolerance = comparison.statistics.get("tolerance_m")
+    if tolerance is None:
+        return ()
+    share = percent(comparison.statistics.get("share_beyond_tolerance", NAN))
+    return (f"{share} of the assessed surface differs by more than the tolerance of {millimetres(tolerance)}.",)
+
+
 def _whole(comparison: Comparison, has_control: bool) -> str:
     """Return whether the object moved as a whole, and what was done about it."""
     motion = describe_motion(comparison.registration)
@@ -134,8 +148,9 @@ def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> tuple[
     motion = describe_motion(comparison.registration)
     significance = statistics.get("motion_significance", NAN)
     sure = f"{motion.angle.text}; significance {print_significance(significance)}"
+    kinds = ", ".join(f"{n}\u00a0{kind}" for kind, n in Counter(r.kind for r in regions).items())
     return (
-        KeyFigure("Regions of change", str(len(regions)), "significant at 95\u00a0% over the whole surface"),
+        KeyFigure("Regions of change", str(len(regions)), kinds or "on all of the surface that could be assessed"),
         KeyFigure(
             "Smallest detectable change", millimetres(statistics.get("lod95_median_m", NAN)), "95\u00a0%, median"
         ),

@@ -5,6 +5,7 @@ In: a project and the ids of an object and two epochs, or the nouns themselves. 
 
 from __future__ import annotations
 
+import datetime
 import math
 
 import pandas as pd
@@ -87,7 +88,7 @@ def make_facts(
     return ReportFacts(
         title=record.name or record.object_id,
         subtitle=f"What changed between {earlier.caption} and {later.caption}",
-        made=made.created[:10] if made else "",
+        made=day(datetime.date.fromisoformat(made.created[:10])) if made and made.created else "",
         remarks=_remarks(made, before, after),
         before=earlier,
         after=later,

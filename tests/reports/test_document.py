@@ -1,0 +1,159 @@
+"""What the report says of comparisons whose figures are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from report_examples import (
+    DENT,
+    PATCH,
+    example_comparison,
+    example_epochs,
+    example_object,
+    example_registration,
+)
+
+from projects.errors import StoreError
+from projects.model import ControlPoint
+from projects.store import Project
+from reports.document import gather_facts, make_facts
+
+NAN = float("nan")
+
+
+def facts_of(comparison=None, record=None, epochs=None):
+    """Return the facts of the example, or of a changed one."""
+    comparison = example_comparison() if comparison is None else comparison
+    return make_facts(comparison, record or example_object(), *(epochs or example_epochs()))
+
+
+def plain(text):
+    """Return a text with ordinary spaces."""
+    return text.replace("\u00a0", " ").replace("\u202f", " ")
+
+
+def said(facts):
+    """Return the answer as one text."""
+    return plain(" ".join((facts.answer.headline, *facts.answer.changed, *facts.answer.sure)))
+
+
+def strings_in(value):
+    """Return every text of a tree of facts."""
+    if isinstance(value, str):
+        return [value]
+    if isinstance(value, tuple):
+        return [s for v in value for s in strings_in(v)]
+    if dataclasses.is_dataclass(value):
+        fields = [f.name for f in dataclasses.fields(value) if f.name != "comparison"]
+        return [s for name in fields for s in strings_in(getattr(value, name))]
+    return []
+
+
+def rows_of(facts, title):
+    """Return the rows of the table of a title, by their first column."""
+    table = next(t for t in (*facts.certainty, *facts.history) if t.title == title)
+    return {row[0]: [plain(cell) for cell in row[1:]] for row in table.rows}
+
+
+def test_two_regions_are_told_with_their_place_size_and_margins():
+    text = said(facts_of())
+    assert text.startswith("Two regions changed. Between 12 May 2025 and 18 May 2026 one region lost material (no. 1)")
+    assert "and one gained material (no. 2); together they cover 110 cm²." in text
+    assert "Region 1 (front, 70 cm above the base): 78 ± 4 cm², at its deepest −12.40 ± 0.29 mm, volume −31.0" in text
+    assert "Region 2 (right side, 30 cm above the base): 31.0 ± 2.0 cm², at its highest +3.1 ± 0.4 mm" in text
+    assert "smallest change that can be told from measurement error is 0.35 mm" in text
+    assert "4.7 % of the surface could not be assessed" in text
+
+
+def test_where_nothing_changed_the_smallest_change_that_would_have_been_seen_is_said():
+    text = said(facts_of(example_comparison(rows=())))
+    assert text.startswith("No change was found. Between 12 May 2025 and 18 May 2026 no part")
+    assert "The smallest change that would have been seen is 0.35 mm (95 %, median over the surface)." in text
+    assert "Region" not in text
+
+
+def test_the_motion_of_the_whole_is_the_inverse_of_the_registration():
+    text = said(facts_of())
+    assert "stands 3.20 ± 0.10 mm from where it stood" in text
+    assert "this is taken out of the differences. Without control points" in text
+    assert rows_of(facts_of(), "The motion, axis by axis")["x"][0] == "+3.20 ± 0.10"
+
+
+def test_control_in_both_epochs_and_the_absolute_mode_say_that_the_object_moved():
+    control = (ControlPoint("A", np.zeros(3)),)
+    epochs = [dataclasses.replace(e, record=dataclasses.replace(e.record, control=control)) for e in example_epochs()]
+    text = said(facts_of(example_comparison(mode="absolute"), epochs=epochs))
+    assert "this is contained in the differences." in text
+    assert "control" not in text
+
+
+def test_a_motion_within_its_margin_is_no_motion():
+    comparison = dataclasses.replace(
+        example_comparison(motion_is_significant=False, motion_significance=0.4), registration=example_registration(2e-5)
+    )  # fmt: skip
+    assert "The object as a whole did not measurably move (0.02 ± 0.10 mm" in said(facts_of(comparison))
+
+
+def test_a_tolerance_is_reported_where_one_was_given():
+    text = said(facts_of(example_comparison(tolerance_m=0.01, share_beyond_tolerance=0.0031)))
+    assert "0.31 % of the assessed surface differs by more than the tolerance of 10 mm." in text
+    assert "tolerance" not in said(facts_of())
+
+
+def test_unknown_figures_are_said_to_be_not_known():
+    broken = [DENT[:5] + (NAN, NAN, NAN) + DENT[8:], PATCH]
+    figures = dict.fromkeys(("lod95_median_m", "bias_m", "nmad_m", "share_above_lod95", "motion_significance"), NAN)
+    facts = facts_of(example_comparison(rows=broken, **figures))
+    assert facts.regions[0].extreme.text == "not known"
+    assert plain(facts.regions[0].volume.text) == "−31.0 ± not known cm³"
+    assert "is not known (95 %" in said(facts)
+    assert rows_of(facts, "What can be seen")["scatter there (robust sigma, NMAD)"] == ["not known"]
+    words = {word for text in strings_in(facts) for word in text.replace("\u00a0", " ").split()}
+    assert not words & {"nan", "NaN", "None", "inf"}
+
+
+def test_what_could_not_be_assessed_is_counted_by_its_reason():
+    rows = rows_of(facts_of(), "What could be assessed")
+    assert rows["Not assessable: the other epoch has no surface there that faces the same way"] == ["180", "2.7 %"]
+    assert rows["Not assessable: it lies beyond the edge of what the other epoch recorded"] == ["180", "2.7 %"]
+    assert sum(int(n.replace(" ", "")) for n, _ in rows.values()) == 6750
+
+
+def test_the_points_of_all_scans_are_summed_by_reason():
+    rows = rows_of(facts_of(), "From the scanner to the surface")
+    assert rows["dropped on reading: no return"] == ["4 321", "4 321"]
+    assert rows["outliers"] == ["1 000", "1 400"]
+    assert rows["left after filtering each scan"] == ["136 000", "136 000"]
+    assert rows["left after merging"] == ["126 988", "126 988"]
+
+
+def test_settings_that_are_found_from_the_data_are_auto_and_every_input_has_its_hash():
+    facts = facts_of()
+    filtering = next(s for s in facts.record if s.title == "Filtering each scan")
+    assert ("filter.n", "auto") in filtering.settings
+    assert ("noise_after", "not known", "not known") in filtering.found[0].rows
+    assert [row[-1] for row in facts.inputs.rows] == [f"{k:064x}" for k in (0, 1, 0, 1)]
+
+
+def test_a_surface_made_again_after_the_comparison_is_pointed_out():
+    before, after = example_epochs()
+    newer = [dataclasses.replace(s, step_id="x" * 16) if s.product == "surface" else s for s in after.steps]
+    facts = facts_of(epochs=(before, dataclasses.replace(after, steps=tuple(newer))))
+    assert facts.remarks == ("Epoch e2 was processed again after this comparison; run “monitor compare” anew.",)
+    assert facts_of().remarks == ()
+
+
+def test_facts_are_gathered_from_a_project(tmp_path):
+    project = Project.create(tmp_path / "p", name="Tor")
+    record, (before, after) = example_object(), example_epochs()
+    project.add_object(record)
+    comparison = example_comparison()
+    for epoch, side in ((before, comparison.on_reference), (after, comparison.on_compared)):
+        project.add_epoch(dataclasses.replace(epoch.record, is_mesh=True, sources=()), mesh=side.surface)
+    with pytest.raises(StoreError, match="not compared yet; run: monitor compare"):
+        gather_facts(project, "column", "e1", "e2")
+    step = dataclasses.replace(after.step("comparison-e1"), step_id="c" * 16)
+    project.put("column", "e2", step, comparison)
+    facts = gather_facts(project, "column", "e1", "e2")
+    assert facts.answer == facts_of().answer
+    assert ("Project", "Tor") in facts.object_rows

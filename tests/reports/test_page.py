@@ -1,0 +1,120 @@
+"""The page: complete, in order, safe against what people type, and whole in a browser without a network."""
+
+import base64
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+from report_examples import DENT, example_comparison, example_epochs, example_object
+
+from projects.errors import ParameterError
+from reports import html
+from reports.document import make_facts
+from reports.html import Embedded, EmbeddedView, Pictures, fill_page, fit_scale, write_report, write_whole
+
+CHROMIUM = Path("/usr/bin/chromium")
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+         "--ignore-gpu-blocklist"]  # fmt: skip
+DOT = Embedded("data:image/svg+xml;base64," + base64.b64encode(b"<svg xmlns='http://www.w3.org/2000/svg'/>").decode(),
+               0, 0, "a dot")  # fmt: skip
+
+
+def facts_of(comparison=None, **texts):
+    """Return the facts of the example with other texts of its object."""
+    comparison = example_comparison() if comparison is None else comparison
+    return make_facts(comparison, example_object(**texts), *example_epochs())
+
+
+def page_of(facts):
+    """Return the page with dots for pictures."""
+    regions = {r.number: (DOT, DOT) for r in facts.regions}
+    return fill_page(facts, Pictures((EmbeddedView("Front", DOT, DOT, DOT, 40.0, 30.0),), DOT, DOT, regions))
+
+
+def test_the_sections_stand_in_order_with_the_answer_first():
+    sections = re.findall(r'<section id="(\w+)"', page_of(facts_of()))
+    assert sections == ["answer", "difference", "views", "regions", "distribution", "certainty", "object", "record"]
+
+
+def test_hostile_texts_are_shown_and_never_run():
+    hostile = "<script>alert(1)</script> \"Häßlich\" & 'quoted' {{ 7*7 }} </style>"
+    facts = facts_of(name=hostile, place=hostile, description="<img src=x onerror=alert(1)>")
+    facts = dataclasses.replace(facts, after=dataclasses.replace(facts.after, label=hostile))
+    page = page_of(facts)
+    assert "<script" not in page.lower()
+    assert "<img src=x" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt; &#34;Häßlich&#34; &amp; &#39;quoted&#39; {{ 7*7 }}" in page
+    assert page.count("</style>") == 1
+
+
+def test_the_page_asks_nobody_for_anything():
+    page = page_of(facts_of())
+    addresses = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?([^"')\s>]*)""", page)
+    assert addresses
+    assert all(a.startswith("data:") for a in addresses)
+    assert "default-src 'none'" in page
+
+
+def test_the_table_of_regions_holds_every_region_and_none_where_nothing_changed():
+    assert page_of(facts_of()).count('<td class="value">') == 8
+    empty = page_of(facts_of(example_comparison(rows=())))
+    assert '<td class="value">' not in empty
+    assert "No region of the surface changed significantly." in empty
+
+
+def test_what_is_not_known_is_printed_as_such():
+    unknown = (*DENT[:6], float("nan"), float("nan"), *DENT[8:])
+    page = page_of(facts_of(example_comparison(rows=[unknown], nmad_m=float("nan"))))
+    text = re.sub(r"<[^>]*>|data:[^\"]*", " ", page)
+    assert "not known" in text
+    assert not re.search(r"\b(nan|NaN|None|inf)\b", text)
+
+
+@pytest.mark.parametrize("sizes", [[(300, 800)] * 4, [(800, 700)] * 6, [(1600, 200)] * 2, [(50, 900)]])
+def test_pictures_of_one_scale_fill_rows_without_growing_too_tall(sizes):
+    scale = fit_scale(sizes, len(sizes))
+    assert scale * max(w for w, _ in sizes) <= html.ROW + 1e-9
+    assert scale * max(h for _, h in sizes) <= html.TALLEST + 1e-9
+    assert scale * max(max(size) for size in sizes) >= 25.0
+
+
+def test_a_report_that_cannot_be_written_leaves_what_was_there(tmp_path):
+    present = tmp_path / "report.html"
+    write_whole(present, "before")
+    with pytest.raises(ParameterError, match="the report cannot be written"):
+        write_whole(present / "below", "after")
+    write_whole(present, "ä \ud800")  # half a surrogate, as a broken file name may hold
+    assert present.read_text(encoding="utf-8") == "ä ?"
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+@pytest.mark.page
+def test_a_browser_without_network_shows_every_picture(tmp_path, monkeypatch):
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if not CHROMIUM.exists():
+        pytest.skip(f"no browser at {CHROMIUM}")
+    monkeypatch.setattr(html, "VIEW_PX", 120)
+    path = tmp_path / "report.html"
+    facts = facts_of()
+    write_report(path, facts)
+    asked, complaints = [], []
+    with playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        page = browser.new_context(offline=True, viewport={"width": 1280, "height": 900}).new_page()
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("console", lambda message: complaints.append(message.text))
+        page.goto(path.as_uri())
+        images = page.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth, i.alt.length])")
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        text = page.inner_text("#answer")
+        browser.close()
+    n_views = len(re.findall('class="strip"', path.read_text(encoding="utf-8")))
+    assert len(images) == 4 * n_views + 2 + 2 * len(facts.regions)
+    assert n_views >= 4
+    assert all(complete and width > 0 and alt > 0 for complete, width, alt in images)
+    assert [url for url in asked if not url.startswith("data:")] == [path.as_uri()]
+    assert not complaints
+    assert wide <= 1280
+    assert "Two regions changed." in text
+    assert path.stat().st_size < 8e6

@@ -1,0 +1,55 @@
+"""Numbers as they are printed: rounded by their margin, never a NaN, never a minus before zero."""
+
+import datetime
+
+import pytest
+
+from reports.quantities import count, day, estimate, height, in_words, listed, millimetres, percent
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (-0.0124, 0.00015, "−12.40 ± 0.29 mm"),  # a margin that begins with 1 or 2 keeps two digits
+        (-0.0124, 0.00025, "−12.4 ± 0.5 mm"),
+        (0.00321, 0.0, "+3.21 mm"),
+        (1.2345, 0.02, "+1\u202f230 ± 40 mm"),
+        (0.0, 0.0001, "0.00 ± 0.20 mm"),
+        (-1e-9, 0.0001, "0.00 ± 0.20 mm"),
+        (NAN, 0.0001, "not known"),
+        (0.003, NAN, "+3.00 ± not known mm"),
+    ],
+)
+def test_an_estimate_is_rounded_by_its_margin_of_95_percent(value, sigma, text):
+    assert estimate(value, sigma, 1e3, "mm", signed=True).text.replace("\u00a0", " ") == text
+
+
+def test_a_degree_sign_stands_at_the_value_and_at_the_margin():
+    assert estimate(0.107, 0.02, 1.0, "°").text.replace("\u00a0", " ") == "0.11° ± 0.04°"
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.0, "0 %"), (1.0, "100 %"), (0.1289, "13 %"), (0.0468, "4.7 %"), (0.0031, "0.31 %"), (0.996, "99.60 %"),
+     (1e-6, "less than 0.01 %"), (1 - 1e-6, "more than 99.99 %"), (NAN, "not known")],
+)  # fmt: skip
+def test_a_share_has_more_digits_the_nearer_it_is_to_none_or_all(share, text):
+    assert percent(share).replace("\u00a0", " ") == text
+
+
+def test_lengths_are_said_in_the_unit_that_one_would_say():
+    said = [height(v).replace("\u00a0", " ") for v in (0.0123, 0.0994, 0.0996, 0.7, 0.994, 0.996, 1.234, NAN)]
+    assert said == ["12 mm", "99 mm", "10 cm", "70 cm", "99 cm", "1.00 m", "1.23 m", "not known"]
+    assert millimetres(0.000353).replace("\u00a0", " ") == "0.35 mm"
+    assert millimetres(NAN) == "not known"
+
+
+def test_words_do_not_depend_on_the_language_of_the_machine():
+    assert day(datetime.date(2025, 3, 1)).replace("\u00a0", " ") == "1 March 2025"
+    assert [in_words(n) for n in (0, 2, 12, 13)] == ["no", "two", "twelve", "13"]
+    assert listed(["1"]) == "1"
+    assert listed(["1", "2", "3"]) == "1, 2 and 3"
+    assert count(1234567) == "1\u202f234\u202f567"
+    assert count(None) == "not known"
