@@ -163,12 +163,17 @@ def _cross(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float
     return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
 
 
-def annotate(picture: RGB, frame: Frame, labels: list[Label]) -> RGB:
-    """Return the picture with its scale bar and its labels."""
+def annotate(picture: RGB, frame: Frame, labels: list[Label], section: Floats | None = None) -> RGB:
+    """Return the picture with its scale bar, its labels, and marks A and B where a section is cut.
+
+    `section` (2, 2, 2): for either end of the section a line from outside in, pixels x and y.
+    """
     size = (picture.shape[1] * FINER, picture.shape[0] * FINER)
     sheet = Image.new("RGBA", size, (255, 255, 255, 0))
     pen = ImageDraw.Draw(sheet)
     _draw_bar(pen, frame)
+    if section is not None:
+        _draw_section(pen, section, frame)
     for label in labels:
         _draw_leader(pen, label, frame)
     for label in labels:
@@ -178,10 +183,13 @@ def annotate(picture: RGB, frame: Frame, labels: list[Label]) -> RGB:
 
 def _lay_over(picture: RGB, sheet: RGB) -> RGB:
     """Return the picture under a finer sheet (red, green, blue, opacity), averaged down by opacity."""
-    blocks = sheet.reshape(picture.shape[0], FINER, picture.shape[1], FINER, 4).astype(np.float32)
-    opacity = blocks[..., 3:] / 255.0
-    ink = (blocks[..., :3] * opacity).mean(axis=(1, 3))
-    return np.rint(picture * (1.0 - opacity.mean(axis=(1, 3))) + ink).astype(np.uint8)
+    opacity = np.zeros((*picture.shape[:2], 1), dtype=np.float32)
+    ink = np.zeros(picture.shape, dtype=np.float32)
+    for part in (sheet[i::FINER, j::FINER] for i in range(FINER) for j in range(FINER)):
+        share = part[..., 3:] * np.float32(1 / 255 / FINER**2)
+        opacity += share
+        ink += part[..., :3] * share
+    return np.rint(picture * (1.0 - opacity) + ink).astype(np.uint8)
 
 
 @functools.cache
@@ -204,10 +212,27 @@ def _draw_bar(pen: ImageDraw.ImageDraw, frame: Frame) -> None:
     pen.text((right + gap, (top + bottom) / 2), say_length(bar_length(frame)), fill=INK, font=font, anchor="lm")
 
 
+def _draw_section(pen: ImageDraw.ImageDraw, section: Floats, frame: Frame) -> None:
+    """Draw where a section is cut: a line up to the region from either side, with a letter at its outer end."""
+    size = text_height(frame)
+    font, thin = load_font(round(FINER * size)), 0.075 * size * FINER
+    for letter, line in zip("AB", section, strict=True):
+        outer, inner = line
+        length = max(float(np.hypot(*(inner - outer))), 1e-9)
+        place = outer + (outer - inner) / length * 0.8 * size
+        place = np.clip(place, 0.8 * size, [frame.width - 0.8 * size, frame.height - frame.foot - 0.8 * size])
+        start = place + (inner - place) / max(float(np.hypot(*(inner - place))), 1e-9) * 0.85 * size
+        ends = [tuple(FINER * start), tuple(FINER * inner)]
+        pen.line(ends, fill=(255, 255, 255, 210), width=round(3 * thin))
+        pen.line(ends, fill=INK, width=max(2, round(thin)))
+        pen.text(tuple(FINER * place), letter, fill=INK, font=font, anchor="mm",
+                 stroke_width=round(0.12 * FINER * size), stroke_fill=(255, 255, 255, 220))  # fmt: skip
+
+
 def _draw_leader(pen: ImageDraw.ImageDraw, label: Label, frame: Frame) -> None:
     """Draw the line from a label to its place, with a dot there, on a pale edge that parts it from any ground."""
     ends = [(FINER * x, FINER * y) for x, y in (label.anchor, label.centre)]
-    thin, dot = 0.065 * text_height(frame) * FINER, 0.15 * text_height(frame) * FINER
+    thin, dot = 0.065 * text_height(frame) * FINER, 0.12 * text_height(frame) * FINER
     x, y = ends[0]
     pen.line(ends, fill=(255, 255, 255, 200), width=round(3 * thin))
     pen.ellipse((x - dot - thin, y - dot - thin, x + dot + thin, y + dot + thin), fill=(255, 255, 255, 230))

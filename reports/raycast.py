@@ -11,16 +11,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from projects.model import Bools, Floats, Ints, Surface
 from projects.open3d_library import load_open3d
 from reports.cameras import Frame, face_normals
-
-SUBPIXELS = 2
-SKY_RAYS = 16
-LIGHT_RAYS = 4
-KEY_LIGHT = np.array([-0.50, 0.62, 0.60]) / np.linalg.norm([-0.50, 0.62, 0.60])  # right, up, towards the viewer
+from reports.lighting import SUBPIXELS, cast_light
 
 
 @dataclass(frozen=True)
@@ -85,37 +80,39 @@ def build_scene(surface: Surface) -> Scene:
 
 def cast_view(scene: Scene, frame: Frame) -> Pixels:
     """Return what each sub-pixel of the view sees and how it is lit."""
-    rows, columns = frame.height * SUBPIXELS, frame.width * SUBPIXELS
-    origins, start = _ray_origins(scene, frame, rows, columns)
-    rays = np.concatenate([origins, np.broadcast_to(-frame.towards, origins.shape)], axis=-1).astype(np.float32)
+    rays, start = _primary_rays(scene, frame)
     answer = scene.rays.cast_rays(rays)
     distance = answer["t_hit"].numpy()
     hit = np.isfinite(distance)
-    hit[rows - frame.foot * SUBPIXELS :] = False  # kept for the scale bar
-    face = np.where(hit, answer["primitive_ids"].numpy(), 0).astype(np.int64)
+    hit[len(hit) - frame.foot * SUBPIXELS :] = False  # kept for the scale bar
+    face = np.where(hit, answer["primitive_ids"].numpy(), 0).astype(np.int32)
     u, v = np.moveaxis(answer["primitive_uvs"].numpy(), -1, 0)
     weights = np.stack([1 - u - v, u, v], axis=-1)
     corners = scene.faces[face]
     vertex = np.take_along_axis(corners, weights.argmax(axis=-1)[..., None], axis=-1)[..., 0]
-    axes = np.stack([frame.right, frame.up, frame.towards]).astype(np.float32)
+    axes = frame.axes.astype(np.float32)
     inside = hit & (answer["primitive_normals"].numpy() @ axes[2] < 0)
     normal = np.einsum("rck,rckj->rcj", weights, scene.normals[corners]) @ axes.T
     normal = _turn_to_viewer(normal, inside)
     depth = np.where(hit, start - distance, np.nan).astype(np.float32)
-    sky, light = _light(scene, frame, axes, (hit, normal, depth))
+    sky, light = cast_light(scene, frame, hit, normal, depth)
     invented = np.zeros_like(hit) if scene.invented is None else hit & scene.invented[face]
     return Pixels(hit, vertex, corners, weights, normal, inside, depth, sky, light, invented)
 
 
-def _ray_origins(scene: Scene, frame: Frame, rows: int, columns: int) -> tuple[Floats, float]:
-    """Return ray origins (rows, columns, 3) about the scene's middle, and their height above the frame's centre."""
+def _primary_rays(scene: Scene, frame: Frame) -> tuple[NDArray[np.float32], float]:
+    """Return rays (rows, columns, 6) about the scene's middle, and their start's height above the frame's centre."""
+    rows, columns = frame.height * SUBPIXELS, frame.width * SUBPIXELS
     step = frame.metres_per_pixel / SUBPIXELS
     x = (np.arange(columns) + 0.5 - columns / 2) * step
     y = (rows / 2 - np.arange(rows) - 0.5) * step
     start = float((scene.middle - frame.centre) @ frame.towards + 2 * scene.size)
     start = min(start, frame.near)
     plane = frame.centre - scene.middle + start * frame.towards
-    return plane + x[None, :, None] * frame.right + y[:, None, None] * frame.up, start
+    rays = np.empty((rows, columns, 6), dtype=np.float32)
+    rays[..., :3] = (plane + x[:, None] * frame.right)[None] + (y[:, None] * frame.up)[:, None]
+    rays[..., 3:] = -frame.towards
+    return rays, start
 
 
 def _turn_to_viewer(normal: NDArray[np.float32], inside: Bools) -> NDArray[np.float32]:
@@ -123,75 +120,3 @@ def _turn_to_viewer(normal: NDArray[np.float32], inside: Bools) -> NDArray[np.fl
     normal = np.where(inside[..., None], -normal, normal)
     normal[..., 2] = np.maximum(normal[..., 2], 0.02)
     return normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-
-
-def _light(scene: Scene, frame: Frame, axes: Floats, seen: tuple[Bools, Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return the share of the sky and of the key light at each sub-pixel, cast once a pixel and smoothed."""
-    every = (slice(SUBPIXELS // 2, None, SUBPIXELS),) * 2
-    hit, normal, depth = seen[0][every], seen[1][every], seen[2][every]
-    rows, columns = np.nonzero(hit)
-    n, height = normal[hit], depth[hit]
-    x = (columns + 0.5 + 0.5 / SUBPIXELS - frame.width / 2) * frame.metres_per_pixel
-    y = (frame.height / 2 - rows - 0.5 - 0.5 / SUBPIXELS) * frame.metres_per_pixel
-    place = frame.centre - scene.middle + np.stack([x, y, height], axis=-1) @ axes
-    start = place + scene.lift * (2.0 * n + [0, 0, 1]) @ axes
-    pattern = (rows % 4) * 4 + columns % 4
-    reach = 0.25 * frame.metres_per_pixel * max(frame.width, frame.height)
-    fields = []
-    for aim, lengths in ((_sky_rays(n, pattern), reach * _reaches(SKY_RAYS)), (_key_rays(pattern), None)):
-        open_share = np.zeros(len(start), dtype=np.float32)
-        for k in range(aim.shape[1]):
-            rays = np.concatenate([start, aim[:, k] @ axes], axis=1).astype(np.float32)
-            far = float("inf") if lengths is None else float(lengths[k])
-            open_share += ~scene.rays.test_occlusions(rays, 0.0, far).numpy()
-        image = np.zeros(hit.shape, dtype=np.float32)
-        image[hit] = open_share / aim.shape[1]
-        fields.append(_spread(image, hit, np.where(hit, depth, 0), reach / 25))
-    return fields[0], fields[1]
-
-
-def _reaches(n: int) -> Floats:
-    """Return how far each sky ray looks for obstacles, as fractions: many near, few far, so hollows darken gently."""
-    order = (np.arange(n) * 7) % n  # spread over the directions, which run through the hemisphere in order
-    return 0.03 + 0.97 * ((order + 0.5) / n) ** 2
-
-
-def _sky_rays(normal: Floats, pattern: Ints) -> NDArray[np.float32]:
-    """Return cosine-distributed directions (n, SKY_RAYS, 3) about each normal, turned by the pixel's place in 4 x 4."""
-    k = np.arange(SKY_RAYS)
-    radius = np.sqrt((k + 0.5) / SKY_RAYS)
-    angle = k * np.pi * (3 - np.sqrt(5)) + pattern[:, None] * (2 * np.pi / 16 * 5)
-    side = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]]))
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    other = np.cross(normal, side)
-    ahead = np.sqrt(1 - radius**2)
-    return ((radius * np.cos(angle))[..., None] * side[:, None] + (radius * np.sin(angle))[..., None] * other[:, None]
-            + ahead[:, None] * normal[:, None]).astype(np.float32)  # fmt: skip
-
-
-def _key_rays(pattern: Ints) -> NDArray[np.float32]:
-    """Return directions (n, LIGHT_RAYS, 3) to a key light about 15 degrees wide, so that shadows have soft edges."""
-    k = np.arange(LIGHT_RAYS)
-    radius = 0.14 * np.sqrt((k + 0.5) / LIGHT_RAYS)
-    angle = k * np.pi * (3 - np.sqrt(5)) + pattern[:, None] * (2 * np.pi / 16 * 5)
-    side = np.cross(KEY_LIGHT, [0.0, 0.0, 1.0])
-    side /= np.linalg.norm(side)
-    spread = np.cos(angle)[..., None] * side + np.sin(angle)[..., None] * np.cross(KEY_LIGHT, side)
-    return (KEY_LIGHT + radius[None, :, None] * spread).astype(np.float32)
-
-
-def _spread(image: Floats, hit: Bools, depth: Floats, tolerance: float) -> NDArray[np.float32]:
-    """Return the field averaged over 4 x 4 pixels of like depth (this removes the pattern), at sub-pixel size."""
-    total, weight = np.zeros_like(image), np.zeros_like(image)
-    padded = [np.pad(a, 2, mode="edge") for a in (image, hit.astype(np.float32), depth)]
-    rows, columns = image.shape
-    for dy in range(4):
-        for dx in range(4):
-            value, there, far = (a[dy : dy + rows, dx : dx + columns] for a in padded)
-            like = there * (np.abs(far - depth) < tolerance)
-            total += like * value
-            weight += like
-    smooth = np.where(weight > 0, total / np.maximum(weight, 1), 0).astype(np.float32)
-    index = ndimage.distance_transform_edt(~hit, return_distances=False, return_indices=True) if not hit.all() else None
-    filled = smooth if index is None else smooth[tuple(index)]
-    return np.repeat(np.repeat(filled, SUBPIXELS, axis=0), SUBPIXELS, axis=1)

@@ -65,6 +65,14 @@ def region_normal(side: ComparedSurface, number: int) -> Floats:
     return face_normals(Surface(side.surface.vertices, side.surface.faces[inside])).sum(axis=0)
 
 
+def region_areas(side: ComparedSurface) -> Floats:
+    """Return the area [m2] of each region on one side by its number (highest number + 1,); 0 outside of regions."""
+    third = np.linalg.norm(face_normals(side.surface), axis=1) / 6
+    areas: Floats = np.bincount(side.region[side.surface.faces].ravel(), np.repeat(third, 3), minlength=1).astype(float)
+    areas[0] = 0.0
+    return areas
+
+
 def main_side(comparison: Comparison, number: int) -> ComparedSurface:
     """Return the side that shows more of a region: the compared epoch, or the reference where a piece is gone.
 

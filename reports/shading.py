@@ -18,7 +18,8 @@ from reports.colours import (
     UNCHANGED,
     change_ramp,
 )
-from reports.raycast import KEY_LIGHT, SUBPIXELS, Pixels
+from reports.lighting import KEY_LIGHT, SUBPIXELS
+from reports.raycast import Pixels
 
 FILL_LIGHT = np.array([0.72, -0.05, 0.69])
 HATCH_PERIOD = 9.0  # pixels of the picture

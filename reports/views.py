@@ -8,24 +8,27 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
-from projects.model import Bools, ComparedSurface, Comparison, Ints, Surface
+from projects.model import ComparedSurface, Comparison, Floats, Ints, Surface
 from reports.annotations import annotate, place_labels, seen_regions
-from reports.cameras import Frame, View, choose_views, face_normals, frame_view, frame_views
+from reports.cameras import Frame, View, choose_views, face_normals, frame_view, frame_views, project_points
 from reports.colours import RGB, choose_limit
-from reports.raycast import SUBPIXELS, Pixels, Scene, build_scene, cast_view
-from reports.sections import main_side, region_normal
+from reports.lighting import SUBPIXELS
+from reports.raycast import Pixels, Scene, build_scene, cast_view
+from reports.sections import SectionPlane, choose_plane, main_side, region_areas, region_normal
 from reports.shading import add_ghost, draw_change, draw_stone, map_regions, outline, paint_change
 
 __all__ = ["Frame", "Picture", "View", "ViewPictures", "choose_views", "draw_close_up", "draw_comparison",
            "draw_difference", "draw_surface", "frame_views"]  # fmt: skip
 
 QUALITY = 90  # of JPEG, colours at full resolution: no ringing seen about lines and hatches
+LEAST_SHARE = 0.05  # of a region's area, that a picture must show to be said to show the region
 FIELD = 2.4  # a close-up shows this many times the region's extent
 
 
@@ -77,10 +80,10 @@ def draw_surface(
     """
     frame = frame or frame_views([view], [surface], longest_px=height_px)[0]
     pixels = cast_view(build_scene(surface), frame)
-    numbers = np.zeros(pixels.hit.shape, dtype=np.int32)
-    if regions is not None:
-        numbers = np.where(pixels.hit & ~pixels.inside, regions[pixels.vertex], 0)
-    return _finish(draw_stone(pixels), frame, _thin_out(numbers), _thin_out(pixels.hit), f"The surface, {_side(view)}")
+    of_vertex = np.zeros(len(surface.vertices), dtype=np.int32) if regions is None else regions
+    numbers = _thin_out(np.where(pixels.hit & ~pixels.inside, of_vertex[pixels.vertex], 0))
+    labels = place_labels(numbers, _thin_out(pixels.hit), frame)
+    return _finish(annotate(draw_stone(pixels), frame, labels), frame, numbers, f"The surface, {_side(view.name)}")
 
 
 def draw_difference(
@@ -127,7 +130,10 @@ def draw_comparison(
     limit = limit_m if limit_m is not None else choose_limit(comparison)
     frames = frame_views(views, [before.surface, after.surface], longest_px=height_px)
     scenes = build_scene(before.surface), build_scene(after.surface)
-    return [_draw_view(comparison, view, frame, scenes, limit) for view, frame in zip(views, frames, strict=True)]
+    with ThreadPoolExecutor(max_workers=2) as pool:  # the views do not depend on each other
+        return list(
+            pool.map(lambda at: _draw_view(comparison, at[0], at[1], scenes, limit), zip(views, frames, strict=True))
+        )
 
 
 def _draw_view(
@@ -135,8 +141,9 @@ def _draw_view(
 ) -> ViewPictures:
     """Return the three pictures of a view; each surface is looked at once."""
     earlier, later = (cast_view(scene, frame) for scene in scenes)
+    none = np.zeros((1, 1), dtype=np.int32)
     stones = [
-        _finish(draw_stone(seen), frame, _none(seen), _thin_out(seen.hit), f"The {epoch} epoch, {_side(view)}")
+        _finish(annotate(draw_stone(seen), frame, []), frame, none, f"The {epoch} epoch, {_side(view.name)}")
         for epoch, seen in (("reference", earlier), ("compared", later))
     ]
     difference = _difference(
@@ -151,7 +158,6 @@ def _difference(
     frame: Frame,
     limit: float,
     label: bool,
-    outlined: int = 0,
 ) -> Picture:
     """Return the picture of change on one side, with what only the other side has as a ghost."""
     surface, seen = side
@@ -161,13 +167,27 @@ def _difference(
         picture = add_ghost(picture, seen, other[1], paint_change(other[1], other[0], limit))
         numbers = np.where(hit, numbers, map_regions(other[1], other[0]))
         hit = hit | other[1].hit
-    if outlined:
-        picture = outline(picture, numbers == outlined)
-    view = View(frame.name, frame.towards, frame.up)
-    shown = seen_regions(_thin_out(numbers))
-    what = f"regions {', '.join(map(str, shown))} are seen" if shown else "no change region is seen"
-    alt = f"Change as colours, {_side(view)}: {what}"
-    return _finish(picture, frame, _thin_out(numbers), _thin_out(hit), alt, label=label)
+    numbers = _drop_slivers(_thin_out(numbers), side[0], other[0] if other else None, frame)
+    labels = place_labels(numbers, _thin_out(hit), frame) if label else []
+    return _finish(annotate(picture, frame, labels), frame, numbers, _say_change(frame, numbers))
+
+
+def _drop_slivers(numbers: Ints, side: ComparedSurface, other: ComparedSurface | None, frame: Frame) -> Ints:
+    """Return the region of each pixel without the regions of which less than a twentieth of the area can be seen."""
+    areas = region_areas(side)
+    if other is not None:
+        own = region_areas(other)
+        areas = np.maximum(np.resize(areas, n := max(len(areas), len(own))) * (np.arange(n) < len(areas)),
+                           np.resize(own, n) * (np.arange(n) < len(own)))  # fmt: skip
+    seen = np.bincount(numbers.ravel(), minlength=len(areas)) * frame.metres_per_pixel**2
+    return np.where(seen[numbers] >= LEAST_SHARE * areas[numbers], numbers, 0)
+
+
+def _say_change(frame: Frame, numbers: Ints) -> str:
+    """Return in words what a difference picture shows."""
+    shown = seen_regions(numbers)
+    what = f"regions seen: {', '.join(map(str, shown))}" if shown else "no change region is seen"
+    return f"Change as colours, {_side(frame.name)}; {what}"
 
 
 def draw_close_up(
@@ -187,7 +207,18 @@ def draw_close_up(
     side = main_side(comparison, region_number)
     frame = frame_region(side, region_number, height_px)
     seen = cast_view(build_scene(side.surface), frame)
-    return _difference((side, seen), None, frame, limit, label=False, outlined=region_number)
+    numbers = map_regions(seen, side)
+    picture = outline(draw_change(seen, paint_change(seen, side, limit)), numbers == region_number)
+    marks = section_marks(choose_plane(comparison, region_number), frame)
+    drawn = annotate(picture, frame, [], marks)
+    return _finish(drawn, frame, _thin_out(numbers), f"Change as colours, close up on region {region_number}")
+
+
+def section_marks(plane: SectionPlane, frame: Frame) -> Floats:
+    """Return where the section enters and leaves a close-up: lines from outside in (2, 2, 2), pixels x and y."""
+    middle = (plane.low + plane.high) / 2
+    ends = np.array([[middle - plane.reach, plane.low], [middle + plane.reach, plane.high]])
+    return project_points(frame, plane.origin + ends[..., None] * plane.along)[..., :2]
 
 
 def frame_region(side: ComparedSurface, number: int, longest_px: int) -> Frame:
@@ -209,23 +240,17 @@ def frame_region(side: ComparedSurface, number: int, longest_px: int) -> Frame:
                  near)  # fmt: skip
 
 
-def _none(pixels: Pixels) -> Ints:
-    return np.zeros((pixels.hit.shape[0] // SUBPIXELS, pixels.hit.shape[1] // SUBPIXELS), dtype=np.int32)
-
-
 def _thin_out(fine: Any) -> Any:
     """Return one sub-pixel of each pixel of a map."""
     return fine[::SUBPIXELS, ::SUBPIXELS]
 
 
-def _side(view: View) -> str:
-    return f"seen from {view.name}" if view.name in ("below",) else f"{view.name} view"
+def _side(name: str) -> str:
+    return "seen from below" if name == "below" else f"{name} view"
 
 
-def _finish(picture: RGB, frame: Frame, numbers: Ints, shown: Bools, alt: str, *, label: bool = True) -> Picture:
-    """Return the picture with scale bar and labels as JPEG."""
-    labels = place_labels(numbers, shown, frame) if label else []
-    drawn = annotate(picture, frame, labels)
+def _finish(drawn: RGB, frame: Frame, numbers: Ints, alt: str) -> Picture:
+    """Return the drawn picture as JPEG."""
     stream = io.BytesIO()
     Image.fromarray(drawn).save(stream, "JPEG", quality=QUALITY, subsampling=0, optimize=True)
     height, width = drawn.shape[:2]
