@@ -1,5 +1,6 @@
 """Settings: the TOML that is printed is the TOML that is read, and a wrong line is refused with what to do."""
 
+import itertools
 import tomllib
 from pathlib import Path
 
@@ -17,7 +18,7 @@ def test_printed_settings_read_back_to_the_defaults(tmp_path: Path) -> None:
 
 def test_every_setting_says_unit_or_meaning_above_it() -> None:
     lines = to_toml().splitlines()
-    for above, line in zip(lines, lines[1:], strict=False):
+    for above, line in itertools.pairwise(lines):
         if "=" in line and not line.startswith("#"):
             assert above.startswith("# ")
             assert len(above) > 20, f"{line} has no meaning"

@@ -1,0 +1,65 @@
+"""The demo's answer against the truth, which no survey knows: what changed, where, how much, and the motion."""
+
+import numpy as np
+import pytest
+
+from monitor.cli import demo
+from monitor.cli.working import compare_object, process_project
+from monitor.simulation import DemoCampaign, TrueChange, write_demo_campaign
+from projects import Comparison, Project
+from projects.transforms import apply
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[DemoCampaign, Comparison]:
+    """Run the demo on scans of twice the spacing, and return the truth and what was found."""
+    folder = tmp_path_factory.mktemp("demo")
+    campaign = write_demo_campaign(folder / "scans", cell=0.004, spacing=0.004)
+    path = folder / "project"
+    demo._fill_project(path, campaign)
+    process_project(path, None, None, None, (None, None), False)
+    compare_object(path, demo.OBJECT, demo.EPOCHS, None, None, (None, None), False)
+    return campaign, Project.open(path).get(demo.OBJECT, "after", "comparison-before")
+
+
+def found_in(comparison: Comparison, change: TrueChange):
+    """Return the regions whose centre lies in the box of a true change."""
+    centre = comparison.regions[["x", "y", "z"]].to_numpy()
+    margin = 0.01
+    inside = np.all((centre > change.box[0] - margin) & (centre < change.box[1] + margin), axis=1)
+    return comparison.regions[inside]
+
+
+def test_the_motion_of_the_whole_is_found(answer: tuple[DemoCampaign, Comparison]) -> None:
+    campaign, comparison = answer
+    corners = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (0.0, 1.7)])
+    back = apply(comparison.registration.T_target_source, apply(campaign.T_second_first, corners))
+    assert np.linalg.norm(back - corners, axis=1).max() < 0.0005  # the stations' own poses are off by 0.2 mm
+    assert comparison.statistics["motion_significance"] > 0.99
+
+
+def test_each_change_is_found_with_its_sign_and_size(answer: tuple[DemoCampaign, Comparison]) -> None:
+    campaign, comparison = answer
+    for change in campaign.changes:
+        regions = found_in(comparison, change)
+        assert len(regions) >= 1, change.name
+        largest = regions.iloc[0]
+        print(f"\n{change.name}: volume {1e6 * regions['volume_m3'].sum():.2f} cm3, truth {1e6 * change.volume:.2f}; "
+              f"extreme {1e3 * largest['extreme_m']:.2f} mm, truth {1e3 * change.extreme:.2f}")  # fmt: skip
+        assert np.sign(largest["mean_m"]) == np.sign(change.volume), change.name
+        assert regions["volume_m3"].sum() == pytest.approx(change.volume, rel=0.25), change.name
+        assert largest["extreme_m"] == pytest.approx(change.extreme, rel=0.25), change.name
+
+
+def test_little_of_the_unchanged_surface_is_called_changed(answer: tuple[DemoCampaign, Comparison]) -> None:
+    campaign, comparison = answer
+    side = comparison.on_reference
+    vertices = side.surface.vertices
+    outside = side.assessment > 0
+    for change in campaign.changes:
+        outside &= ~np.all((vertices > change.box[0] - 0.01) & (vertices < change.box[1] + 0.01), axis=1)
+    called = float(np.mean(side.assessment[outside] == 2))
+    unknown = float(np.mean(side.assessment == 0))
+    print(f"\n{called:.3%} of the unchanged surface called changed; "
+          f"{unknown:.1%} not assessable; lod95 {1e3 * np.nanmedian(side.lod95):.2f} mm")  # fmt: skip
+    assert called < 0.01
