@@ -85,6 +85,22 @@ def test_corner_sign_does_not_depend_on_how_the_sides_are_cut() -> None:
     np.testing.assert_allclose(feet.distances, 0.05 * np.linalg.norm(directions, axis=1), rtol=1e-12)
 
 
+def test_before_a_sharp_edge_the_nearest_faces_own_normal_would_lie() -> None:
+    half = np.tan(np.radians(10.0))  # a wedge of 20 degrees along y, its edge towards +x
+    vertices = np.array([[x, y, z] for x, z in ((0.0, 0.0), (-1.0, half), (-1.0, -half)) for y in (-1.0, 1.0)])
+    wedge = Surface(vertices, [[0, 1, 3], [0, 3, 2], [0, 5, 1], [0, 4, 5]])
+    feet = measure([[0.1, 0.3, -0.05]], [[0.7, 0.0, 0.7]], wedge)  # looks like the upper face, stands lower
+    assert feet.distances[0] == pytest.approx(np.hypot(0.1, 0.05), rel=1e-12)
+
+
+def test_before_a_sharp_corner_the_nearest_faces_own_normal_would_lie() -> None:
+    base = [[-1.0, 0.2, 0.2], [-1.0, -0.2, 0.2], [-1.0, -0.2, -0.2], [-1.0, 0.2, -0.2]]
+    spike = Surface(np.array([[0.0, 0.0, 0.0], *base]), [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1],
+                                                         [1, 3, 2], [1, 4, 3]])  # fmt: skip
+    feet = measure([[0.1, 0.0, -0.05]], [[0.7, 0.0, 0.7]], spike)
+    assert feet.distances[0] == pytest.approx(np.hypot(0.1, 0.05), rel=1e-12)
+
+
 def test_sphere_distance_is_radial_to_the_sagitta() -> None:
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
     sphere = Surface(mesh.vertices, mesh.faces)
