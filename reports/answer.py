@@ -64,7 +64,7 @@ def _what_changed(
     between = f"Between {before.date} and {after.date}"
     if not regions:
         return (f"{between} no part of the surface that could be assessed changed by more than the measurement error.",)
-    parts = []
+    parts: list[str] = []
     for kind, n in Counter(r.kind for r in regions).items():
         where = listed([str(r.number) for r in regions if r.kind == kind])
         things = "" if parts else " region" if n == 1 else " regions"

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from projects.model import Assessment, Comparison, NotAssessed, Step
-from reports.answer import NAN, WHY_NOT, print_significance
+from reports.answer import NAN, WHY_NOT, print_significance, share_not_assessed
 from reports.facts import Table
-from reports.quantities import DEGREES, MM, count, estimate, millimetres, percent
+from reports.quantities import DEGREES, MM, count, estimate, millimetres, percent, print_number
 from reports.wholemotion import describe_motion
 
 
@@ -59,7 +59,7 @@ def motion_table(comparison: Comparison) -> Table:
                                   motion.sigma_rotation, strict=True):  # fmt: skip
         shift = estimate(float(t), float(st), MM, "", signed=True).text
         rows.append((axis, shift, estimate(float(r), float(sr), DEGREES, "", signed=True).text))
-    where = ", ".join(f"{v:.3f}" for v in comparison.registration.centre)
+    where = ", ".join(print_number(float(v), 3) for v in comparison.registration.centre)
     return Table(
         "The motion, axis by axis", ("axis", "shift (mm)", "turn (°)"), tuple(rows),
         f"From the earlier to the later epoch, about the point {where} m in the coordinates of the earlier epoch.",
@@ -88,7 +88,7 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     note = (
         "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
         "called changed. Changed is only what hangs together as a region and is significant as a whole, with the share "
-        f"of false discoveries held at {percent(false_discovery_rate)} over the whole surface."
+        f"of false discoveries held at {100.0 * false_discovery_rate:g}\u00a0% over the whole surface."
     )
     return Table("What can be seen", ("", ""), tuple(rows), note)
 
@@ -107,7 +107,10 @@ def not_assessed_table(comparison: Comparison) -> Table:
     other = int((side.reasons[unassessed] == NotAssessed.ASSESSED).sum())
     if other:
         rows.append(_share_row("Not assessable: reason not recorded", other, n))
-    return Table("What could be assessed", ("", "vertices", "share"), tuple(rows), "Vertices of the later surface.")
+    note = (
+        f"Vertices of the later surface; of its area {percent(share_not_assessed(comparison))} could not be assessed."
+    )
+    return Table("What could be assessed", ("", "vertices", "share"), tuple(rows), note)
 
 
 def _share_row(words: str, found: int, n: int) -> tuple[str, str, str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime
 import math
+from dataclasses import replace
 
 import pandas as pd
 
@@ -97,7 +98,7 @@ def make_facts(
         certainty=state_certainty(comparison, columns, _false_discovery_rate(made)),
         object_rows=describe_object(record, project_name),
         history=(epochs_table((before, after)), points_table((before, after))),
-        record=record_steps((before, after)),
+        record=record_steps((before, with_statistics(after, made, comparison))),
         versions=versions_table(made),
         inputs=inputs_table((before, after)),
         mode=comparison.mode,
@@ -120,6 +121,12 @@ def describe_region(comparison: Comparison, row: pd.Series) -> RegionFacts:
         extreme=estimate(float(row["extreme_m"]), float(row["sigma_extreme_m"]), MM, "mm", signed=True),
         mean=estimate(float(row["mean_m"]), float(row["sigma_mean_m"]), MM, "mm", signed=True),
     )
+
+
+def with_statistics(epoch: EpochHistory, made: Step | None, comparison: Comparison) -> EpochHistory:
+    """Return the history with the comparison's statistics among what its step found."""
+    steps = [replace(s, automatic={**s.automatic, **comparison.statistics}) if s is made else s for s in epoch.steps]
+    return replace(epoch, steps=tuple(steps))
 
 
 def _name_epoch(record: EpochRecord) -> EpochFacts:

@@ -145,26 +145,57 @@ def record_steps(epochs: Sequence[EpochHistory]) -> tuple[StepFacts, ...]:
 
 def _record_step(title: str, own: list[list[Step]]) -> StepFacts:
     """Return one kind of step: one table for both epochs, or one each where an epoch has several such steps."""
-    asked = [pair for steps in own for step in steps for pair in flatten(_shared(step.parameters))]
+    asked = [pair for steps in own for step in steps for pair in _settings(step.parameters)]
     named = list(zip(("before", "after"), own, strict=True))
     if max(len(steps) for steps in own) == 1:
         tables = [_found_table("", [(name, step) for name, steps in named for step in steps])]
     else:
         tables = [_found_table(name, [(step.product, step) for step in steps]) for name, steps in named if steps]
-    return StepFacts(title, tuple(dict.fromkeys(asked)), tuple(tables))
+    inner = [table for name, steps in named for step in steps for table in _inner_tables(name, step.automatic)]
+    return StepFacts(title, tuple(dict.fromkeys(asked)), (*tables, *inner))
 
 
-def _shared(parameters: Mapping[str, Any]) -> dict[str, Any]:
+def _settings(parameters: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the settings of a step without what only tells one scan from another."""
-    return {k: v for k, v in parameters.items() if k not in ("scan", "name")}
+    asked = {name: value for name, value in parameters.items() if name not in ("scan", "name")}
+    given = [(name, "not given") for name, value in asked.items() if value is None]
+    return flatten({name: value for name, value in asked.items() if value is not None}) + given
 
 
 def _found_table(title: str, own: list[tuple[str, Step]]) -> Table:
     """Return the automatic values of steps, one row a value, one column a step, with its id and when it was made."""
-    found = [{"step": s.step_id, "made": _made(s), **dict(flatten(s.automatic))} for _, s in own]
+    found = []
+    for _, step in own:
+        whole = {} if _is_table(step.automatic) else step.automatic
+        single = {name: value for name, value in whole.items() if not _is_table(value)}
+        found.append({"step": step.step_id, "made": _made(step), **dict(flatten(single))})
     names = dict.fromkeys(key for values in found for key in values)
     rows = tuple((key, *(values.get(key, "–") for values in found)) for key in names)
     return Table(title, ("", *(name for name, _ in own)), rows)
+
+
+def _is_table(value: Any) -> bool:
+    """Whether a value is a list, or a mapping, of mappings."""
+    inner = list(value.values()) if isinstance(value, Mapping) else value
+    return isinstance(inner, list | tuple) and bool(inner) and all(isinstance(v, Mapping) for v in inner)
+
+
+def _inner_tables(epoch: str, automatic: Mapping[str, Any]) -> list[Table]:
+    """Return what a step found that is a table itself: all of it, or single values."""
+    if _is_table(automatic):
+        return [_inner_table(epoch, list(automatic.items()))]
+    tables = {name: value for name, value in automatic.items() if _is_table(value)}
+    return [
+        _inner_table(f"{epoch}: {name}", list(value.items() if isinstance(value, Mapping) else enumerate(value)))
+        for name, value in tables.items()
+    ]
+
+
+def _inner_table(title: str, rows: Sequence[tuple[Any, Mapping[str, Any]]]) -> Table:
+    """Return one row for each mapping, one column for each of its names."""
+    flat = [(str(name), dict(flatten(values))) for name, values in rows]
+    names = dict.fromkeys(key for _, values in flat for key in values)
+    return Table(title, ("", *names), tuple((name, *(v.get(key, "–") for key in names)) for name, v in flat))
 
 
 def _made(step: Step) -> str:
@@ -173,11 +204,9 @@ def _made(step: Step) -> str:
 
 
 def flatten(values: Any, prefix: str = "") -> list[tuple[str, str]]:
-    """Return nested values as pairs of dotted name and text; a list of mappings becomes numbered names."""
+    """Return nested values as pairs of dotted name and text."""
     if isinstance(values, Mapping):
         return [pair for key, value in values.items() for pair in flatten(value, f"{prefix}.{key}" if prefix else key)]
-    if isinstance(values, list | tuple) and values and isinstance(values[0], Mapping):
-        return [(f"{prefix}[{k}]", ", ".join(f"{n} {t}" for n, t in flatten(v))) for k, v in enumerate(values)]
     return [(prefix, print_value(values))]
 
 

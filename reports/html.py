@@ -28,7 +28,7 @@ from reports.views import Picture, ViewPictures, draw_close_up, draw_comparison
 VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
               "below": "From below"}  # fmt: skip
 VIEW_PX = 800  # longest side of a view: what a third of the page shows, twice as fine
-ROW, TALLEST = 94.0, 62.0  # per cent of the page's width: pictures in a row together, the tallest of them
+ROW, TALLEST = 94.0, 66.0  # per cent of the page's width: how wide rows of pictures are, how tall at most
 CLOSE_UPS = 24  # so many regions, the largest, are drawn close up; all are in the table
 
 
@@ -96,7 +96,7 @@ def draw_pictures(comparison: Comparison) -> Pictures:
 def embed_views(views: Sequence[ViewPictures]) -> tuple[EmbeddedView, ...]:
     """Return the views for the page, at one scale in the overview and at one beside each other."""
     sizes = [(v.difference.width, v.difference.height) for v in views]
-    wide, narrow = fit_scale(sizes, len(views)), fit_scale([size for size in sizes for _ in range(3)], 3)
+    wide, narrow = fit_rows(sizes), fit_strip(sizes)
     return tuple(
         EmbeddedView(VIEW_NAMES.get(v.view.name, v.view.name), embed(v.before), embed(v.after), embed(v.difference),
                      round(wide * v.difference.width, 2), round(narrow * v.difference.width, 2))
@@ -104,17 +104,25 @@ def embed_views(views: Sequence[ViewPictures]) -> tuple[EmbeddedView, ...]:
     )  # fmt: skip
 
 
-def fit_scale(sizes: Sequence[tuple[int, int]], most: int) -> float:
-    """Return the per cent of the page's width for one pixel of pictures that share a scale, up to `most` in a row.
+def fit_rows(sizes: Sequence[tuple[int, int]]) -> float:
+    """Return the per cent of the page's width for one pixel of pictures (width, height) that share a scale.
 
-    As many stand in a row as keeps them no taller than `TALLEST` of the page's width.
+    Few stand in a row, so that they are large, but as many as keep all rows together no taller than `TALLEST`.
     """
-    for n in range(1, most + 1):
+    scale = 0.0
+    for n in range(1, len(sizes) + 1):
         rows = [sizes[k : k + n] for k in range(0, len(sizes), n)]
-        scale = ROW / max(sum(w for w, _ in row) for row in rows)
-        if scale * max(h for _, h in sizes) <= TALLEST:
+        scale = ROW / max(sum(width for width, _ in row) for row in rows)
+        height = sum(max(height for _, height in row) for row in rows)
+        if scale * height <= TALLEST:
             return scale
-    return min(scale, TALLEST / max(h for _, h in sizes))
+        scale = TALLEST / height
+    return scale
+
+
+def fit_strip(sizes: Sequence[tuple[int, int]]) -> float:
+    """Return the same where three pictures of each size stand in a row of their own."""
+    return min(ROW / 3.0 / max(width for width, _ in sizes), TALLEST / max(height for _, height in sizes))
 
 
 def embed(picture: Picture) -> Embedded:

@@ -88,9 +88,8 @@ def test_control_in_both_epochs_and_the_absolute_mode_say_that_the_object_moved(
 
 
 def test_a_motion_within_its_margin_is_no_motion():
-    comparison = dataclasses.replace(
-        example_comparison(motion_is_significant=False, motion_significance=0.4), registration=example_registration(2e-5)
-    )  # fmt: skip
+    comparison = example_comparison(motion_is_significant=False, motion_significance=0.4)
+    comparison = dataclasses.replace(comparison, registration=example_registration(2e-5))
     assert "The object as a whole did not measurably move (0.02 ± 0.10 mm" in said(facts_of(comparison))
 
 
@@ -101,7 +100,7 @@ def test_a_tolerance_is_reported_where_one_was_given():
 
 
 def test_unknown_figures_are_said_to_be_not_known():
-    broken = [DENT[:5] + (NAN, NAN, NAN) + DENT[8:], PATCH]
+    broken = [(*DENT[:5], NAN, NAN, NAN, *DENT[8:]), PATCH]
     figures = dict.fromkeys(("lod95_median_m", "bias_m", "nmad_m", "share_above_lod95", "motion_significance"), NAN)
     facts = facts_of(example_comparison(rows=broken, **figures))
     assert facts.regions[0].extreme.text == "not known"

@@ -11,7 +11,7 @@ from report_examples import DENT, example_comparison, example_epochs, example_ob
 from projects.errors import ParameterError
 from reports import html
 from reports.document import make_facts
-from reports.html import Embedded, EmbeddedView, Pictures, fill_page, fit_scale, write_report, write_whole
+from reports.html import Embedded, EmbeddedView, Pictures, fill_page, fit_rows, fit_strip, write_report, write_whole
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
@@ -71,12 +71,21 @@ def test_what_is_not_known_is_printed_as_such():
     assert not re.search(r"\b(nan|NaN|None|inf)\b", text)
 
 
-@pytest.mark.parametrize("sizes", [[(300, 800)] * 4, [(800, 700)] * 6, [(1600, 200)] * 2, [(50, 900)]])
-def test_pictures_of_one_scale_fill_rows_without_growing_too_tall(sizes):
-    scale = fit_scale(sizes, len(sizes))
-    assert scale * max(w for w, _ in sizes) <= html.ROW + 1e-9
-    assert scale * max(h for _, h in sizes) <= html.TALLEST + 1e-9
-    assert scale * max(max(size) for size in sizes) >= 25.0
+@pytest.mark.parametrize(
+    ("sizes", "n_in_row"),
+    [([(300, 800)] * 4, 4), ([(800, 700)] * 6, 3), ([(1600, 200)] * 2, 1), ([(800, 500)], 1), ([(800, 400)] * 2, 2)],
+)
+def test_views_share_a_scale_and_as_few_a_row_as_keeps_them_in_sight(sizes, n_in_row):
+    width, height = sizes[0]
+    n_rows = -(-len(sizes) // n_in_row)
+    assert fit_rows(sizes) * width * n_in_row == pytest.approx(html.ROW)
+    assert fit_rows(sizes) * height * n_rows <= html.TALLEST
+    assert fit_strip(sizes) * width * 3 <= html.ROW + 1e-9
+
+
+def test_pictures_too_tall_for_any_row_are_made_smaller():
+    assert fit_rows([(50, 900)]) * 900 == pytest.approx(html.TALLEST)
+    assert fit_strip([(50, 900)]) * 900 == pytest.approx(html.TALLEST)
 
 
 def test_a_report_that_cannot_be_written_leaves_what_was_there(tmp_path):
