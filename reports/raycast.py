@@ -73,7 +73,7 @@ def build_scene(surface: Surface) -> Scene:
     middle, size = (low + high) / 2, float((high - low).max())
     scene.add_triangles((surface.vertices - middle).astype(np.float32), surface.faces.astype(np.uint32))
     area = np.linalg.norm(face_normals(surface), axis=1).mean() / 2
-    lift = max(0.5 * float(np.sqrt(area)), 2e-5 * size)
+    lift = float(np.clip(0.5 * np.sqrt(area), 2e-5 * size, 2e-3 * size))
     normals = vertex_normals(surface).astype(np.float32)
     return Scene(scene, middle, surface.faces, normals, lift, size, surface.face_invented)
 

@@ -28,7 +28,7 @@ __all__ = ["Frame", "Picture", "View", "ViewPictures", "choose_views", "draw_clo
            "draw_difference", "draw_surface", "frame_views"]  # fmt: skip
 
 QUALITY = 90  # of JPEG, colours at full resolution: no ringing seen about lines and hatches
-LEAST_SHARE = 0.05  # of a region's area, that a picture must show to be said to show the region
+LEAST_SHARE = 0.1  # of a region's area, that a picture must show to be said to show the region
 FIELD = 2.4  # a close-up shows this many times the region's extent
 
 
@@ -173,7 +173,7 @@ def _difference(
 
 
 def _drop_slivers(numbers: Ints, side: ComparedSurface, other: ComparedSurface | None, frame: Frame) -> Ints:
-    """Return the region of each pixel without the regions of which less than a twentieth of the area can be seen."""
+    """Return the region of each pixel without the regions of which less than a tenth of the area can be seen."""
     areas = region_areas(side)
     if other is not None:
         own = region_areas(other)

@@ -1,0 +1,121 @@
+"""Charts by value: what the plane cuts, what is written, and that the same input gives the same bytes."""
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from small_comparison import DEPTH, FRONT, LEVEL, PATCH, RADIUS, RIGHT, make_comparison
+
+from projects.errors import ParameterError
+from reports.figures import draw_colour_bar, draw_histogram, draw_section, say_mm, vertex_areas
+from reports.sections import SectionPlane, choose_plane, cut_comparison, cut_side, region_areas
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    return make_comparison()
+
+
+def words(drawing: bytes) -> list[str]:
+    """Return the texts of an SVG, which matplotlib names in comments beside their outlines."""
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    root = ElementTree.fromstring(drawing, parser)
+    return [e.text.strip() for e in root.iter() if e.tag is ElementTree.Comment]
+
+
+def test_plane_cuts_a_ball_in_a_closed_circle(comparison):
+    side = comparison.on_reference
+    plane = SectionPlane(np.array([0.0, 0.0, 0.0007]), RIGHT, FRONT, 0.0, 0.0, np.inf)
+    line = cut_side(side, plane, 1)
+    radius = np.linalg.norm(line.ends, axis=-1)
+    assert np.abs(radius - RADIUS).max() < 0.0015  # the ball's own undulation is 1 mm
+    length = np.linalg.norm(line.ends[:, 1] - line.ends[:, 0], axis=-1).sum()
+    assert length == pytest.approx(2 * np.pi * RADIUS, rel=0.01)
+    _, count = np.unique(np.rint(line.ends.reshape(-1, 2) / 1e-9).astype(np.int64), axis=0, return_counts=True)
+    assert (count == 2).all()  # each end is that of its neighbour
+
+
+def test_change_along_the_section_is_that_of_the_surface(comparison):
+    plane = choose_plane(comparison, 1)
+    line = cut_side(comparison.on_compared, plane, 1)
+    away = RADIUS * np.arctan2(np.abs(line.ends[..., 0]), plane.origin @ plane.outward + line.ends[..., 1])
+    inside = line.in_region[:, None] & (away < 0.8 * PATCH)
+    truth = DEPTH * 0.5 * (1 + np.cos(np.pi * away / PATCH))
+    assert inside.sum() > 30
+    np.testing.assert_allclose(line.distances[inside], truth[inside], atol=0.0004)
+    assert line.lod95[inside] == pytest.approx(LEVEL)
+
+
+@pytest.mark.parametrize(("number", "towards"), [(1, FRONT), (2, RIGHT)])
+def test_section_holds_the_normal_and_runs_over_the_whole_region(comparison, number, towards):
+    plane = choose_plane(comparison, number)
+    assert plane.outward @ towards > 0.999
+    assert abs(plane.along @ plane.outward) < 1e-12
+    edge = PATCH / np.pi * np.arccos(2 * LEVEL / DEPTH - 1)  # where the patch is as high as its level of detection
+    assert plane.high - plane.low == pytest.approx(
+        2 * RADIUS * np.sin(edge / RADIUS), abs=2 * np.pi * RADIUS / 100
+    )  # an edge
+
+
+def test_section_runs_to_the_right_or_upwards(comparison):
+    for number in (1, 2):
+        plane = choose_plane(comparison, number)
+        rightwards = plane.along @ np.cross([0.0, 0.0, 1.0], plane.outward)
+        assert plane.along[2] > 0.8 or rightwards > 0
+
+
+def test_section_shows_both_epochs_and_not_the_back(comparison):
+    plane = choose_plane(comparison, 2)
+    reference, compared = cut_comparison(comparison, 2, plane)
+    assert reference.ends[..., 1].max() - compared.ends[..., 1].max() == pytest.approx(DEPTH, abs=0.002)
+    assert min(reference.ends[..., 1].min(), compared.ends[..., 1].min()) > -RADIUS
+    assert np.nanmin(compared.distances) == pytest.approx(-DEPTH, abs=0.0003)
+
+
+def test_areas_of_vertices_and_regions_are_those_of_the_faces(comparison):
+    side = comparison.on_reference
+    assert vertex_areas(side).sum() == pytest.approx(4 * np.pi * RADIUS**2, rel=0.01)
+    edge = PATCH / np.pi * np.arccos(2 * LEVEL / DEPTH - 1)
+    cap = 2 * np.pi * RADIUS**2 * (1 - np.cos(edge / RADIUS))
+    assert region_areas(side)[1:] == pytest.approx([cap, cap], rel=0.05)
+
+
+def test_colour_bar_says_millimetres_signs_and_states():
+    said = words(draw_colour_bar(0.02, 0.0006))
+    assert {"−20", "−10", "0", "+10", "+20", "lost", "gained", "change [mm]", "not assessable"} <= set(said)
+    assert "unchanged (up to about 0.60 mm)" in said
+
+
+def test_colour_bar_without_a_level_of_detection_is_drawn():
+    assert "unchanged" in words(draw_colour_bar(0.001, float("nan")))
+
+
+def test_histogram_names_the_level_of_detection(comparison):
+    said = words(draw_histogram(comparison))
+    assert "level of detection ±0.40 mm" in said
+    assert "assessed surface [%]" in said
+
+
+def test_section_names_its_largest_change_with_sign_and_unit(comparison):
+    for number, sign in ((1, "+"), (2, "−")):
+        said = words(draw_section(comparison, number))
+        named = [w for w in said if w.endswith(" mm") and w[0] in "+−"]
+        assert len(named) == 1
+        assert named[0][0] == sign
+        assert float(named[0][1:-3]) == pytest.approx(DEPTH * 1000, abs=0.2)
+        assert {"A", "B", "reference", "compared", "change [mm]"} <= set(said)
+
+
+def test_section_of_an_unknown_region_says_which_there_are(comparison):
+    with pytest.raises(ParameterError, match=r"region 9 .* 1 to 2"):
+        draw_section(comparison, 9)
+
+
+def test_drawings_are_the_same_every_time(comparison):
+    assert draw_section(comparison, 1) == draw_section(comparison, 1)
+    assert draw_histogram(comparison) == draw_histogram(comparison)
+
+
+@pytest.mark.parametrize(("metres", "text"), [(0.000351, "+0.35 mm"), (-0.0024, "−2.4 mm"), (0.0123, "+12 mm")])
+def test_millimetres_have_two_digits_and_a_true_minus(metres, text):
+    assert say_mm(metres, sign=True) == text

@@ -1,0 +1,233 @@
+"""Pictures looked at by value: colours, hatch, scale bar, numbers and framing are where the truth says."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from small_comparison import DEPTH, FRONT, RADIUS, RIGHT, make_comparison
+
+from projects.errors import ParameterError
+from projects.model import Surface
+from reports.annotations import Label, bar_length, bar_place, label_radius, place_labels, say_length
+from reports.cameras import Frame, choose_views, find_front, frame_views, project_points
+from reports.lighting import SUBPIXELS
+from reports.raycast import build_scene, cast_view
+from reports.shading import HATCH_PERIOD
+from reports.views import draw_close_up, draw_comparison, draw_difference, draw_surface
+
+SIZE = 340  # pixels
+
+
+def pixels_of(picture):
+    return np.asarray(Image.open(io.BytesIO(picture.image))).astype(int)
+
+
+def colour_at(picture, frame, place, half=2):
+    """Return the mean colour of the pixels about a point of the object."""
+    x, y, _ = project_points(frame, place[None])[0]
+    return pixels_of(picture)[int(y) - half : int(y) + half + 1, int(x) - half : int(x) + half + 1].mean(axis=(0, 1))
+
+
+def plate(towards, up=(0.0, 0.0, 1.0)):
+    """Return a square of 1 m that faces a direction."""
+    right = np.cross(up, towards)
+    corners = [s * right + t * np.array(up) for s, t in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))]
+    return Surface(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    return make_comparison()
+
+
+@pytest.fixture(scope="module")
+def drawn(comparison):
+    return {p.view.name: p for p in draw_comparison(comparison, height_px=SIZE)}
+
+
+@pytest.fixture(scope="module")
+def frames(comparison):
+    surfaces = [comparison.on_reference.surface, comparison.on_compared.surface]
+    views = choose_views(surfaces[0])
+    return {f.name: f for f in frame_views(views, surfaces, longest_px=SIZE)}
+
+
+def test_ball_is_drawn_from_four_sides(drawn):
+    assert list(drawn) == ["front", "right", "back", "left"]
+
+
+def test_gained_patch_is_blue_and_lost_patch_red_at_their_pixels(drawn, frames):
+    gained = colour_at(drawn["front"].difference, frames["front"], FRONT * (RADIUS + 0.8 * DEPTH) + [0, 0, 0.008])
+    lost = colour_at(drawn["right"].difference, frames["right"], RIGHT * (RADIUS - 0.8 * DEPTH) + [0, 0, 0.008])
+    assert gained[2] > gained[0] + 60
+    assert lost[0] > lost[2] + 60
+
+
+def test_unchanged_is_grey_and_stone_is_warm(drawn, frames):
+    place = np.array([0.3, -0.8, -0.52]) * RADIUS
+    grey = colour_at(drawn["front"].difference, frames["front"], place)
+    stone = colour_at(drawn["front"].after, frames["front"], place)
+    assert np.ptp(grey) < 10
+    assert 8 < stone[0] - stone[2] < 50
+
+
+def test_not_assessable_is_hatched_with_its_period(drawn, frames):
+    picture, frame = pixels_of(drawn["left"].difference), frames["left"]
+    row = picture[frame.height // 2 - frame.foot // 2, :, 1].astype(float)
+    middle = row[frame.width // 2 - 36 : frame.width // 2 + 36]
+    power = np.abs(np.fft.rfft(middle - middle.mean()))
+    assert 72 / power[1:].argmax() == pytest.approx(HATCH_PERIOD, abs=1.5)
+    assert np.ptp(middle) > 50
+    stone = pixels_of(drawn["left"].after)[frame.height // 2 - frame.foot // 2, :, 1]
+    assert np.ptp(stone[frame.width // 2 - 36 : frame.width // 2 + 36]) < 40  # no hatch there
+
+
+def test_what_only_the_reference_has_is_drawn_pale_beyond_the_outline(drawn, frames):
+    place = RIGHT * (RADIUS - 0.3 * DEPTH)
+    ghost = colour_at(drawn["front"].difference, frames["front"], place, half=0)
+    after = colour_at(drawn["front"].after, frames["front"], place, half=0)
+    assert after.min() > 250  # paper
+    assert ghost[0] - ghost[2] > 20  # the colour of loss
+
+
+def test_regions_are_named_in_the_views_that_show_them(drawn):
+    seen = {name: p.difference.visible_regions for name, p in drawn.items()}
+    assert seen["front"] == (1,)
+    assert 2 in seen["right"]
+    assert 2 not in seen["left"]
+    assert seen["back"] == ()
+    assert drawn["front"].difference.alt.endswith("regions seen: 1")
+
+
+def test_label_is_drawn_where_it_is_placed(comparison, drawn, frames):
+    plain = draw_difference(comparison.on_compared, choose_views(comparison.on_reference.surface)[0], limit_m=DEPTH,
+                            frame=frames["front"], other=comparison.on_reference, label=False)  # fmt: skip
+    altered = np.abs(pixels_of(plain) - pixels_of(drawn["front"].difference)).max(axis=-1) > 60
+    rows, columns = np.nonzero(altered)
+    x, y, _ = project_points(frames["front"], (FRONT * RADIUS)[None])[0]
+    assert np.hypot(columns - x, rows - y).min() < 3  # the leader's dot
+    assert np.hypot(columns - x, rows - y).max() > 2 * label_radius(frames["front"])
+    assert altered.sum() > 80
+
+
+def test_before_after_and_difference_are_framed_alike(drawn, frames):
+    for name, p in drawn.items():
+        three = (p.before, p.after, p.difference)
+        assert len({(q.width, q.height, q.metres_per_pixel) for q in three}) == 1
+        assert (p.before.width, p.before.height) == (frames[name].width, frames[name].height)
+        paper = [(pixels_of(q).min(axis=-1) > 250) for q in three]
+        assert (paper[0] != paper[1]).mean() < 0.015  # the two bumps at the outline only
+
+
+def test_outline_has_its_true_place_and_size(comparison, frames):
+    seen = cast_view(build_scene(comparison.on_reference.surface), frames["back"])
+    columns = np.nonzero(seen.hit.any(axis=0))[0]
+    width = (np.ptp(columns) + 1) / SUBPIXELS * frames["back"].metres_per_pixel
+    assert width == pytest.approx(np.ptp(comparison.on_reference.surface.vertices[:, 0]), abs=0.002)
+
+
+def test_scale_bar_is_as_long_as_it_says(drawn, frames):
+    frame = frames["back"]
+    _, top, right, bottom = bar_place(frame)
+    dark = pixels_of(drawn["back"].difference)[round((top + bottom) / 2) - 2 : round((top + bottom) / 2) + 3] < 130
+    columns = np.nonzero(dark.all(axis=-1).any(axis=0))[0]
+    columns = columns[columns < right + 4]
+    length = (np.ptp(columns) + 1) * frame.metres_per_pixel
+    assert length == pytest.approx(bar_length(frame), abs=1.6 * frame.metres_per_pixel)
+    assert say_length(bar_length(frame)) == "5 cm"
+
+
+@pytest.mark.parametrize(("metres", "text"), [(2.0, "2 m"), (0.2, "20 cm"), (0.01, "1 cm"), (0.005, "5 mm"),
+                                              (0.0005, "0.5 mm")])  # fmt: skip
+def test_lengths_are_said_in_the_unit_that_reads_best(metres, text):
+    assert say_length(metres) == text
+
+
+def test_labels_touch_neither_each_other_nor_the_edge_nor_the_scale_bar():
+    frame = Frame("front", np.zeros(3), *np.eye(3), 0.001, 600, 500, foot=36)
+    numbers = np.zeros((500, 600), dtype=np.int32)
+    for k in range(9):
+        numbers[180 + 30 * (k // 3) : 190 + 30 * (k // 3), 270 + 30 * (k % 3) : 280 + 30 * (k % 3)] = k + 1
+    labels = place_labels(numbers, np.ones((500, 600), dtype=bool), frame)
+    radius = label_radius(frame)
+    centres = np.array([label.centre for label in labels])
+    apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)[np.triu_indices(len(labels), 1)]
+    assert len(labels) == 9
+    assert apart.min() > 2 * radius
+    assert centres.min() > radius
+    assert centres[:, 1].max() < 500 - radius
+    assert all(numbers[int(label.anchor[1]), int(label.anchor[0])] == label.number for label in labels)
+    assert not any(crosses(a, b) for k, a in enumerate(labels) for b in labels[:k])
+
+
+def crosses(one: Label, other: Label) -> bool:
+    """Whether two leader lines cross, by solving for the point."""
+    a, b, c, d = (np.array(v) for v in (one.anchor, one.centre, other.anchor, other.centre))
+    s, t = np.linalg.solve(np.stack([b - a, c - d], axis=1), c - a)
+    return bool(0 < s < 1 and 0 < t < 1)
+
+
+def test_region_of_a_few_pixels_is_not_numbered():
+    frame = Frame("front", np.zeros(3), *np.eye(3), 0.001, 200, 200)
+    numbers = np.zeros((200, 200), dtype=np.int32)
+    numbers[100, 100:104] = 1
+    assert place_labels(numbers, numbers > 0, frame) == []
+
+
+@pytest.mark.parametrize("angle", [0.0, 12.0, 133.0, 250.0])
+def test_relief_is_seen_square_on_and_from_its_front_alone(angle):
+    towards = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
+    assert find_front(plate(towards)) @ towards > np.cos(np.radians(0.6))
+    assert [v.name for v in choose_views(plate(towards))] == ["front"]
+
+
+def test_floor_is_seen_from_its_top_and_ceiling_from_below():
+    for z, name in ((1.0, "top"), (-1.0, "below")):
+        assert [v.name for v in choose_views(plate((0.0, 0.0, z), up=(0.0, 1.0, 0.0)))] == [name]
+
+
+def test_round_object_has_its_front_towards_minus_y(comparison):
+    np.testing.assert_array_equal(find_front(comparison.on_reference.surface), [0.0, -1.0, 0.0])
+
+
+def test_close_up_is_centred_on_its_region_and_framed_two_to_three_times_its_size(comparison):
+    for number, hot, cold in ((1, 2, 0), (2, 0, 2)):
+        picture = draw_close_up(comparison, number, limit_m=DEPTH, height_px=SIZE)
+        shown = pixels_of(picture)
+        foot = round(0.1 * picture.height)
+        middle = shown[(picture.height - foot) // 2, picture.width // 2]
+        assert middle[hot] > middle[cold] + 50
+        changed = comparison.on_compared.surface.vertices[comparison.on_compared.region == number]
+        extent = max(np.ptp(changed[:, 2]), np.ptp(changed[:, 2 - number]))  # across its normal
+        assert 2.0 < (picture.height - foot) * picture.metres_per_pixel / extent < 3.0
+        assert picture.visible_regions == (number,)
+
+
+def test_close_up_of_an_unknown_region_says_which_there_are(comparison):
+    with pytest.raises(ParameterError, match=r"region 7 .* 1 to 2"):
+        draw_close_up(comparison, 7)
+
+
+def test_hollow_is_darker_than_the_open_surface():
+    """Ambient occlusion: the bottom of a narrow slot sees less of the sky than the face beside it."""
+    x = np.array([-1, -0.05, -0.05, 0.05, 0.05, 1])
+    z = np.array([0, 0, -0.4, -0.4, 0, 0])
+    low, high = (np.stack([x, np.full(6, y), z], axis=1) for y in (-1.0, 1.0))
+    faces = [f for k in range(5) for f in ([k, k + 1, k + 7], [k, k + 7, k + 6])]
+    slot = Surface(np.concatenate([low, high]), np.array(faces))
+    view = choose_views(slot)[0]
+    assert view.name == "top"
+    frame = frame_views([view], [slot], longest_px=SIZE)[0]
+    seen = cast_view(build_scene(slot), frame)
+    x, y = (project_points(frame, np.array([[0.0, 0, -0.4], [0.5, 0, 0]])) * SUBPIXELS).astype(int).T[:2]
+    sky = seen.sky[y, x]
+    assert sky[1] > 0.95
+    assert sky[0] < 0.6
+
+
+def test_same_surface_gives_the_same_bytes(comparison):
+    view = choose_views(comparison.on_reference.surface)[0]
+    one, two = (draw_surface(comparison.on_reference.surface, view, height_px=200) for _ in range(2))
+    assert one == two
+    assert max(one.width, one.height) <= 200
