@@ -15,6 +15,7 @@ from reports.quantities import NBSP, NOT_KNOWN, in_words, listed, millimetres, p
 from reports.wholemotion import describe_motion
 
 NAN = float("nan")
+LISTED = 6  # of one kind: beyond it their numbers are not listed
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
 NO_CONTROL = (
     "Without control points in both epochs it cannot be told whether the object moved or only the coordinates differ."
@@ -66,17 +67,20 @@ def _what_changed(
         return (f"{between} no part of the surface that could be assessed changed by more than the measurement error.",)
     parts: list[str] = []
     for kind, n in Counter(r.kind for r in regions).items():
-        where = listed([str(r.number) for r in regions if r.kind == kind])
+        numbers = listed([str(r.number) for r in regions if r.kind == kind])
+        which = f" ({'no.' if n == 1 else 'nos.'}{NBSP}{numbers})" if n <= LISTED else ""
         things = "" if parts else " region" if n == 1 else " regions"
-        parts.append(f"{in_words(n)}{things} {HAPPENED.get(kind, kind)} ({'no.' if n == 1 else 'nos.'}{NBSP}{where})")
-    changed = comparison.statistics.get("changed_area_m2", NAN)
-    size = f"; together they cover {_square(changed)}" if np.isfinite(changed) and len(regions) > 1 else ""
+        parts.append(f"{in_words(n)}{things} {HAPPENED.get(kind, kind)}{which}")
+    size = f"; together they cover {_square(float(comparison.regions['area_m2'].sum()))}" if len(regions) > 1 else ""
     told = [_tell(r) for r in regions[:NAMED]]
     rest = ("The others stand in the table of regions.",) if len(regions) > NAMED else ()
     return (f"{between} {listed(parts)}{size}.", *told, *rest)
 
 
 def _square(area: float) -> str:
+    """Return an area [m2] in words."""
+    if not np.isfinite(area):
+        return "an area that is not known"
     return f"{area * 1e4:.3g}\u00a0cm²" if area < 1.0 else f"{area:.3g}\u00a0m²"
 
 
@@ -139,7 +143,7 @@ def _not_assessed(comparison: Comparison) -> str:
     if not known:
         return f"{percent(share)} of the surface could not be assessed."
     main = WHY_NOT[max(known, key=lambda r: known[r])]
-    return f"{percent(share)} of the surface could not be assessed, mostly because {main}; nothing is said about it."
+    return f"{percent(share)} of the surface could not be assessed, mostly because {main}."
 
 
 def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> tuple[KeyFigure, ...]:

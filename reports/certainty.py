@@ -87,7 +87,8 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         rows.append(("assessed surface beyond it", percent(statistics.get("share_beyond_tolerance", NAN))))
     note = (
         "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
-        "called changed. Changed is only what hangs together as a region and is significant as a whole, with the share "
+        "called changed. Changed is only what hangs together as a region, is no smaller than the area over which errors "
+        "agree, and is significant as a whole, with the share "
         f"of false discoveries held at {100.0 * false_discovery_rate:g}\u00a0% over the whole surface."
     )
     return Table("What can be seen", ("", ""), tuple(rows), note)
@@ -123,7 +124,7 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
     fitted = [_figures(f, "quality", "all") for f in found]
     rows = (
         ("Scans against each other before adjustment", *_lengths(found, "network", "misfit_before_m")),
-        ("after adjustment", *_lengths(found, "network", "misfit_after_m")),
+        ("after adjustment", *(_adjusted(f.get("network", {})) for f in found)),
         ("Disagreement left between scans (one sigma)", *_lengths(found, "surface", "scan_disagreement_m")),
         ("Surface against its scans: mean", *(_length(f, "bias_m", signed=True) for f in fitted)),
         ("scatter (robust sigma, NMAD)", *(_length(f, "nmad_m") for f in fitted)),
@@ -131,6 +132,11 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
         ("points without surface", *(percent(float(f.get("unknown_share", NAN))) for f in fitted)),
     )
     return Table("The scans of each epoch", ("", *steps), rows)
+
+
+def _adjusted(network: Mapping[str, Any]) -> str:
+    """Return what the adjustment left, or that the scans stayed where they were."""
+    return "poses kept as given" if network.get("applied") is False else _length(network, "misfit_after_m")
 
 
 def _figures(found: Mapping[str, Mapping[str, Any]], product: str, name: str) -> Mapping[str, Any]:

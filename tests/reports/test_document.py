@@ -72,6 +72,15 @@ def test_where_nothing_changed_the_smallest_change_that_would_have_been_seen_is_
     assert "Region" not in text
 
 
+def test_many_regions_are_counted_and_only_the_largest_are_told():
+    rows = [(k, *DENT[1:]) for k in range(1, 16)]
+    text = said(facts_of(example_comparison(rows=rows)))
+    assert text.startswith("15 regions changed. Between 12 May 2025 and 18 May 2026 15 regions lost material; together")
+    assert "Region 3 (" in text
+    assert "Region 4 (" not in text
+    assert "The others stand in the table of regions." in text
+
+
 def test_the_motion_of_the_whole_is_the_inverse_of_the_registration():
     text = said(facts_of())
     assert "stands 3.20 ± 0.10 mm from where it stood" in text
@@ -132,6 +141,28 @@ def test_settings_that_are_found_from_the_data_are_auto_and_every_input_has_its_
     assert ("filter.n", "auto") in filtering.settings
     assert ("noise_after", "not known", "not known") in filtering.found[0].rows
     assert [row[-1] for row in facts.inputs.rows] == [f"{k:064x}" for k in (0, 1, 0, 1)]
+
+
+def test_values_that_are_tables_stand_as_tables_of_their_own():
+    facts = facts_of()
+    fitting = next(s for s in facts.record if s.title == "Fitting the scans onto each other")
+    assert [t.title for t in fitting.found] == ["", "before: pairs", "after: pairs"]
+    assert fitting.found[1].columns == ("", "first", "second", "n")
+    assert fitting.found[1].rows == (("0", "0", "1", "900"),)
+    quality = next(s for s in facts.record if s.title == "Surface against its scans")
+    assert [row[0] for row in quality.found[1].rows] == ["scan000", "all"]
+    comparison = next(s for s in facts.record if s.title.endswith("comparison of the epochs"))
+    assert ("lod95_median_m", "0.00035") in comparison.found[0].rows
+
+
+def test_scans_that_were_left_where_they_were_are_said_to_be():
+    def keep(epoch):
+        kept = [dataclasses.replace(s, automatic={**s.automatic, "applied": False}) for s in epoch.steps]
+        return dataclasses.replace(epoch, steps=tuple(kept))
+
+    before, after = example_epochs()
+    rows = rows_of(facts_of(epochs=(keep(before), after)), "The scans of each epoch")
+    assert rows["after adjustment"] == ["poses kept as given", "0.20 mm"]
 
 
 def test_a_surface_made_again_after_the_comparison_is_pointed_out():
