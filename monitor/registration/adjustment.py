@@ -23,7 +23,7 @@ from projects.transforms import invert, perturb
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
 PATCH_IN_SPACINGS = 10.0  # errors of neighbouring points agree: a patch of this edge is one witness
 SETTLED = 0.01  # of the sigma of residuals: steps below this change nothing
-BETTER = 0.5**0.5  # of the misfit as given: above it the poses add less to the misfit than what stays anyway
+BETTER = (2 / 3) ** 0.5  # of the misfit as given: the poses must explain a third of its variance, or they stay
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +102,7 @@ def adjust_scans(clouds: Sequence[PointCloud], settings: AdjustmentSettings | No
     overlapping scans, Huber first and Tukey when settled, by Gauss-Newton steps. Neighbouring residuals agree, so each
     pair of scans counts as many witnesses as it has patches. The prior on each scan's motion is the misfit as given: it
     holds what few patches hold, such as a ring of scans that could bend. A good network of poses is better than what
-    five scans can say of themselves, so the given poses stay unless they add more to the misfit than what stays anyway.
+    five scans can say of themselves, so the given poses stay unless they explain a third of the variance of the misfit.
     """
     settings = settings or AdjustmentSettings()
     unmoved = tuple(np.eye(4) for _ in clouds)
