@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import os
 import uuid
 from collections.abc import Mapping, Sequence
@@ -23,11 +24,12 @@ from reports.colours import choose_limit
 from reports.document import MEANINGS
 from reports.facts import ReportFacts
 from reports.figures import draw_colour_bar, draw_histogram, draw_section
-from reports.views import Picture, ViewPictures, draw_close_up, draw_comparison
+from reports.views import Picture, View, ViewPictures, choose_views, draw_close_up, draw_comparison, frame_views
 
 VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
               "below": "From below"}  # fmt: skip
-VIEW_PX = 800  # longest side of a view: what a third of the page shows, twice as fine
+PIXELS = 1.6e6  # of one epoch's views together: about twice as fine as the page shows them
+LARGEST, SMALLEST = 1200, 400  # pixels, longest side of a view
 ROW, TALLEST = 94.0, 66.0  # per cent of the page's width: how wide rows of pictures are, how tall at most
 CLOSE_UPS = 24  # so many regions, the largest, are drawn close up; all are in the table
 
@@ -79,7 +81,8 @@ def draw_pictures(comparison: Comparison) -> Pictures:
     """Return every picture of the report, all with one range of colours."""
     limit = choose_limit(comparison)
     level = comparison.statistics.get("lod95_median_m", float("nan"))
-    views = embed_views(draw_comparison(comparison, limit_m=limit, height_px=VIEW_PX))
+    views = choose_views(comparison.on_reference.surface)
+    drawn = draw_comparison(comparison, views, limit_m=limit, height_px=choose_size(comparison, views))
     numbers = [int(n) for n in comparison.regions["region"]][:CLOSE_UPS]
     regions = {
         n: (
@@ -90,7 +93,14 @@ def draw_pictures(comparison: Comparison) -> Pictures:
     }
     bar = embed_svg(draw_colour_bar(limit, level), "Colours of the differences in millimetres")
     histogram = embed_svg(draw_histogram(comparison), "Histogram of all differences")
-    return Pictures(views, bar, histogram, regions)
+    return Pictures(embed_views(drawn), bar, histogram, regions)
+
+
+def choose_size(comparison: Comparison, views: Sequence[View]) -> int:
+    """Return the pixels of the longest side of the views at which all of them together have `PIXELS`."""
+    surfaces = [comparison.on_reference.surface, comparison.on_compared.surface]
+    pixels = sum(f.width * f.height for f in frame_views(views, surfaces, longest_px=1000))
+    return min(max(round(1000 * math.sqrt(PIXELS / pixels)), SMALLEST), LARGEST)
 
 
 def embed_views(views: Sequence[ViewPictures]) -> tuple[EmbeddedView, ...]:

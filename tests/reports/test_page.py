@@ -11,7 +11,18 @@ from report_examples import DENT, example_comparison, example_epochs, example_ob
 from projects.errors import ParameterError
 from reports import html
 from reports.document import make_facts
-from reports.html import Embedded, EmbeddedView, Pictures, fill_page, fit_rows, fit_strip, write_report, write_whole
+from reports.html import (
+    Embedded,
+    EmbeddedView,
+    Pictures,
+    choose_size,
+    fill_page,
+    fit_rows,
+    fit_strip,
+    write_report,
+    write_whole,
+)
+from reports.views import choose_views, frame_views
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
@@ -88,6 +99,16 @@ def test_pictures_too_tall_for_any_row_are_made_smaller():
     assert fit_strip([(50, 900)]) * 900 == pytest.approx(html.TALLEST)
 
 
+def test_views_are_as_fine_as_a_budget_of_pixels_allows():
+    comparison = example_comparison()
+    views = choose_views(comparison.on_reference.surface)
+    size = choose_size(comparison, views)
+    surfaces = [comparison.on_reference.surface, comparison.on_compared.surface]
+    pixels = sum(f.width * f.height for f in frame_views(views, surfaces, longest_px=size))
+    assert size < html.LARGEST
+    assert pixels == pytest.approx(html.PIXELS, rel=0.02)
+
+
 def test_a_report_that_cannot_be_written_leaves_what_was_there(tmp_path):
     present = tmp_path / "report.html"
     write_whole(present, "before")
@@ -103,7 +124,7 @@ def test_a_browser_without_network_shows_every_picture(tmp_path, monkeypatch):
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     if not CHROMIUM.exists():
         pytest.skip(f"no browser at {CHROMIUM}")
-    monkeypatch.setattr(html, "VIEW_PX", 120)
+    monkeypatch.setattr(html, "LARGEST", 120)
     path = tmp_path / "report.html"
     facts = facts_of()
     write_report(path, facts)
