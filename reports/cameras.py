@@ -7,7 +7,7 @@ surface faces horizontally; "right" is the side at the right hand of someone who
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -178,8 +178,3 @@ def frame_views(views: Sequence[View], surfaces: Sequence[Surface], *, longest_p
     free = np.array([longest_px - 2 * room, longest_px - 2 * room - foot]) - 1
     metres_per_pixel = float((extents / free).max())
     return [frame_view(view, points, metres_per_pixel, room=room, foot=foot) for view in views]
-
-
-def cut_near(frame: Frame, near: float) -> Frame:
-    """Return the frame without what lies more than `near` [m] nearer to the viewer than its centre."""
-    return replace(frame, near=near)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from projects.model import Assessment, Bools, ComparedSurface, Comparison, Floats
 
 UNCHANGED = (214, 213, 210)
-NOT_ASSESSABLE = (152, 160, 174)
-HATCH_LIGHT = (224, 228, 234)
-HATCH_DARK = (134, 144, 160)
+NOT_ASSESSABLE = (158, 164, 174)
+HATCH_LIGHT = (228, 230, 234)
+HATCH_DARK = (142, 147, 156)
 STONE = (226, 219, 206)
-INSIDE = (120, 122, 128)
+INSIDE = (164, 166, 171)
 LOST = ((248, 214, 160), (244, 165, 82), (219, 96, 38), (168, 38, 30), (98, 8, 28))
 GAINED = ((184, 222, 236), (104, 178, 216), (42, 118, 186), (26, 66, 148), (18, 24, 92))
 ROUND_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)

@@ -152,7 +152,7 @@ def draw_histogram(comparison: Comparison) -> bytes:
         axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
         axes.yaxis.set_minor_locator(matplotlib.ticker.NullLocator())
         axes.xaxis.set_major_formatter(FuncFormatter(_plain))
-        axes.xaxis.set_major_locator(MaxNLocator(9))
+        axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 5, 10]))
         for edge in ("top", "right"):
             axes.spines[edge].set_visible(False)
         return _write_svg(figure)
@@ -248,7 +248,7 @@ def _draw_profiles(axes: Axes, lines: tuple[SectionLine, SectionLine], plane: Se
         tall = (axes.get_xlim()[1] - axes.get_xlim()[0]) * box.height / box.width
         centre = (heights.min() + heights.max()) / 2
         axes.set_ylim(centre - tall / 2, centre + tall / 2)
-    axes.yaxis.set_major_locator(MaxNLocator(3))
+    axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
     axes.tick_params(labelbottom=False)
     axes.set_ylabel("height [mm]")
     axes.legend(
@@ -288,7 +288,7 @@ def _draw_change(
         _name_largest(axes, along[inside], change[inside])
     axes.set_xlabel("along the section [mm], shaded where it lies in the region")
     axes.set_ylabel("change [mm]")
-    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_formatter(FuncFormatter(_plain))
 
 

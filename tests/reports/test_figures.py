@@ -1,5 +1,6 @@
 """Charts by value: what the plane cuts, what is written, and that the same input gives the same bytes."""
 
+import dataclasses
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -94,6 +95,15 @@ def test_histogram_names_the_level_of_detection(comparison):
     said = words(draw_histogram(comparison))
     assert "level of detection ±0.40 mm" in said
     assert "assessed surface [%]" in said
+
+
+def test_comparison_of_which_nothing_is_known_is_drawn(comparison):
+    side = comparison.on_compared
+    unknown = np.full(len(side.distances), np.nan)
+    blank = dataclasses.replace(side, distances=unknown, lod95=unknown, assessment=np.zeros_like(side.assessment),
+                                region=np.zeros_like(side.region))  # fmt: skip
+    nothing = dataclasses.replace(comparison, on_compared=blank, on_reference=blank, regions=comparison.regions[:0])
+    assert "assessed surface [%]" in words(draw_histogram(nothing))
 
 
 def test_section_names_its_largest_change_with_sign_and_unit(comparison):

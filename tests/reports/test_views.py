@@ -125,6 +125,9 @@ def test_outline_has_its_true_place_and_size(comparison, frames):
     columns = np.nonzero(seen.hit.any(axis=0))[0]
     width = (np.ptp(columns) + 1) / SUBPIXELS * frames["back"].metres_per_pixel
     assert width == pytest.approx(np.ptp(comparison.on_reference.surface.vertices[:, 0]), abs=0.002)
+    rows = np.nonzero(seen.hit.any(axis=1))[0]  # nothing is lost to the strip below, which is the scale bar's
+    height = (np.ptp(rows) + 1) / SUBPIXELS * frames["back"].metres_per_pixel
+    assert height == pytest.approx(np.ptp(comparison.on_reference.surface.vertices[:, 2]), abs=0.002)
 
 
 def test_scale_bar_is_as_long_as_it_says(drawn, frames):
