@@ -146,7 +146,7 @@ def mark_changed(side: Side, test: Tested, which: int, noise: Noise, calm: Bools
     vertices does in 5 %.
     """
     lod95 = level_of_detection(side.sigma_surfaces, side.sigma_common, noise.floor_of(side))
-    smooth = smooth_distances(side, 0.5 * noise.correlation.length)
+    smooth = smooth_distances(side, 0.5 * min(noise.correlation.length, test.size))
     ratio = np.abs(smooth[calm]) / lod95[calm]
     kept = min(float(np.quantile(ratio, 0.95)), 1.0) if len(ratio) else 1.0
     smooth_lod95 = np.maximum(kept * lod95, Z95 * side.sigma_common)

@@ -101,7 +101,7 @@ def view_region(side: Side, found: Detected, which: int, vertices: Ints, margin:
         sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, which, margin, registration),
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, which, vertices, registration),
-        extreme=find_extreme(side, here, vertices, correlation),
+        extreme=find_extreme(side, here, vertices),
         centroid=np.average(side.surface.vertices[vertices], axis=0, weights=weight),
         unevenness=float(np.sqrt(max(spread2 - noise2, 0.0))),
     )
@@ -120,16 +120,16 @@ def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, regis
     return float(np.sqrt(within2 * kept[0] + common2))
 
 
-def find_extreme(side: Side, found: Detection, vertices: Ints, correlation: Correlation) -> tuple[float, float]:
+def find_extreme(side: Side, found: Detection, vertices: Ints) -> tuple[float, float]:
     """Return the largest change [m] and its sigma: the median around the place where the smoothed change is largest.
 
-    The neighbourhood is half a correlation length, at least the seven nearest vertices: no single vertex decides.
+    The neighbourhood is the seven nearest vertices: no single vertex decides.
     """
     points = side.surface.vertices[vertices]
     peak = int(np.argmax(np.abs(found.smooth[vertices])))
     distance = np.linalg.norm(points - points[peak], axis=1)
     nearest = np.sort(distance)[min(6, len(distance) - 1)]
-    around = vertices[distance <= max(0.5 * correlation.length, nearest)]
+    around = vertices[distance <= nearest]
     return float(np.median(side.distances[around])), float(np.median(found.lod95[around])) / Z95
 
 

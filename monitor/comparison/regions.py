@@ -34,7 +34,8 @@ def find_regions(sides: tuple[Side, Side], found: Detected, registration: Regist
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     regions = [number[part] for part in parts]  # part -1 is the last entry: 0
-    margins = [spread_margin(s, r, found.noise.correlation.length) for s, r in zip(sides, regions, strict=True)]
+    width = min(found.noise.correlation.length, found.test.size)
+    margins = [spread_margin(s, r, width) for s, r in zip(sides, regions, strict=True)]
     rows = [describe_region(k, sides, found, (regions[0], regions[1]), (margins[0], margins[1]), registration)
             for k in range(1, len(kept) + 1)]  # fmt: skip
     table = pd.DataFrame(rows, columns=list(REGION_COLUMNS))

@@ -16,6 +16,8 @@ from monitor.comparison.noise import Noise
 from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints, Registration
 
+LARGEST_UNIT = 8.0  # vertices along its edge
+
 
 @dataclass(frozen=True)
 class Units:
@@ -41,10 +43,15 @@ class Units:
 
 
 def unit_size(correlation: Correlation, areas: Floats) -> float:
-    """Return the edge [m] of a unit: half that of one witness's area, at least four vertices, at most a 200th part."""
+    """Return the edge [m] of a unit: half that of one witness's area, four to eight vertices, at most a 200th part.
+
+    Errors that agree far along the surface make no change small: a piece that broke off is as certain as its depth is
+    large, so units stay small and patches of several of them look for what is wide.
+    """
     spacing = float(np.sqrt(np.median(areas)))
     largest = float(np.sqrt(areas.sum() / 200.0))
-    return max(min(0.5 * float(np.sqrt(correlation.area)), largest), 4.0 * spacing)
+    half = 0.5 * float(np.sqrt(correlation.area))
+    return max(min(half, largest, LARGEST_UNIT * spacing), 4.0 * spacing)
 
 
 def cut_units(side: Side, size: float) -> Ints:
