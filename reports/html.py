@@ -30,7 +30,7 @@ VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "
               "below": "From below"}  # fmt: skip
 PIXELS = 1.6e6  # of one epoch's views together: about twice as fine as the page shows them
 LARGEST, SMALLEST = 1200, 400  # pixels, longest side of a view
-ROW, TALLEST = 94.0, 66.0  # per cent of the page's width: how wide rows of pictures are, how tall at most
+ROW, GAP, TALLEST = 99.0, 1.6, 66.0  # per cent of the page's width: a row of pictures, between them, height at most
 CLOSE_UPS = 24  # so many regions, the largest, are drawn close up; all are in the table
 
 
@@ -122,7 +122,7 @@ def fit_rows(sizes: Sequence[tuple[int, int]]) -> float:
     scale = 0.0
     for n in range(1, len(sizes) + 1):
         rows = [sizes[k : k + n] for k in range(0, len(sizes), n)]
-        scale = ROW / max(sum(width for width, _ in row) for row in rows)
+        scale = min((ROW - GAP * (len(row) - 1)) / sum(width for width, _ in row) for row in rows)
         height = sum(max(height for _, height in row) for row in rows)
         if scale * height <= TALLEST:
             return scale
@@ -132,7 +132,7 @@ def fit_rows(sizes: Sequence[tuple[int, int]]) -> float:
 
 def fit_strip(sizes: Sequence[tuple[int, int]]) -> float:
     """Return the same where three pictures of each size stand in a row of their own."""
-    return min(ROW / 3.0 / max(width for width, _ in sizes), TALLEST / max(height for _, height in sizes))
+    return min((ROW - 2.0 * GAP) / 3.0 / max(width for width, _ in sizes), TALLEST / max(height for _, height in sizes))
 
 
 def embed(picture: Picture) -> Embedded:

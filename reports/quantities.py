@@ -93,7 +93,7 @@ def percent(share: float) -> str:
     if rest <= 0.0:
         return f"{100.0 * share:.0f}{NBSP}%"
     if rest < 1e-4:
-        return f"less than 0.01{NBSP}%" if share < 0.5 else f"more than 99.99{NBSP}%"
+        return f"<{NBSP}0.01{NBSP}%" if share < 0.5 else f">{NBSP}99.99{NBSP}%"
     decimals = 0 if rest >= 0.0995 else 1 if rest >= 0.00995 else 2
     return f"{100.0 * share:.{decimals}f}{NBSP}%"
 

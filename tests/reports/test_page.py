@@ -84,14 +84,21 @@ def test_what_is_not_known_is_printed_as_such():
 
 @pytest.mark.parametrize(
     ("sizes", "n_in_row"),
-    [([(300, 800)] * 4, 4), ([(800, 700)] * 6, 3), ([(1600, 200)] * 2, 1), ([(800, 500)], 1), ([(800, 400)] * 2, 2)],
+    [
+        ([(300, 800)] * 4, 4),
+        ([(240, 799)] * 5, 5),
+        ([(800, 700)] * 6, 3),
+        ([(1600, 200)] * 2, 1),
+        ([(800, 500)], 1),
+        ([(800, 400)] * 2, 2),
+    ],
 )
 def test_views_share_a_scale_and_as_few_a_row_as_keeps_them_in_sight(sizes, n_in_row):
     width, height = sizes[0]
     n_rows = -(-len(sizes) // n_in_row)
-    assert fit_rows(sizes) * width * n_in_row == pytest.approx(html.ROW)
+    assert fit_rows(sizes) * width * n_in_row + html.GAP * (n_in_row - 1) == pytest.approx(html.ROW)
     assert fit_rows(sizes) * height * n_rows <= html.TALLEST
-    assert fit_strip(sizes) * width * 3 <= html.ROW + 1e-9
+    assert fit_strip(sizes) * width * 3 + html.GAP * 2 <= html.ROW + 1e-9
 
 
 def test_pictures_too_tall_for_any_row_are_made_smaller():
