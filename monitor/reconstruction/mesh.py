@@ -40,9 +40,11 @@ def edge_table(faces: Ints) -> tuple[Ints, Ints, Ints]:
 
     Half-edge 3 f + k runs from corner k of face f to corner k + 1.
     """
-    half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    edges, edge_of, n_faces = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True, return_counts=True)
-    return edges, edge_of.ravel(), n_faces
+    start, end = faces.astype(np.int64).ravel(), np.roll(faces, -1, axis=1).astype(np.int64).ravel()
+    n = int(faces.max(initial=0)) + 1
+    key = np.minimum(start, end) * n + np.maximum(start, end)
+    found, edge_of, n_faces = np.unique(key, return_inverse=True, return_counts=True)
+    return np.column_stack(np.divmod(found, n)), edge_of.ravel(), n_faces
 
 
 def boundary_vertices(faces: Ints, n_vertices: int) -> Bools:

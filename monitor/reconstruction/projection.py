@@ -20,6 +20,7 @@ COS_SAME_SHEET = 0.5  # points whose normal is within 60 degrees of the vertex's
 MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch at the rim of its points exceeds it
 GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
 WIDENED = (1.0, 1.4, 2.0)  # times the radius of a plane, where too few points lie within it
+MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees
 CHUNK = 256  # vertices a thread takes at a time; one buffer serves them all
 HEIGHT, SLOPE_U, SLOPE_V, UNIT_ERROR, SIGMA, EFFECTIVE, BEND = range(7)
 
@@ -202,7 +203,7 @@ def project_one(
     ):
         return
     height, n = 0.0, 0
-    for _ in range(2):
+    for _ in range(MOST_TURNS):
         n = fit_vertex(samples, vertex, own, radii, is_flat, room, fit)
         row[8] = -float(n)
         slope2 = fit[SLOPE_U] ** 2 + fit[SLOPE_V] ** 2
@@ -210,6 +211,8 @@ def project_one(
             return
         height = fit[HEIGHT] / np.sqrt(1.0 + slope2)
         tilt(own, fit[SLOPE_U], fit[SLOPE_V])
+        if slope2 < UPRIGHT**2:
+            break
     if abs(height) > max_shift:
         return
     row[0:3] = vertex + height * own

@@ -33,9 +33,10 @@ from projects.model import Bools, Floats, Ints
 
 LADDER_RATIO = 1.4
 NARROWEST_SIGMAS = 6.0  # of noise: in a narrower fit the noise passes for curvature
-VERTICES_PER_PROBE = 8
-N_POOLED = 48  # probes, so that several fits that do not overlap are among them
-POOLED_DOUBT, POOLED_REFUSAL = 1.5, 2.5  # mean squared departure of pooled probes against that of noise alone
+VERTICES_PER_PROBE = 12
+N_POOLED = 32  # probes, so that several fits that do not overlap are among them
+DOUBT, REFUSAL, BENT = 1.25, 4.0, 2.0  # sigmas of a pooled mean square departure above that of noise alone
+ONE_SIDED = 1.5  # sigmas of the mean departure of pooled probes, which curvature gives one sign
 OWN_REFUSAL = 16.0  # the same for one probe: four sigma
 CLIPPED, MEAN_CLIPPED = (
     4.0,
@@ -95,7 +96,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
     """Go up the ladder at every probe until a radius is refused or the wanted standard error is reached.
 
     A radius that is only doubtful is passed over; two doubtful ones in succession end the climb, since a bias grows
-    with the radius and chance does not.
+    with the radius and chance does not. A plane is taken only where it holds about as far as the curved patch does, and
+    beyond the narrowest radius: a narrow one trades noise for a bias that has one sign all over a curved surface.
     """
     n, pool = len(probes.vertices), probes.pool
     curved, flat = np.full(n, ladder.radii[0]), np.full(n, ladder.radii[0])
@@ -115,8 +117,9 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         )
         noise2 = np.where(np.isnan(noise2), _pooled(rows[:, SCATTER] ** 2, pool), noise2)
         error2, flat_error2 = (noise2 * _pooled(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
-        step = _compare(rows[:, STEP], rows[:, STEP_UNIT2] * noise2, pool)
-        flat_step = _compare(rows[:, FLAT_STEP], rows[:, FLAT_STEP_UNIT2] * noise2, pool)
+        n_apart = count_apart(pool.shape[1], probes.area, radius)
+        step = _compare(rows[:, STEP], rows[:, STEP_UNIT2] * noise2, pool, n_apart)
+        flat_step = _compare(rows[:, FLAT_STEP], rows[:, FLAT_STEP_UNIT2] * noise2, pool, n_apart)
         has_fit = np.isfinite(risk)
         is_steep = np.abs(_pooled(rows[:, CURVATURE], pool)) > MOST_BENT
         is_doubtful = (is_steep | step.is_doubtful | is_bent(step.own2, radius, probes.area)) & has_fit
@@ -126,26 +129,29 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         curved, misfit2 = np.where(taken, radius, curved), np.where(taken, step.excess2, misfit2)
         risk = np.where(taken, error2 + step.excess2, risk)
         this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
-        better = climbing & ~flat_step.is_refused & ~flat_step.is_doubtful & (this_risk < flat_risk)
+        bows = flat_step.is_refused | flat_step.is_doubtful | flat_step.is_one_sided
+        better = climbing & ~bows & (this_risk < flat_risk)
         flat, flat_misfit2 = np.where(better, radius, flat), np.where(better, flat_step.excess2, flat_misfit2)
         flat_risk = np.where(better, this_risk, flat_risk)
         climbing &= ~(np.where(flat_risk < risk, flat_error2, error2) <= ladder.wanted**2)
         if not climbing.any():
             break
-    is_flat = flat_risk < risk
+    is_flat = (flat_risk < risk) & (1.01 * LADDER_RATIO * flat > curved) & (flat > ladder.radii[0])
     return Reach(curved, flat, is_flat, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
 
 
-def is_bent(own2: Floats, radius: float, area: float) -> bool:
-    """Whether all probes together depart more than noise explains: a bias too small for any one neighbourhood.
+def count_apart(n: int, area: float, radius: float) -> float:
+    """Return how many independent fits `n` probes of `area` (m2) each amount to; those that overlap tell the same."""
+    return min(float(n), max(n * area / (0.5 * np.pi * radius**2), 1.0))
 
-    Probes whose fits overlap tell the same; `area` (m2) a probe says how many independent ones there are.
-    """
+
+def is_bent(own2: Floats, radius: float, area: float) -> bool:
+    """Whether all probes together depart more than noise explains: a bias too small for any one neighbourhood."""
     known = own2[np.isfinite(own2)]
-    n_apart = len(known) * area / (0.5 * np.pi * radius**2)
-    if n_apart < 1.0:
+    if not len(known):
         return False
-    return bool(np.minimum(known, CLIPPED).mean() / MEAN_CLIPPED > 1.0 + 2.0 * np.sqrt(2.0 / n_apart))
+    limit = 1.0 + BENT * np.sqrt(2.0 / count_apart(len(known), area, radius))
+    return bool(np.minimum(known, CLIPPED).mean() / MEAN_CLIPPED > limit)
 
 
 class Departure(NamedTuple):
@@ -154,6 +160,7 @@ class Departure(NamedTuple):
     own2: Floats  # squared, in units of its variance
     is_refused: Bools
     is_doubtful: Bools
+    is_one_sided: Bools
     excess2: Floats
     doubt2: Floats
 
@@ -165,15 +172,18 @@ def _pooled(values: Floats, pool: Ints) -> Floats:
     return np.where(count > 0, np.nansum(picked, axis=1) / np.maximum(count, 1), np.nan)
 
 
-def _compare(step: Floats, variance: Floats, pool: Ints) -> Departure:
+def _compare(step: Floats, variance: Floats, pool: Ints, n_apart: float) -> Departure:
     """Judge departures (n,) against the variance (n,) that noise gives them, pooled over the probes around."""
     with np.errstate(invalid="ignore", divide="ignore"):
         own = step**2 / variance
         pooled = _pooled(np.minimum(own, CLIPPED), pool) / MEAN_CLIPPED
-        is_refused, is_doubtful = (pooled > POOLED_REFUSAL) | (own > OWN_REFUSAL), pooled > POOLED_DOUBT
+        chance = np.sqrt(2.0 / n_apart)
+        is_refused = (pooled > 1.0 + REFUSAL * chance) | (own > OWN_REFUSAL)
+        one_sided = np.abs(_pooled(np.clip(step / np.sqrt(variance), -2.0, 2.0), pool)) > ONE_SIDED / np.sqrt(n_apart)
+        is_doubtful = pooled > 1.0 + DOUBT * chance
     expected = _pooled(variance, pool)
     excess2 = np.nan_to_num(np.maximum(pooled - 1.0, 0.0) * expected)
-    return Departure(own, is_refused, is_doubtful, excess2, expected * np.sqrt(2.0 / pool.shape[1]))
+    return Departure(own, is_refused, is_doubtful, one_sided, excess2, expected * chance)
 
 
 @jit(nopython=True, cache=True)

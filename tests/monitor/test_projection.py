@@ -1,0 +1,161 @@
+"""Fits around a vertex: exact where the surface is, honest about their error, wide only where the surface allows."""
+
+import numpy as np
+import pytest
+
+from monitor.reconstruction import SurfaceSettings, reconstruct
+from monitor.reconstruction.cell_size import measure_sampling
+from monitor.reconstruction.grid import build_grid, cell_span, count_candidates, row_points
+from monitor.reconstruction.projection import Reach, grid_samples, project_vertices
+from monitor.reconstruction.quadric import fit_patch, fit_room
+from monitor.reconstruction.reach import choose_reach, make_ladder
+from projects.model import PointCloud
+
+RADIUS = 0.06
+
+
+def fit(u, v, z, radius, degree):
+    n = len(u)
+    out, influence = np.empty(7), np.empty(n)
+    assert fit_patch(np.column_stack([u, v, z]), n, radius, degree, fit_room(n), out, influence)
+    return out, influence
+
+
+def disc(rng, n, radius):
+    r, turn = radius * np.sqrt(rng.uniform(size=n)), rng.uniform(0.0, 2.0 * np.pi, n)
+    return r * np.cos(turn), r * np.sin(turn)
+
+
+def wavy_sheet(rng, size, wavelength, amplitude, noise):
+    g = np.arange(size) * 0.001
+    x, y = (a.ravel() + rng.uniform(-0.0003, 0.0003, size * size) for a in np.meshgrid(g, g))
+    k = 2.0 * np.pi / wavelength
+    slope = amplitude * k * np.cos(k * x)
+    normals = np.column_stack([-slope, np.zeros_like(x), np.ones_like(x)]) / np.sqrt(1.0 + slope**2)[:, None]
+    return PointCloud(np.column_stack([x, y, amplitude * np.sin(k * x) + noise * rng.normal(size=len(x))]), normals)
+
+
+def test_plane_is_fitted_exactly_with_the_textbook_standard_error(rng):
+    u, v = disc(rng, 400, 0.01)
+    out, influence = fit(u, v, 0.003 + 0.1 * u - 0.2 * v, 0.01, 1)
+    assert out[:3] == pytest.approx([0.003, 0.1, -0.2], abs=1e-12)
+    w = 1.0 - (u**2 + v**2) / 0.01**2
+    design = np.column_stack([np.ones_like(u), u, v])
+    row = np.linalg.solve(design.T @ (w[:, None] * design), (w[:, None] * design).T)[0]
+    assert influence == pytest.approx(row, rel=1e-6)
+    assert out[3] == pytest.approx(np.sqrt((row**2).sum()), rel=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_curved_patch_follows_a_sphere_and_a_cylinder_to_fourth_order(rng, sign):
+    u, v = disc(rng, 2000, 0.02)
+    sphere = sign * (np.sqrt(RADIUS**2 - u**2 - v**2) - RADIUS)
+    cylinder = sign * (np.sqrt(RADIUS**2 - u**2) - RADIUS)
+    # r^4 / (77 R^3), 9.6 um, is what a quadric without the fourth order is off by
+    assert abs(fit(u, v, sphere, 0.02, 2)[0][0]) < 1e-6
+    assert abs(fit(u, v, cylinder, 0.02, 2)[0][0]) < 1e-6
+
+
+def test_noise_along_the_normals_of_a_sphere_leaves_no_bias(rng):
+    sigma, heights, error = 0.002, [], []
+    for _ in range(600):
+        z = 1.0 - rng.uniform(0.0, 0.06, 400)  # a cap of 0.35 radii, evenly sampled
+        turn, s = rng.uniform(0.0, 2.0 * np.pi, 400), np.sqrt(1.0 - z * z)
+        points = (RADIUS + sigma * rng.normal(size=400))[:, None] * np.column_stack(
+            [s * np.cos(turn), s * np.sin(turn), z]
+        )
+        out, _ = fit(points[:, 0], points[:, 1], points[:, 2] - RADIUS, 0.018, 2)
+        heights.append(out[0])
+        error.append(out[3] * out[4])
+    # without the correction the mean is -2 sigma^2 / R, -0.133 mm; the mean of 600 is known to 0.02 mm
+    assert abs(np.mean(heights)) < 0.04e-3
+    assert np.std(heights) / np.mean(error) == pytest.approx(1.0, abs=0.1)
+
+
+def test_outliers_do_not_move_the_fit(rng):
+    u, v = disc(rng, 300, 0.01)
+    z = 0.0002 * rng.normal(size=300)
+    clean = fit(u, v, z, 0.01, 2)[0]
+    z[::10] += 0.004
+    dirty = fit(u, v, z, 0.01, 2)[0]
+    # a mean would move by 0.4 mm; the standard error is 0.024 mm
+    assert abs(dirty[0] - clean[0]) < 2.0 * clean[3] * clean[4]
+    assert dirty[4] == pytest.approx(0.0002, rel=0.15)
+
+
+def test_grid_finds_the_same_points_as_a_search_through_all(rng):
+    points = rng.uniform(0, 1, size=(500, 3))
+    grid = build_grid(points, 0.13)
+    place, radius = np.array([0.4, 0.97, 0.02]), 0.2
+    spans = [cell_span(place[k], radius, grid.low[k], grid.cell, grid.shape[k]) for k in range(3)]
+    found = set()
+    for i in range(spans[0][0], spans[0][1] + 1):
+        for j in range(spans[1][0], spans[1][1] + 1):
+            first, last = row_points(grid, i, j, *spans[2])
+            found |= set(grid.order[first:last].tolist())
+    assert set(np.flatnonzero(np.linalg.norm(points - place, axis=1) <= radius).tolist()) <= found
+    assert count_candidates(grid, *place, radius) == len(found)
+
+
+def test_vertices_of_a_thin_plate_rest_on_their_own_side_only(rng):
+    g = np.arange(40) * 0.001
+    x, y = (a.ravel() for a in np.meshgrid(g, g))
+    top, bottom = (np.column_stack([x, y, np.full_like(x, z)]) for z in (0.001, -0.001))
+    up = np.tile([0.0, 0.0, 1.0], (len(x), 1))
+    samples = grid_samples(np.r_[top, bottom], np.r_[up, -up], 0.004, 0.0005)
+    reach = Reach(np.full(1, 0.004), np.full(1, 0.004), np.zeros(1, bool), np.zeros(1))
+    moved = project_vertices(np.array([[0.02, 0.02, 0.0004]]), np.array([[0.0, 0.0, 1.0]]), samples, reach, 0.01)
+    assert moved.vertices[0] == pytest.approx([0.02, 0.02, 0.001], abs=1e-9)
+
+
+def test_fits_are_wide_on_a_plane_and_narrow_on_relief(rng):
+    def median_radius(cloud):
+        samples = grid_samples(cloud.points, cloud.normals, 0.002, 0.0003)
+        reach = choose_reach(cloud.points, cloud.normals, samples, make_ladder(0.0015, 0.0003, 1.5, 16.0, 0.05))
+        return np.median(np.where(reach.is_flat, reach.flat, reach.curved)), reach.is_flat.mean()
+
+    plane, flat_share = median_radius(wavy_sheet(rng, 60, 1.0, 0.0, 0.0003))
+    relief, relief_flat_share = median_radius(wavy_sheet(rng, 60, 0.010, 0.001, 0.0003))
+    assert flat_share > 0.5  # planes are refused where chance makes them look bent
+    assert relief_flat_share < 0.1
+    assert relief < 0.5 * plane
+
+
+def test_relief_does_not_pass_for_noise(rng):
+    # A plane over the neighbours would report 0.5 mm here.
+    assert measure_sampling(wavy_sheet(rng, 60, 0.012, 0.001, 0.0001)).noise == pytest.approx(0.0001, rel=0.35)
+
+
+@pytest.mark.validation
+@pytest.mark.parametrize(("noise", "spread"), [(0.0003, 0.03e-3), (0.001, 0.08e-3)])
+def test_noisy_plane_has_no_bias_little_noise_and_an_honest_sigma(noise, spread):
+    bias, std, ratio = [], [], []
+    for seed in range(3):
+        cloud = wavy_sheet(np.random.default_rng(seed), 60, 1.0, 0.0, noise)
+        surface = reconstruct(cloud)
+        inside = (np.abs(surface.vertices[:, :2] - 0.0295) < 0.0265).all(axis=1)
+        points_inside = (np.abs(cloud.points[:, :2] - 0.0295) < 0.0265).all(axis=1)
+        height = surface.vertices[inside, 2]
+        bias.append(height.mean() - cloud.points[points_inside, 2].mean())
+        std.append(height.std())
+        ratio.append(np.std(height / surface.sigma[inside]))
+    assert abs(np.mean(bias)) < 0.01e-3
+    assert np.mean(std) < spread
+    assert 0.8 < np.mean(ratio) < 1.25
+
+
+@pytest.mark.validation
+def test_relief_of_eight_millimetres_is_kept_better_than_by_open3d(rng):
+    from monitor.reconstruction.open3d_poisson import poisson_mesh
+
+    def kept(vertices):
+        inside = (np.abs(vertices[:, :2] - 0.03) < 0.02).all(axis=1) & (np.abs(vertices[:, 2]) < 0.005)
+        phase = 2.0 * np.pi * vertices[inside, 0] / 0.008
+        design = np.column_stack([np.sin(phase), np.cos(phase), np.ones_like(phase)])
+        return np.linalg.lstsq(design, vertices[inside, 2], rcond=None)[0][0]
+
+    cloud = wavy_sheet(rng, 60, 0.008, 0.001, 0.0004)
+    ours = kept(reconstruct(cloud, SurfaceSettings(cell_size=0.0015)).vertices)
+    theirs = kept(poisson_mesh(cloud.points - 0.03, cloud.normals, 0.0015)[0] + 0.03)
+    assert 0.9e-3 < ours < 1.05e-3
+    assert ours > theirs
