@@ -22,6 +22,7 @@ from projects.model import Floats, Ints, Registration
 
 Pair = tuple[Side, Side]
 UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
+MOST_UNKNOWN = 0.2  # of a region's area: with more of its margin not assessable, its volume is not known
 WIDE = 20.0  # a layer: as wide as this many times its thickness
 
 
@@ -29,7 +30,7 @@ def spread_margin(side: Side, region: Ints, width: float) -> Ints:
     """Return the region whose margin of `width` [m] along the surface each vertex lies in (n,), 0 for none.
 
     The flanks of a change lie below the level of detection and still hold volume; the margin takes them in whatever
-    they measure, so it adds no bias.
+    they measure, so it adds no bias. Vertices that are not assessable are of the margin too: see `unknown_share`.
     """
     inside = np.flatnonzero(region > 0)
     if not len(inside):
@@ -39,18 +40,30 @@ def spread_margin(side: Side, region: Ints, width: float) -> Ints:
     graph = coo_matrix((np.maximum(length, 1e-300), edges.T), shape=(len(region), len(region))).tocsr()
     _, _, source = dijkstra(graph, directed=False, indices=inside, limit=width, min_only=True,
                             return_predecessors=True)  # fmt: skip
-    out = np.where(source >= 0, region[np.maximum(source, 0)], 0)
-    return np.where(side.is_assessed, out, 0).astype(region.dtype)
+    return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
+
+
+def unknown_share(side: Side, region: Ints, margin: Ints, number: int) -> float:
+    """Return the area that cannot be assessed in a region's margin as a share of the region's own area.
+
+    Where a piece broke off, part of what is gone has no counterpart on the other surface: the volume between the
+    surfaces is then not known from the rest.
+    """
+    own = float(side.areas[region == number].sum())
+    unknown = float(side.areas[(margin == number) & ~side.is_assessed].sum())
+    return unknown / own if own > 0.0 else 0.0
 
 
 def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints],
                     margins: tuple[Ints, Ints], registration: Registration) -> list[Any]:  # fmt: skip
     """Return the row of one region in the order of `REGION_COLUMNS`."""
     views = [view_region(sides[k], found, k, np.flatnonzero(regions[k] == number),
-                         np.flatnonzero(margins[k] == number), registration)
+                         np.flatnonzero((margins[k] == number) & sides[k].is_assessed), registration)
              for k in range(2) if (regions[k] == number).any()]  # fmt: skip
     area, sigma_area = combine([v.area for v in views], [v.sigma_area for v in views])
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
+    if max(unknown_share(s, r, m, number) for s, r, m in zip(sides, regions, margins, strict=True)) > MOST_UNKNOWN:
+        volume, sigma_volume = float("nan"), float("nan")
     mean, sigma_mean = combine([v.mean for v in views], [v.sigma_mean for v in views])
     extreme, sigma_extreme = max((v.extreme for v in views), key=lambda e: abs(e[0]))
     centroid = np.mean([v.centroid for v in views], axis=0)
