@@ -15,7 +15,7 @@ from monitor.comparison.detection import Detection, detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.mesh_tree import build_tree
 from monitor.comparison.regions import find_regions
-from monitor.comparison.side import Side, measure_side, move_surface
+from monitor.comparison.side import Side, drop_contradicted, measure_side, move_surface
 from monitor.comparison.summary import count_reasons, summarize
 from monitor.declare import check_settings, setting
 from projects.errors import ComparisonError, ParameterError, RegistrationError
@@ -145,6 +145,8 @@ def measure_sides(reference: Surface, moved: Surface, registration: Registration
     trees = build_tree(reference, shift, limits[1]), build_tree(moved, shift, limits[1])
     on_reference = measure_side(reference, moved, trees, -1.0, limits, registration)
     on_compared = measure_side(moved, reference, (trees[1], trees[0]), 1.0, limits, registration)
+    on_reference, on_compared = (drop_contradicted(on_reference, on_compared),
+                                 drop_contradicted(on_compared, on_reference))  # fmt: skip
     if registration.is_stable is None or len(registration.is_stable) != len(moved.vertices):
         return on_reference, on_compared
     corner = on_reference.feet.weights.argmax(axis=1)

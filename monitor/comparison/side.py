@@ -15,6 +15,8 @@ from monitor.registration.covariance import propagate
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, rotate
 
+EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only
+
 
 @dataclass(frozen=True)
 class Side:
@@ -58,12 +60,28 @@ def move_surface(surface: Surface, T_target_source: Floats) -> Surface:
     return replace(surface, vertices=apply(T_target_source, surface.vertices), normals=normals)
 
 
+def drop_contradicted(side: Side, back: Side) -> Side:
+    """Return the side without the vertices whose change the other surface contradicts, seen from the foot.
+
+    Where two sheets lie close, or a surface was seen in one epoch only, a vertex may find the wrong sheet: from there
+    the change looks less than half as large, beyond four sigma. Such a vertex is not assessable.
+    """
+    corner = side.feet.weights.argmax(axis=1)
+    foot = side.other.faces[np.maximum(side.feet.faces, 0), corner]
+    sigma = np.hypot(side.sigma_surfaces, side.sigma_common)
+    seen_back = np.where(back.is_assessed, back.distances, np.nan)[foot]
+    contradicted = side.is_assessed & (np.abs(side.distances) > 2.0 * np.abs(seen_back) + 4.0 * sigma)
+    reasons = np.where(contradicted, NotAssessed.SHEET_BETWEEN, side.reasons).astype(side.reasons.dtype)
+    return replace(side, reasons=reasons, distances=np.where(contradicted, np.nan, side.distances))
+
+
 def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTree], sign: float,
                  limits: tuple[float, float], registration: Registration) -> Side:  # fmt: skip
     """Measure one side against the other, with the trees of both; `sign` is +1 on compared, -1 on reference.
 
     A stated sigma that is NaN makes the vertex too uncertain; a surface that states none at all leaves its noise to
-    the floor that the stable areas show.
+    the floor that the stable areas show. Near a free edge of either surface the surface goes on beyond its samples, so
+    nothing is said there.
     """
     feet = distances_to_tree(surface, trees[1], other, *limits)
     to_rim = np.fmin(feet.to_rim, distance_to_rim(trees[0], trees[0].vertices))
@@ -73,11 +91,13 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     sigma = np.hypot(own, foot)
     reasons = feet.reasons.copy()
     reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
+    edges, areas = mesh_edges(trees[0]), vertex_areas(surface)
+    at_rim = to_rim < EXTRAPOLATED * np.sqrt(np.median(areas))  # False where there is no rim (NaN)
+    reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
     reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
     distances = np.where(reasons == NotAssessed.ASSESSED, sign * feet.distances, np.nan)
     motion = propagate(registration.covariance, registration.centre, surface.vertices, normals)
     is_stable = np.zeros(len(normals), dtype=np.bool_)
-    edges, areas = mesh_edges(trees[0]), vertex_areas(surface)
     shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
     shared = np.where(np.isfinite(shared), shared, 0.0)
     return Side(
