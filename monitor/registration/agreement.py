@@ -68,9 +68,9 @@ def assess_agreement(
     -----
     In a patch seen by k scans with mean distances m_s, s2 = sum (m_s - mean)^2 / (k - 1) less the noise of the means
     estimates the variance of one scan there. Pooled over all patches, weighted by k - 1, it is sigma_scan^2. A patch
-    has (PRIOR_SCANS sigma_scan^2 + (k - 1) s2) / (PRIOR_SCANS + k - 1) for one scan, divided by k_eff for the
-    surface, which rests on all of them; k_eff = (sum n_s)^2 / sum n_s^2. Nothing is trimmed: between scans of one
-    epoch nothing has changed, so a large difference is an error that counts.
+    has (PRIOR_SCANS sigma_scan^2 + (k - 1) s2) / (PRIOR_SCANS + k - 1), for one scan and for the surface alike: scans
+    that were fitted onto each other share the error of the network, so two that agree are not twice as sure. Nothing
+    is trimmed: between scans of one epoch nothing has changed, so a large difference is an error that counts.
     """
     size = PATCH_IN_SPACINGS * spacing
     patch, centres = _cut_patches(np.concatenate(points), size)
@@ -85,8 +85,7 @@ def assess_agreement(
     pooled = float(max(np.sum(freedom * within) / freedom.sum(), 0.0))
     one = (PRIOR_SCANS * pooled + freedom * np.maximum(within, 0.0)) / (PRIOR_SCANS + freedom)
     seen = n_scans > 0
-    variance = one[seen] / _effective_scans(groups, len(centres))[seen]
-    sigma = np.sqrt(_spread_to(vertices, centres[seen], variance))
+    sigma = np.sqrt(_spread_to(vertices, centres[seen], one[seen]))
     return Agreement(sigma, float(np.sqrt(pooled)), size, int(seen.sum()), n_overlapping)
 
 
@@ -118,13 +117,6 @@ def _variance_within(groups: _Groups, n_patches: int) -> Floats:
     square = np.bincount(groups.patch, (groups.mean - middle[groups.patch]) ** 2, minlength=n_patches)
     noise = np.bincount(groups.patch, groups.variance, minlength=n_patches) / np.maximum(count, 1)
     return np.where(count > 1, square / np.maximum(count - 1, 1) - noise, 0.0)
-
-
-def _effective_scans(groups: _Groups, n_patches: int) -> Floats:
-    """Return how many scans each patch rests on, counting a scan by its share of the points."""
-    total = np.bincount(groups.patch, groups.n, minlength=n_patches).astype(np.float64)
-    square = np.bincount(groups.patch, groups.n.astype(np.float64) ** 2, minlength=n_patches)
-    return np.where(square > 0, total**2 / np.maximum(square, 1.0), 1.0)
 
 
 def _spread_to(vertices: Floats, centres: Floats, variance: Floats) -> Floats:
