@@ -22,7 +22,7 @@ from monitor.simulation.scenes import Scene, make_box
 from projects.formats import write_e57
 from projects.model import Floats, Scan
 
-SPACING = 0.002  # m, between neighbouring pulses at the figure
+SPACING = 0.0027  # m, between neighbouring pulses at the figure
 SIGMA_POSITION, SIGMA_ANGLE = 0.0002, 3e-5  # m, rad: what is left of each station's registration
 # Stations: angle about the figure [degrees, -90 is in front], distance and height [m].
 STATIONS = ((-90, 2.6, 1.45), (-30, 2.8, 1.35), (28, 2.9, 1.70), (90, 2.7, 1.40), (150, 2.8, 0.75), (-152, 2.5, 2.15))
@@ -124,7 +124,7 @@ def _texts(instrument: str) -> dict[str, str]:
         "material": "limestone (assumed reflectance 0.55)",
         "description": "Standing figure on a moulded pedestal inscribed HERITAGE ANNO MMXXVI, 1.7 m high.",
         "operator": "monitor demo",
-        "instrument": f"{instrument} (simulated), six stations, 2 mm spacing at the figure",
+        "instrument": f"{instrument} (simulated), six stations, 2.7 mm spacing at the figure",
     }
 
 
