@@ -18,7 +18,9 @@ NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
 NO_CONTROL = (
-    "Without control points in both epochs it cannot be told whether the object moved or only the coordinates differ."
+    "The margins are those of the fit of the two surfaces; the coordinates of each epoch are only as good as the poses "
+    "of its scans. Without control points in both epochs it cannot be told whether the object moved or only the "
+    "coordinates differ."
 )
 HAPPENED = {
     "lost": "lost material",
