@@ -145,7 +145,8 @@ def _adjust(place: Place, settings: Settings, scans: list[Step], notify: Notify)
     """Fit the scans of the epoch onto each other (design step 7; Dorninger & Nothegger 2009)."""
 
     def make() -> Made:
-        notify(f"{place.epoch_id}: fitting {len(scans)} scans onto each other")
+        if len(scans) > 1:
+            notify(f"{place.epoch_id}: fitting {len(scans)} scans onto each other")
         clouds = [place.get(step) for step in scans]
         seen = [k for k, cloud in enumerate(clouds) if len(cloud)]
         if not seen:
@@ -188,7 +189,7 @@ def _merge(place: Place, settings: Settings, scans: list[Step], network: Step, n
     """Merge the scans and filter the merged cloud once more (design step 8; Dorninger & Nothegger 2009)."""
 
     def make() -> Made:
-        notify(f"{place.epoch_id}: merging {len(scans)} scans")
+        notify(f"{place.epoch_id}: merging {len(scans)} scan{'s' if len(scans) > 1 else ''}")
         result = merge_scans(_adjusted_clouds(place, scans, network), settings.filter)
         return Made(result.cloud, result.automatic, result.counts)
 

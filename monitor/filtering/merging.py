@@ -16,7 +16,7 @@ from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import fit_planes, require_points
 from monitor.filtering.scan import FilterResult, FilterSettings, describe, thin_cloud
 from projects.errors import ParameterError
-from projects.model import PointCloud
+from projects.model import Floats, PointCloud
 
 
 def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = None) -> FilterResult:
@@ -39,13 +39,23 @@ def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = 
     merged = concatenate_clouds(clouds)
     require_points(merged.points)
     merged = merged.take(canonical_order(merged.points))
-    planes = fit_planes(build_index(merged.points), merged.normals, settings.normals)
+    planes = fit_planes(build_index(merged.points), orientation_of(merged), settings.normals)
     keep = ~planes.is_outlier
     cloud, thinned, targets = thin_cloud(merged.take(keep), planes.take(keep), settings.thinning)
     counts = {
         "in": len(merged), "outlier": int((~keep).sum()), "merged": int(keep.sum()) - len(cloud), "out": len(cloud),
     }  # fmt: skip
     return FilterResult(cloud, counts, describe(planes.take(keep), thinned, targets))
+
+
+def orientation_of(cloud: PointCloud) -> Floats | None:
+    """Return what the normals of a merged cloud are turned by: those of its scans, NaN where no scanner is known.
+
+    Without a known scanner each scan's normals were made to agree among themselves only; two scans of one relief may
+    look opposite ways, so the merged cloud decides anew.
+    """
+    unknown = cloud.origins is not None and not np.isfinite(cloud.origins).any()
+    return np.full(3, np.nan) if unknown else cloud.normals
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:

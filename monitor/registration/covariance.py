@@ -21,6 +21,7 @@ from projects.errors import ShapeError
 from projects.model import Floats, Ints
 
 N_PATCHES = 150  # enough to tell a range of a tenth of the object; 0.1 s
+LEAST_SCATTER = 1e-6  # of standardized residuals squared: two epochs of the same numbers have none
 
 
 def propagate(covariance: Floats, centre: Floats, points: Floats, normals: Floats) -> Floats:
@@ -94,7 +95,7 @@ def standardize(matches: Matches, sigma: Floats, centre: Floats) -> Adjusted:
 
 def naive_covariance(adjusted: Adjusted) -> Floats:
     """Return the covariance (6, 6) of the M-estimate as if all residuals were independent."""
-    factor = float(np.mean(adjusted.psi**2)) / adjusted.slope**2
+    factor = max(float(np.mean(adjusted.psi**2)), LEAST_SCATTER) / adjusted.slope**2  # a copy of itself fits exactly
     return factor * np.linalg.pinv(adjusted.information, hermitian=True)
 
 

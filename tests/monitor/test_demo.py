@@ -12,9 +12,9 @@ from projects.transforms import apply
 
 @pytest.fixture(scope="module")
 def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[DemoCampaign, Comparison]:
-    """Run the demo on scans of twice the spacing, and return the truth and what was found."""
+    """Run the demo up to its comparison, and return the truth and what was found."""
     folder = tmp_path_factory.mktemp("demo")
-    campaign = write_demo_campaign(folder / "scans", cell=0.004, spacing=0.004)
+    campaign = write_demo_campaign(folder / "scans")
     path = folder / "project"
     demo._fill_project(path, campaign)
     process_project(path, None, None, None, (None, None), False)
@@ -47,6 +47,10 @@ def test_each_change_is_found_with_its_sign_and_size(answer: tuple[DemoCampaign,
         print(f"\n{change.name}: volume {1e6 * regions['volume_m3'].sum():.2f} cm3, truth {1e6 * change.volume:.2f}; "
               f"extreme {1e3 * largest['extreme_m']:.2f} mm, truth {1e3 * change.extreme:.2f}")  # fmt: skip
         assert np.sign(largest["mean_m"]) == np.sign(change.volume), change.name
+        if np.isnan(largest["volume_m3"]):  # a piece broke off: what is gone has no counterpart, and it is said
+            assert change.name == "broken corner of the shield"
+            assert 0.4 * abs(change.extreme) < abs(largest["extreme_m"]) <= 1.05 * abs(change.extreme)
+            continue
         assert regions["volume_m3"].sum() == pytest.approx(change.volume, rel=0.25), change.name
         assert largest["extreme_m"] == pytest.approx(change.extreme, rel=0.25), change.name
 
