@@ -18,7 +18,7 @@ from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected, Detection
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
-from projects.model import Floats, Ints, Registration
+from projects.model import Bools, Floats, Ints, Registration
 
 Pair = tuple[Side, Side]
 UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
@@ -30,7 +30,7 @@ def spread_margin(side: Side, region: Ints, width: float) -> Ints:
     """Return the region whose margin of `width` [m] along the surface each vertex lies in (n,), 0 for none.
 
     The flanks of a change lie below the level of detection and still hold volume; the margin takes them in whatever
-    they measure, so it adds no bias. Vertices that are not assessable are of the margin too: see `unknown_share`.
+    they measure, so it adds no bias. Vertices that are not assessable are of the margin too: see `is_volume_known`.
     """
     inside = np.flatnonzero(region > 0)
     if not len(inside):
@@ -43,15 +43,16 @@ def spread_margin(side: Side, region: Ints, width: float) -> Ints:
     return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 
-def unknown_share(side: Side, region: Ints, margin: Ints, number: int) -> float:
-    """Return the area that cannot be assessed in a region's margin as a share of the region's own area.
+def is_volume_known(side: Side, region: Ints, width: float, n_regions: int) -> Bools:
+    """Return for each region (n_regions,) whether at most `MOST_UNKNOWN` of its area beside it is not assessable.
 
-    Where a piece broke off, part of what is gone has no counterpart on the other surface: the volume between the
-    surfaces is then not known from the rest.
+    Beside is within `width` [m] along the surface. Where a piece broke off, part of what is gone has no counterpart on
+    the other surface: the volume between the surfaces is then not known from the rest.
     """
-    own = float(side.areas[region == number].sum())
-    unknown = float(side.areas[(margin == number) & ~side.is_assessed].sum())
-    return unknown / own if own > 0.0 else 0.0
+    around = spread_margin(side, region, width)
+    own = np.bincount(region, side.areas, minlength=n_regions + 1)[1:]
+    unknown = np.bincount(around, np.where(side.is_assessed, 0.0, side.areas), minlength=n_regions + 1)[1:]
+    return unknown <= MOST_UNKNOWN * own
 
 
 def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints],
@@ -62,8 +63,6 @@ def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[In
              for k in range(2) if (regions[k] == number).any()]  # fmt: skip
     area, sigma_area = combine([v.area for v in views], [v.sigma_area for v in views])
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
-    if max(unknown_share(s, r, m, number) for s, r, m in zip(sides, regions, margins, strict=True)) > MOST_UNKNOWN:
-        volume, sigma_volume = float("nan"), float("nan")
     mean, sigma_mean = combine([v.mean for v in views], [v.sigma_mean for v in views])
     extreme, sigma_extreme = max((v.extreme for v in views), key=lambda e: abs(e[0]))
     centroid = np.mean([v.centroid for v in views], axis=0)

@@ -14,7 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.detection import Detected, Detection, Tested
-from monitor.comparison.region_figures import describe_region, spread_margin
+from monitor.comparison.region_figures import describe_region, is_volume_known, spread_margin
 from monitor.comparison.side import Side
 from monitor.comparison.units import sum_groups
 from projects.model import REGION_COLUMNS, Ints, Registration
@@ -39,6 +39,9 @@ def find_regions(sides: tuple[Side, Side], found: Detected, registration: Regist
     rows = [describe_region(k, sides, found, (regions[0], regions[1]), (margins[0], margins[1]), registration)
             for k in range(1, len(kept) + 1)]  # fmt: skip
     table = pd.DataFrame(rows, columns=list(REGION_COLUMNS))
+    known = np.logical_and(*(is_volume_known(s, r, found.test.size, len(kept))
+                             for s, r in zip(sides, regions, strict=True)))  # fmt: skip
+    table.loc[~known, ["volume_m3", "sigma_volume_m3"]] = np.nan
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     rank = np.zeros(len(kept) + 1, dtype=np.int32)
     rank[order + 1] = np.arange(1, len(kept) + 1)

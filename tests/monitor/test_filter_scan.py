@@ -157,3 +157,14 @@ def test_a_real_scan_keeps_its_surface(real_data):
     assert 0.03e-3 < result.automatic["noise_before"] < 0.12e-3
     dropped = result.counts["outlier"] + result.counts["speck"]
     assert dropped < 0.01 * len(points)
+
+
+def test_merged_scans_of_unknown_stations_look_one_way(rng):
+    def relief(sign):
+        x, y = rng.uniform(-0.3, 0.3, (2, 4000))
+        z = 0.03 * np.sin(11 * x) * np.cos(9 * y) + rng.normal(0, 0.0003, 4000)
+        normals = np.tile([0.0, 0.0, sign], (4000, 1))
+        return PointCloud(np.column_stack([x, y, z]), normals=normals, origins=np.full(3, np.nan))
+
+    up = merge_scans([relief(1.0), relief(-1.0)]).cloud.normals[:, 2] > 0
+    assert up.mean() in (0.0, 1.0)

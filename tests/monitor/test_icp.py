@@ -159,3 +159,12 @@ def test_settings_out_of_range_are_refused() -> None:
 def test_an_empty_target_is_refused_by_name() -> None:
     with pytest.raises(ParameterError, match="the target of a registration has no points"):
         register(PointCloud(np.zeros((5, 3))), Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=int)))
+
+
+def test_a_copy_of_itself_is_registered_with_a_covariance_that_can_be_used(rng: np.random.Generator) -> None:
+    cloud = noisy_cloud(4000, rng)
+    found = register(cloud, cloud)
+    assert found.converged
+    assert np.abs(found.T_target_source - np.eye(4)).max() < 1e-9
+    assert np.isfinite(found.covariance).all()
+    assert np.linalg.eigvalsh(found.covariance).min() >= 0.0

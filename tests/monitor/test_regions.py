@@ -138,3 +138,26 @@ def test_benjamini_hochberg_gives_the_textbook_answer() -> None:
 )  # fmt: skip
 def test_kinds_follow_sign_evenness_and_width(mean: float, spread: float, area: float, kind: str) -> None:
     assert name_kind(mean, 1e-4, spread, area) == kind
+
+
+def test_volume_is_unknown_where_much_of_a_region_ends_at_a_free_edge(rng: np.random.Generator) -> None:
+    reference, compared = sphere(), sphere(lambda v: cap(-5e-3, 0.5)(v) + rng.normal(0, 2e-5, len(v)))
+    middle = compared.vertices[compared.faces].mean(axis=1)
+    left = Surface(compared.vertices, compared.faces[~((middle[:, 2] > 0.05) & (middle[:, 0] > 0.0))])
+    result = compare(reference, left, known(left))
+    assert len(result.regions) == 1
+    assert np.isnan(result.regions.iloc[0].volume_m3)
+    assert np.isnan(result.regions.iloc[0].sigma_volume_m3)
+    assert result.regions.iloc[0].mean_m < 0
+
+
+def test_a_sheet_seen_in_one_epoch_only_is_not_taken_for_a_loss(rng: np.random.Generator) -> None:
+    reference, outer = sphere(lambda v: rng.normal(0, 2e-5, len(v))), sphere(lambda v: rng.normal(0, 2e-5, len(v)))
+    inner = outer.faces[(outer.vertices[outer.faces][:, :, 2] > 0.06).all(axis=1)]
+    n = len(outer.vertices)
+    both = Surface(np.vstack([outer.vertices, 0.93 * outer.vertices]), np.vstack([outer.faces, inner + n]))
+    result = compare(reference, both, known(both))
+    assert len(result.regions) == 0
+    behind = np.unique(inner) + n
+    assert (result.on_compared.assessment[behind] == 0).all()  # 7 mm behind: neither changed nor unchanged
+    assert np.isnan(result.on_compared.distances[behind]).all()
