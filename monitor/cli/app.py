@@ -13,6 +13,7 @@ import typer
 app = typer.Typer(
     name="monitor",
     help="Follow the state of monuments through time: laser scans in, difference models and reports out.",
+    epilog="Every command has --help; --debug shows the traceback of an error.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -42,7 +43,7 @@ Text = Annotated[str, typer.Option()]
 
 @app.command()
 def demo(out: OutOption = Path("monitor-demo")) -> None:
-    """Run the whole job on a bundled example: a carved figure, scanned twice; ends by naming the report."""
+    """Run the whole job on a bundled example and name the report."""
     from monitor.cli.demo import run_demo
 
     run_demo(out)
@@ -120,7 +121,7 @@ def add_epoch(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Add an epoch: the object's state at one date, from its scans."""
+    """Add the object's state at one date, from its scans."""
     from monitor.cli.adding import EpochRequest, add_epoch_to_project
 
     request = EpochRequest(
@@ -137,7 +138,7 @@ def remove_epoch(
     epoch_id: EpochArgument,
     purge: Annotated[bool, typer.Option("--purge", help="Also delete its files; this cannot be undone.")] = False,
 ) -> None:
-    """Take an epoch out of the project; its files stay on disk unless --purge is given."""
+    """Take an epoch out; its files stay on disk until --purge."""
     from monitor.cli.keeping import remove_epoch_from_project
 
     remove_epoch_from_project(project, object_id, epoch_id, purge)
@@ -153,7 +154,7 @@ def process(
     scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Bring epochs from scans to surfaces; does only what is missing."""
+    """Make surfaces of scans; does only what is missing."""
     from monitor.cli.working import process_project
 
     process_project(project, object_id, epoch_id, settings, (workers, scheduler), as_json)
@@ -177,7 +178,7 @@ def compare(
     scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare two epochs; without epochs, each with the first and with the one before."""
+    """Compare epochs; by default with the first and the previous."""
     from monitor.cli.working import compare_object
 
     compare_object(project, object_id, (reference, compared), mode, settings, (workers, scheduler), as_json)
@@ -196,7 +197,7 @@ def export(
         str, typer.Option("--format", metavar="LIST", help="Of ply,glb,obj,stl,laz,e57,csv; with commas.")
     ] = "ply",
 ) -> None:
-    """Write surfaces and difference models as files with fixed names."""
+    """Write surfaces and difference models as files."""
     from monitor.cli.results import export_results
 
     export_results(project, object_id, (reference, compared), out, formats)
@@ -210,7 +211,7 @@ def report(
     reference: Reference = None,
     compared: Compared = None,
 ) -> None:
-    """Write the report of a comparison: one HTML file that says what changed, where, how much and how sure."""
+    """Write what changed, where and how sure as one HTML page."""
     from monitor.cli.results import write_reports
 
     write_reports(project, object_id, (reference, compared), out)
@@ -220,7 +221,7 @@ def report(
 def verify(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of a project.")], as_json: JsonOption = False
 ) -> None:
-    """Check every file of a project against what was recorded of it."""
+    """Check every file of a project against its record."""
     from monitor.cli.keeping import verify_project
 
     verify_project(path, as_json)
@@ -228,7 +229,7 @@ def verify(
 
 @app.command()
 def status(project: ProjectArgument, as_json: JsonOption = False) -> None:
-    """Show objects, epochs, and what has been done with them."""
+    """Show objects, epochs and what has been done."""
     from monitor.cli.keeping import show_status
 
     show_status(project, as_json)
@@ -236,7 +237,7 @@ def status(project: ProjectArgument, as_json: JsonOption = False) -> None:
 
 @app.command()
 def settings() -> None:
-    """Print every setting with its unit, default and meaning, as TOML."""
+    """Print every setting with unit, default and meaning, as TOML."""
     from monitor.settings import to_toml
 
     typer.echo(to_toml(), nl=False)
