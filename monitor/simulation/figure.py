@@ -14,7 +14,7 @@ import numpy as np
 from monitor.simulation.changes import Edit, TrueChange, break_off, close_in, erode, hollow_out, measure_change
 from monitor.simulation.pedestal import DIE, DIE_HALF_WIDTH, HEIGHT, PANEL_DEPTH, pedestal_part
 from monitor.simulation.scenes import Body, Truth
-from monitor.simulation.solid import Field, Solid, contour, evaluate, gradient
+from monitor.simulation.solid import Field, Solid, contour, evaluate, gradient, principal_curvatures
 from monitor.simulation.statue import HEAD, shield_corner, statue_parts
 from projects.model import Floats, Surface
 from projects.open3d_library import load_open3d
@@ -121,7 +121,10 @@ def truth_of(field: Field, mesh: Surface) -> Truth:
         g = gradient(field, closest(points))
         return g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
 
-    return Truth(closest, signed, normal)
+    def curvature(points: Floats) -> Floats:
+        return principal_curvatures(field, closest(points))
+
+    return Truth(closest, signed, normal, curvature)
 
 
 def true_changes() -> tuple[TrueChange, ...]:

@@ -25,11 +25,15 @@ class Truth:
     closest_point : (n, 3) m -> (n, 3) m, the nearest point of the surface.
     signed_distance : (n, 3) m -> (n,) m, positive outside (towards the scanner: material would be gained).
     normal : (n, 3) m -> (n, 3), outward unit normal at the nearest point.
+    curvature : (n, 3) m -> (n, 2) 1/m, principal curvatures at the nearest point, the larger first, positive where
+        the surface is convex seen from outside (1/r, 1/r of a ball); their mean is the mean curvature, half the
+        divergence of the outward normal. NaN on edges, and where it is not known.
     """
 
     closest_point: Callable[[Floats], Floats]
     signed_distance: Callable[[Floats], Floats]
     normal: Callable[[Floats], Floats]
+    curvature: Callable[[Floats], Floats] = lambda points: np.full((len(points), 2), np.nan)
 
     def moved(self, T_project_scene: Floats) -> Truth:
         """Return the truth of the same surface moved rigidly."""
@@ -38,6 +42,7 @@ class Truth:
             closest_point=lambda points: apply(T_project_scene, self.closest_point(apply(inverse, points))),
             signed_distance=lambda points: self.signed_distance(apply(inverse, points)),
             normal=lambda points: rotate(T_project_scene, self.normal(apply(inverse, points))),
+            curvature=lambda points: self.curvature(apply(inverse, points)),
         )
 
 
@@ -132,6 +137,7 @@ def plane_scene(*, size: float = 1.0, reflectance: float = 0.6) -> Scene:
         closest_point=lambda p: p * [1.0, 1.0, 0.0],
         signed_distance=lambda p: p[:, 2].copy(),
         normal=lambda p: np.tile([0.0, 0.0, 1.0], (len(p), 1)),
+        curvature=lambda p: np.zeros((len(p), 2)),
     )
     return Scene("plane", (body,), truth)
 
@@ -154,6 +160,7 @@ def sphere_scene(*, radius: float = 0.1, reflectance: float = 0.6, n_rings: int 
         closest_point=lambda x: radius * x / np.linalg.norm(x, axis=1, keepdims=True),
         signed_distance=lambda x: np.linalg.norm(x, axis=1) - radius,
         normal=lambda x: x / np.linalg.norm(x, axis=1, keepdims=True),
+        curvature=lambda x: np.full((len(x), 2), 1.0 / radius),
     )
     return Scene("sphere", (Body("sphere", vertices, faces.astype(np.int32), reflectance),), truth)
 
@@ -184,7 +191,13 @@ def step_scene(*, height: float = 0.05, size: float = 1.0, reflectance: float = 
         nearest = candidates(p)[1].argmin(axis=0)
         return np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])[nearest]
 
-    return Scene("step", (low, high), Truth(closest, signed, normal))
+    def curvature(p: Floats) -> Floats:
+        """Zero on the planes, unknown where the foot lies on the upper or lower edge."""
+        foot = closest(p)
+        on_edge = (np.abs(foot[:, 0]) < 1e-9) & (np.minimum(np.abs(foot[:, 2]), np.abs(foot[:, 2] - height)) < 1e-9)
+        return np.where(on_edge[:, None], np.nan, np.zeros((len(p), 2)))
+
+    return Scene("step", (low, high), Truth(closest, signed, normal, curvature))
 
 
 def wave_scene(
@@ -216,4 +229,9 @@ def wave_scene(
         n = np.column_stack([amplitude * k * np.sin(k * closest(p)[:, 0]), np.zeros(len(p)), np.ones(len(p))])
         return n / np.linalg.norm(n, axis=1, keepdims=True)
 
-    return Scene("waves", (body,), Truth(closest, signed, normal))
+    def curvature(p: Floats) -> Floats:
+        x = closest(p)[:, 0]
+        bent = amplitude * k * k * np.cos(k * x) / (1.0 + (amplitude * k * np.sin(k * x)) ** 2) ** 1.5
+        return np.column_stack([np.maximum(bent, 0.0), np.minimum(bent, 0.0)])
+
+    return Scene("waves", (body,), Truth(closest, signed, normal, curvature))

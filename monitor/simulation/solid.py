@@ -110,6 +110,33 @@ def gradient(field: Field, points: Floats, *, step: float = 1e-4) -> Floats:
     return np.column_stack(sides) / (2.0 * step)
 
 
+def principal_curvatures(field: Field, points: Floats, *, step: float = 2e-4) -> Floats:
+    """Return the principal curvatures (n, 2) [1/m] of the field's level surfaces at points (n, 3), the larger first.
+
+    Eigenvalues of P H P / |g| within the tangent plane, with the gradient g and the Hessian H of the field by central
+    differences over `step` [m] and P = I - n n'; positive where convex seen from outside. A crease within `step`
+    reads as a curvature of about 1 / step, and a field tabulated at a wider spacing than `step` shows its table.
+    """
+    e = step * np.eye(3)
+    middle, hessian = evaluate(field, points), np.empty((len(points), 3, 3))
+    for i in range(3):
+        ahead, behind = evaluate(field, points + e[i]), evaluate(field, points - e[i])
+        hessian[:, i, i] = (ahead - 2.0 * middle + behind) / step**2
+        for j in range(i):
+            corners = [a * b * evaluate(field, points + a * e[i] + b * e[j]) for a in (-1, 1) for b in (-1, 1)]
+            hessian[:, i, j] = hessian[:, j, i] = sum(corners) / (4.0 * step**2)
+    g = gradient(field, points, step=step)
+    length = np.maximum(np.linalg.norm(g, axis=1), 1e-12)
+    n = g / length[:, None]
+    tangent = np.eye(3) - n[:, :, None] * n[:, None, :]
+    shape = tangent @ hessian @ tangent / length[:, None, None]
+    # The tangent plane's two eigenvalues from trace and second invariant; the third is 0, along n.
+    trace = np.trace(shape, axis1=1, axis2=2)
+    second = 0.5 * (trace**2 - np.einsum("nij,nji->n", shape, shape))
+    root = np.sqrt(np.maximum(0.25 * trace**2 - second, 0.0))
+    return np.column_stack([0.5 * trace + root, 0.5 * trace - root])
+
+
 def project(field: Field, points: Floats, *, n_steps: int = 4) -> Floats:
     """Return points (n, 3) moved along the field's gradient onto its zero (Newton)."""
     x = np.array(points, dtype=float)
