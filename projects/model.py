@@ -36,11 +36,12 @@ class NotAssessed(IntEnum):
     """Why a point is not assessable; 0 where it is."""
 
     ASSESSED = 0
-    NO_FACE = 1  # no face of the other surface within the search limit that looks the same way
+    NO_FACE = 1  # the other surface comes within the search limit, but no face of it there looks the same way
     FREE_EDGE = 2  # the foot of the perpendicular falls on a boundary of the other surface
     SHEET_BETWEEN = 3  # the perpendicular crosses another sheet first
     TOO_UNCERTAIN = 4  # the level of detection cannot be stated or exceeds its limit
     NOT_SEEN = 5  # one epoch's scanners did not look there
+    BEYOND_SEARCH = 6  # no face of the other surface at all within the search limit
 
 
 class Roughness(IntEnum):

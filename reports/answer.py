@@ -36,6 +36,7 @@ WHY_NOT = {
     NotAssessed.SHEET_BETWEEN: "another part of the object lies in between",
     NotAssessed.TOO_UNCERTAIN: "the measurement is too uncertain there",
     NotAssessed.NOT_SEEN: "the scanners of one epoch did not look there",
+    NotAssessed.BEYOND_SEARCH: "the other epoch has no surface near by",
 }
 
 

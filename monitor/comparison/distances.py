@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from monitor.comparison.feet import FOOT, NO_FOOT, ON_BORDER, find_feet
+from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER, find_feet
 from monitor.comparison.mesh_tree import MeshTree, angle_weighted_normals, build_tree, morton_codes
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
@@ -78,6 +78,7 @@ def distances_to_tree(surface: Surface, tree: MeshTree, other: Surface, limit: f
     reasons[outcome == FOOT] = NotAssessed.ASSESSED
     reasons[outcome == ON_BORDER] = NotAssessed.FREE_EDGE
     reasons[outcome == NO_FOOT] = NotAssessed.NO_FACE
+    reasons[outcome == NOTHING_NEAR] = NotAssessed.BEYOND_SEARCH
     weights = np.column_stack((1.0 - weights.sum(axis=1), weights))
     faces = np.where(face >= 0, tree.order[face], -1)
     to_rim = np.full(len(points), np.nan)

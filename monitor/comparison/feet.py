@@ -27,7 +27,7 @@ from monitor.comparison.triangles import (
 
 CHUNK = 512
 DEPTH = 96  # of the stack: two entries a level are enough for any tree that fits a computer's memory
-NO_FOOT, FOOT, ON_BORDER, BEHIND_SHEET = range(4)
+NO_FOOT, FOOT, ON_BORDER, BEHIND_SHEET, NOTHING_NEAR = range(5)
 
 
 @jit(nopython=True, parallel=True, cache=True)
@@ -51,6 +51,7 @@ def find_feet(tree, points, normals, order, limits):  # type: ignore[no-untyped-
             if found[1] >= 0 and not _stands_over(tree, p, found):  # rare: then only faces that p stands over
                 found = _nearest_foot(tree, p, looks, limits, -1, True, stack, bounds)
             if found[1] < 0:
+                outcome[i] = NO_FOOT if _is_near(tree, p, limits[0], stack) else NOTHING_NEAR
                 continue
             face[i], weights[i, 0], weights[i, 1] = found[1], found[2], found[3]
             last = found[1]
@@ -233,6 +234,31 @@ def _is_hidden(tree, p, foot, stack):  # type: ignore[no-untyped-def]
         for f in range(leaf * n_faces // tree.n_leaves, (leaf + 1) * n_faces // tree.n_leaves):
             t = crosses_triangle(p, direction, _corner(tree, f, 0), _corner(tree, f, 1), _corner(tree, f, 2))
             if 1e-6 < t < 1.0 - 1e-6:
+                return True
+    return False
+
+
+@jit(nopython=True, cache=True)
+def _is_near(tree, p, limit, stack):  # type: ignore[no-untyped-def]
+    """Whether any face, wherever it looks, comes within `limit` of p."""
+    n_inner, n_faces = tree.n_leaves - 1, len(tree.faces)
+    stack[0], top = 0, 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if box_distance2(p, tree.nodes, node) > limit * limit:
+            continue
+        if node < n_inner:
+            stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
+            top += 2
+            continue
+        leaf = node - n_inner
+        for f in range(leaf * n_faces // tree.n_leaves, (leaf + 1) * n_faces // tree.n_leaves):
+            weight_b, weight_c, _ = closest_on_triangle(
+                p, _corner(tree, f, 0), _corner(tree, f, 1), _corner(tree, f, 2)
+            )
+            away = sub(p, _point_of(tree, f, weight_b, weight_c))
+            if dot(away, away) <= limit * limit:
                 return True
     return False
 

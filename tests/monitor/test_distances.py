@@ -128,10 +128,10 @@ def test_sixty_degrees_are_the_limit() -> None:
         assert measure([[0.3, 0.4, 0.02]], [[np.sin(tilt), 0, np.cos(tilt)]], square()).reasons[0] == reason
 
 
-def test_beyond_the_search_limit_is_no_face() -> None:
+def test_beyond_the_search_limit_is_said_to_be() -> None:
     looks = [[0, 0, 1], [0, 0, 1]]
     feet = measure([[0.3, 0.4, 0.0999], [0.3, 0.4, 0.1001]], looks, square(), limit=0.1)
-    np.testing.assert_array_equal(feet.reasons, [NotAssessed.ASSESSED, NotAssessed.NO_FACE])
+    np.testing.assert_array_equal(feet.reasons, [NotAssessed.ASSESSED, NotAssessed.BEYOND_SEARCH])
 
 
 def test_foot_on_the_rim_is_a_free_edge() -> None:
