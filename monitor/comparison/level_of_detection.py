@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import norm
 
-from projects.model import Floats
+from projects.model import Floats, Ints
 
 Z95 = float(norm.ppf(0.975))  # 1.96
 N_FLOOR = 200_000  # stable vertices that a floor is estimated from, at even steps
@@ -21,8 +21,8 @@ def level_of_detection(sigma_surfaces: Floats, sigma_common: Floats, floor: Floa
     return Z95 * np.sqrt(sigma_surfaces**2 + sigma_common**2 + np.square(floor))
 
 
-def lague_lod95(spread_reference: Floats, n_reference: Floats, spread_compared: Floats, n_compared: Floats,
-                registration_error: float) -> Floats:  # fmt: skip
+def lague_lod95(spread_reference: Floats, n_reference: Floats | Ints, spread_compared: Floats,
+                n_compared: Floats | Ints, registration_error: float) -> Floats:  # fmt: skip
     """Return Lague's level of detection [m], the registration error added linearly, as other programs have it.
 
     References
