@@ -6,13 +6,13 @@ step and wave relief are here; the carved figure is in `figure`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from projects.errors import ParameterError, ShapeError
-from projects.model import Floats, Ints, Surface
+from projects.model import Bools, Floats, Ints, Surface
 from projects.transforms import apply, invert, rotate
 
 
@@ -80,12 +80,40 @@ class Body:
 
 
 @dataclass(frozen=True)
+class TrueTarget:
+    """A survey target: a sphere, or a black-and-white board, whose centre is known.
+
+    Attributes
+    ----------
+    kind : sphere or board.
+    centre : (3,) m, of the sphere, or of the board's face, where its four fields meet.
+    size : m, radius of the sphere, or side of the board.
+    normal : (3,), of the board's face; None for a sphere.
+    """
+
+    name: str
+    kind: str
+    centre: Floats
+    size: float
+    normal: Floats | None = None
+
+
+@dataclass(frozen=True)
 class Scene:
-    """Bodies that stand together, and the truth of the one that is monitored."""
+    """Bodies that stand together, and the truth of the one that is monitored.
+
+    Attributes
+    ----------
+    truth : of the monitored body or bodies.
+    regions : named parts of its surface: points (n, 3) m near it -> mask (n,), whether they belong to the part.
+    targets : survey targets in the scene.
+    """
 
     name: str
     bodies: tuple[Body, ...]
     truth: Truth | None = None
+    regions: Mapping[str, Callable[[Floats], Bools]] = field(default_factory=dict)
+    targets: tuple[TrueTarget, ...] = ()
 
     def bounds(self) -> Floats:
         """Return the lowest and highest corner, (2, 3) m."""
@@ -110,29 +138,30 @@ def _grid_faces(n_u: int, n_v: int) -> Ints:
     return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])]).astype(np.int32)
 
 
-def _height_body(
-    name: str, size: float, step: float, height: Callable[[Floats, Floats], Floats], reflectance: float
-) -> Body:
-    """Return a closed slab, `size` square, whose top is z = height(x, y) and whose bottom lies 0.1 m below."""
+def make_slab(
+    name: str, size: float, step: float, height: Callable[[Floats, Floats], Floats], reflectance: float = 0.6, *,
+    thickness: float = 0.1,
+) -> Body:  # fmt: skip
+    """Return a closed slab, `size` square, its top z = height(x, y) on a grid, its bottom `thickness` below that."""
     n = max(2, round(size / step) + 1)
     axis = np.linspace(-size / 2, size / 2, n)
     x, y = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
     top = np.column_stack([x, y, height(x, y)])
-    bottom = np.column_stack([x, y, np.full(len(x), top[:, 2].min() - 0.1)])
-    faces = _grid_faces(n, n)
     index = np.arange(n * n).reshape(n, n)
     rim = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
-    after = np.roll(rim, -1)
-    wall = np.concatenate(
-        [np.column_stack([rim + n * n, after + n * n, after]), np.column_stack([rim + n * n, after, rim])]
-    )
-    all_faces = np.concatenate([faces, faces[:, ::-1] + n * n, wall]).astype(np.int32)
-    return Body(name, np.concatenate([top, bottom]), all_faces, reflectance)
+    low = top[:, 2].min() - thickness
+    below = np.column_stack([top[rim, :2], np.full(len(rim), low)])
+    vertices = np.concatenate([top, below, [[0.0, 0.0, low]]])
+    after, under = np.roll(rim, -1), n * n + np.arange(len(rim))
+    next_under, centre = np.roll(under, -1), np.full(len(rim), len(vertices) - 1)
+    walls = [np.column_stack([under, next_under, after]), np.column_stack([under, after, rim])]
+    faces = np.concatenate([_grid_faces(n, n), *walls, np.column_stack([next_under, under, centre])])
+    return Body(name, vertices, faces.astype(np.int32), reflectance)
 
 
 def plane_scene(*, size: float = 1.0, reflectance: float = 0.6) -> Scene:
     """Return a square slab whose top is the plane z = 0; the truth is the unbounded plane."""
-    body = _height_body("plane", size, size, lambda x, y: np.zeros_like(x), reflectance)
+    body = make_slab("plane", size, size, lambda x, y: np.zeros_like(x), reflectance)
     truth = Truth(
         closest_point=lambda p: p * [1.0, 1.0, 0.0],
         signed_distance=lambda p: p[:, 2].copy(),
@@ -143,7 +172,18 @@ def plane_scene(*, size: float = 1.0, reflectance: float = 0.6) -> Scene:
 
 
 def sphere_scene(*, radius: float = 0.1, reflectance: float = 0.6, n_rings: int = 400) -> Scene:
-    """Return a sphere about the origin. The mesh, circumscribed in the mean, deviates by (pi/2 n)**2 of the radius."""
+    """Return a sphere about the origin; the truth is the sphere, see `make_ball` for its mesh."""
+    truth = Truth(
+        closest_point=lambda x: radius * x / np.linalg.norm(x, axis=1, keepdims=True),
+        signed_distance=lambda x: np.linalg.norm(x, axis=1) - radius,
+        normal=lambda x: x / np.linalg.norm(x, axis=1, keepdims=True),
+        curvature=lambda x: np.full((len(x), 2), 1.0 / radius),
+    )
+    return Scene("sphere", (make_ball("sphere", np.zeros(3), radius, reflectance=reflectance, n_rings=n_rings),), truth)
+
+
+def make_ball(name: str, centre: Floats, radius: float, *, reflectance: float = 0.6, n_rings: int = 200) -> Body:
+    """Return a closed ball, its vertices on the sphere; its faces lie up to (pi / n_rings)**2 / 4 radii inside it."""
     polar = np.pi * (np.arange(1, n_rings)) / n_rings
     turn = np.pi * np.arange(2 * n_rings) / n_rings
     t, p = (a.ravel() for a in np.meshgrid(polar, turn, indexing="ij"))
@@ -156,13 +196,7 @@ def sphere_scene(*, radius: float = 0.1, reflectance: float = 0.6, n_rings: int 
     caps_top = np.column_stack([np.full(m, len(ring)), index[0], right[0]])
     caps_low = np.column_stack([np.full(m, len(ring) + 1), right[-1], index[-1]])
     faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d]), caps_top, caps_low])
-    truth = Truth(
-        closest_point=lambda x: radius * x / np.linalg.norm(x, axis=1, keepdims=True),
-        signed_distance=lambda x: np.linalg.norm(x, axis=1) - radius,
-        normal=lambda x: x / np.linalg.norm(x, axis=1, keepdims=True),
-        curvature=lambda x: np.full((len(x), 2), 1.0 / radius),
-    )
-    return Scene("sphere", (Body("sphere", vertices, faces.astype(np.int32), reflectance),), truth)
+    return Body(name, np.asarray(centre, dtype=float) + vertices, faces.astype(np.int32), reflectance)
 
 
 def step_scene(*, height: float = 0.05, size: float = 1.0, reflectance: float = 0.6) -> Scene:
@@ -205,7 +239,7 @@ def wave_scene(
 ) -> Scene:
     """Return a relief z = amplitude * cos(2 pi x / wavelength) on a slab; its mesh has 24 cells a wave."""
     k = 2.0 * np.pi / wavelength
-    body = _height_body("waves", size, wavelength / 24, lambda x, y: amplitude * np.cos(k * x), reflectance)
+    body = make_slab("waves", size, wavelength / 24, lambda x, y: amplitude * np.cos(k * x), reflectance)
 
     def closest(p: Floats) -> Floats:
         # The best of 65 starts within one wavelength, then Newton on d/dx of the squared distance.
