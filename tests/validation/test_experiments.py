@@ -1,0 +1,69 @@
+"""Every experiment runs in small, says what it should, and its bars that passed still pass."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from rows import Row, as_mapping, in_words, judge
+from validate import HERE, RESULTS, load, names_of_experiments, run_in_child
+from validation_page import section, summary, table, write_page
+
+
+@pytest.mark.slow
+@pytest.mark.validation
+@pytest.mark.parametrize("name", names_of_experiments())
+def test_experiment_in_small_gives_rows_and_keeps_its_bars(name: str) -> None:
+    result = run_in_child(name, "small", 120.0)
+    assert "error" not in result, result.get("trace", result["error"])
+    assert result["rows"]
+    bars = set(getattr(load(name), "SMALL_BARS", ()))
+    for row in result["rows"]:
+        assert row["what"]
+        assert row["ours"]
+        assert row["verdict"] in ("pass", "not yet", "stated")
+        if row["what"] in bars:
+            assert row["verdict"] == "pass", f"{row['what']}: {row['ours']}, asked {row['asked']}"
+    assert bars <= {row["what"] for row in result["rows"]}
+
+
+def test_every_experiment_has_a_title_and_a_place_on_the_page() -> None:
+    template = (HERE / "template.md").read_text()
+    for name in names_of_experiments():
+        assert load(name).TITLE
+        assert f"[[{name}]]" in template
+
+
+def test_page_on_disk_is_made_of_the_results_kept(tmp_path: Path) -> None:
+    experiments = {name: load(name) for name in names_of_experiments()}
+    write_page(tmp_path / "page.md", HERE / "template.md", RESULTS, experiments)
+    assert (tmp_path / "page.md").read_text() == (HERE.parents[1] / "VALIDATION.md").read_text()
+
+
+def test_table_leaves_empty_columns_out_and_keeps_peers_apart() -> None:
+    rows = [Row("a", "1", judge(True), others={"peer": "2"}), Row("b", "3", judge(False), asked="2", cause="too slow")]
+    lines = table([as_mapping(row) for row in rows])
+    assert lines == [
+        "| what | asked | ours | peer |  |", "|---|---|---|---|---|", "| a |  | 1 | 2 | pass |",
+        "| b | 2 | 3 |  | **not yet** |",
+    ]  # fmt: skip
+
+
+def test_failed_experiment_is_told_with_its_reason_and_stops_nothing() -> None:
+    class Experiment:
+        TITLE = "An experiment"
+
+    failed = {"command": "c", "date": "d", "commit": "x", "error": "ValueError: too few"}
+    assert "**failed: ValueError: too few**" in section("one", failed, Experiment)
+    assert "| failed |" in summary({"one": failed}, {"one": Experiment})
+
+
+def test_what_is_not_known_passes_no_bar_and_is_null() -> None:
+    assert judge(abs(float("nan")) < 1.0) == "not yet"
+    assert in_words(float("nan")) == "-"
+    assert in_words(-0.0004, 3, signed=True) == "0.000"
+    assert in_words(-0.0126, 3, "mm", signed=True) == "−0.013 mm"
+    assert json.loads(json.dumps(as_mapping(Row("a", "1"))))["value"] is None
