@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from monitor.simulation.changes import TrueChange
 from monitor.simulation.figure import CarvedFigure, carved_figure, motion, true_changes
 from monitor.simulation.instruments import INSTRUMENTS, Instrument
 from monitor.simulation.scanner import misregister, simulate_scan, stand_at, window_around
 from monitor.simulation.scenes import Scene, make_box
+from monitor.simulation.true_change import TrueChange
 from projects.formats import write_e57
 from projects.model import Floats, Scan
 

@@ -1,7 +1,7 @@
-"""Named changes of a solid with exact truth: a lost piece, a filling, an eroded patch.
+"""Named changes of a scene: erosion, a lost piece, an infill, cleaning, a part moved, the whole moved.
 
-A change edits a field, so the surface before and after are both known exactly; `measure_change` integrates what was
-lost or gained.
+A change edits the field of a solid or the place of a part, so the surfaces before and after are both known exactly.
+`model.change_model` applies changes to a scene's model and `true_change.measure_changes` says how large each truly is.
 """
 
 from __future__ import annotations
@@ -9,56 +9,124 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from monitor.simulation.shapes import ellipsoid, smoothstep
-from monitor.simulation.solid import Field, contour, evaluate, project
+from monitor.simulation.solid import Field
+from projects.errors import ParameterError
 from projects.model import Floats
+from projects.transforms import require_rigid
+
+KINDS = ("offset", "lowered", "lost", "added", "moved")
+EVERYWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])
 
 
 @dataclass(frozen=True)
 class Edit:
-    """A change of a solid: `apply` makes the new field of the old one; nothing changes outside of `box` (2, 3) [m]."""
-
-    name: str
-    kind: str  # lost, added
-    box: Floats
-    tool: Field
-    depth: float = 0.0
-
-    def apply(self, field: Field) -> Field:
-        """Return the field after the change."""
-        if self.kind == "eroded":
-            return lambda p: field(p) + self.tool(p)
-        if self.kind == "lost":
-            return lambda p: np.maximum(field(p), -self.tool(p))
-        return lambda p: np.minimum(field(p), self.tool(p))
-
-
-@dataclass(frozen=True)
-class TrueChange:
-    """What truly changed between two epochs in one place, in the reference epoch's coordinates.
+    """A change of a scene, in the scene's coordinates.
 
     Attributes
     ----------
-    kind : lost or added.
-    centre : (3,) m, area-weighted centroid of the reference surface where it changed.
-    area : m2 of that surface, where it changed by more than `threshold`.
-    volume : m3, positive where material was gained.
-    extreme : m, the largest distance from a point of the changed surface to the other epoch's surface, with sign.
-    box : (2, 3) m that holds the change.
+    name : what happened, as a restorer would note it.
+    kind : "offset" (the surface sinks by `tool` [m] along its normal, rises where that is negative), "lowered" (the
+        field rises by `tool`, whatever its slope), "lost" (what the solid `tool` holds is gone), "added" (the solid
+        `tool` is joined on) or "moved" (the part is moved by `T_after_before`).
+    box : (2, 3) m; nothing changes outside of it. Of no meaning when moved.
+    tool : (3, n) m -> (n,) m; None when moved.
+    part : the part that is changed; None: every part that reaches into the box.
+    T_after_before : (4, 4), how the part is moved.
     """
 
     name: str
     kind: str
-    centre: Floats
-    area: float
-    volume: float
-    extreme: float
-    threshold: float
     box: Floats
+    tool: Field | None = None
+    part: str | None = None
+    T_after_before: Floats | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ParameterError(f"{self.name}: kind {self.kind!r}; allowed are {', '.join(KINDS)}")
+        if (self.kind == "moved") != (self.T_after_before is not None) or (self.kind == "moved") != (self.tool is None):
+            raise ParameterError(f"{self.name}: a moved part has a motion and no tool, any other change a tool only")
+
+    def apply(self, field: Field) -> Field:
+        """Return the field after the change, of a field in the scene's coordinates."""
+        tool = self.tool
+        if tool is None:
+            raise ParameterError(f"{self.name}: a motion has no field; apply it to a model by change_model")
+        if self.kind == "offset":
+            return _offset(field, tool)
+        if self.kind == "lowered":
+            return lambda p: field(p) + tool(p)
+        if self.kind == "lost":
+            return lambda p: np.maximum(field(p), -tool(p))
+        return lambda p: np.minimum(field(p), tool(p))
 
 
-def break_off(name: str, point: Floats, direction: Floats, *, box: Floats) -> Edit:
+def _offset(field: Field, depth: Field) -> Field:
+    """Return the field whose zero lies deeper by `depth` [m] along the normal of the old one."""
+
+    def value(p: Floats) -> Floats:
+        found, deep = field(p), depth(p)
+        # Only near the surface does the distance itself matter; fields here are sloped 0.5 to 2.
+        near = (deep != 0.0) & (np.abs(found) < 3.0 * np.abs(deep).max(initial=0.0))
+        found[near] = _distance_along_normal(field, p[:, near])
+        return found + deep
+
+    return value
+
+
+def _distance_along_normal(field: Field, p: Floats, *, step: float = 2e-5, n_steps: int = 3) -> Floats:
+    """Return the signed distance of points (3, n) near a field's zero to where Newton's method leads them."""
+    foot, side = p.copy(), np.sign(field(p))
+    for _ in range(n_steps if p.shape[1] else 0):
+        shifts = step * np.eye(3)[:, :, None]
+        slope = np.stack([field(foot + s) - field(foot - s) for s in shifts]) / (2.0 * step)
+        foot -= field(foot) / np.maximum((slope * slope).sum(axis=0), 1e-2) * slope
+    return side * np.sqrt(((p - foot) ** 2).sum(axis=0))
+
+
+def _patch(centre: ArrayLike, radius: float, plateau: float) -> tuple[Field, Floats]:
+    """Return a weight of 1 about a centre, to the share `plateau` of `radius`, that falls to 0 at it; and its box."""
+    c = np.asarray(centre, dtype=float)
+
+    def weight(p: Floats) -> Floats:
+        r = np.sqrt(((p - c[:, None]) ** 2).sum(axis=0))
+        return 1.0 - smoothstep(r, plateau * radius, radius)
+
+    return weight, np.stack([c - radius, c + radius])
+
+
+def erode(
+    name: str, centre: ArrayLike, *, radius: float, depth: float, plateau: float = 0.45, part: str | None = None
+) -> Edit:
+    """Return the wear of a round patch: `depth` [m] along the normal, running out smoothly at `radius` [m].
+
+    `plateau` is the share of the radius within which it is worn by the whole depth.
+    """
+    weight, box = _patch(centre, radius, plateau)
+    return Edit(name, "offset", box, lambda p: depth * weight(p), part)
+
+
+def coat(
+    name: str, centre: ArrayLike, *, radius: float, height: float, plateau: float = 0.45, part: str | None = None
+) -> Edit:
+    """Return a round patch built up by `height` [m] along the normal: plaster, a crust, dirt."""
+    weight, box = _patch(centre, radius, plateau)
+    return Edit(name, "offset", box, lambda p: -height * weight(p), part)
+
+
+def clean(name: str, *, depth: float = 0.0003, box: Floats | None = None, part: str | None = None) -> Edit:
+    """Return the uniform loss of `depth` [m] along the normal: everywhere, inside a box (2, 3) [m], or of one part."""
+    if box is None:
+        return Edit(name, "offset", EVERYWHERE, lambda p: np.full(p.shape[1], depth), part)
+    low, high = np.asarray(box, dtype=float)[:, :, None]
+    held = np.asarray(box, dtype=float)
+    return Edit(name, "offset", held, lambda p: depth * ((p >= low) & (p <= high)).all(axis=0), part)
+
+
+def break_off(name: str, point: ArrayLike, direction: ArrayLike, *, box: Floats, part: str | None = None) -> Edit:
     """Return the loss of all that lies beyond an uneven fracture through `point`, facing `direction`, inside `box`."""
     n = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
     side = np.cross(n, [0.3, 0.8, 0.5])
@@ -73,10 +141,10 @@ def break_off(name: str, point: Floats, direction: Floats, *, box: Floats) -> Ed
         held = (np.abs(p - middle[:, None]) - half[:, None]).max(axis=0)
         return np.maximum(-(n @ q) + rough, held)
 
-    return Edit(name, "lost", np.asarray(box, dtype=float), beyond)
+    return Edit(name, "lost", np.asarray(box, dtype=float), beyond, part)
 
 
-def hollow_out(name: str, centre: Floats, radii: Floats) -> Edit:
+def hollow_out(name: str, centre: ArrayLike, radii: ArrayLike, *, part: str | None = None) -> Edit:
     """Return the loss of an uneven hollow: an ellipsoid about `centre` that reaches into the solid."""
     body = ellipsoid(centre, radii)
 
@@ -88,82 +156,33 @@ def hollow_out(name: str, centre: Floats, radii: Floats) -> Edit:
         return body(p) + uneven
 
     margin = np.asarray(radii, dtype=float) + 0.003
-    return Edit(name, "lost", np.stack([centre - margin, centre + margin]), tool)
+    return Edit(name, "lost", np.stack([centre - margin, centre + margin]), tool, part)
 
 
-def erode(name: str, centre: Floats, *, radius: float, depth: float) -> Edit:
-    """Return the wear of a round patch: `depth` [m] in its middle, running out smoothly at `radius` [m]."""
+def fill(
+    name: str, centre: ArrayLike, direction: ArrayLike, *, radius: float, depth: float, part: str | None = None
+) -> Edit:
+    """Return an infill: a round plug of `radius` and `depth` [m], its end through `centre`, facing `direction`.
 
-    def worn(p: Floats) -> Floats:
-        r = np.sqrt(((p - np.asarray(centre, dtype=float)[:, None]) ** 2).sum(axis=0))
-        return depth * (1.0 - smoothstep(r, 0.45 * radius, radius))
-
-    box = np.stack([np.asarray(centre) - radius, np.asarray(centre) + radius])
-    return Edit(name, "eroded", box, worn, depth)
-
-
-def measure_change(
-    edit_name: str, before: Field, after: Field, box: Floats, *, threshold: float = 0.0005, n_nodes: int = 200_000
-) -> TrueChange:
-    """Return what changed between two fields inside a box, integrated on a grid of about `n_nodes`."""
-    cell = float(np.prod(box[1] - box[0]) / n_nodes) ** (1.0 / 3.0)
-    axes = [np.arange(low + 0.5 * cell, high, cell) for low, high in zip(box[0], box[1], strict=True)]
-    nodes = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1)
-    filled = [np.clip(0.5 - evaluate(f, nodes) / cell, 0.0, 1.0) for f in (before, after)]
-    volume = float((filled[1] - filled[0]).sum() * cell**3)
-    vertices, areas = _sample_surface(before, box, cell)
-    reached = np.zeros(len(vertices))
-    moved = np.abs(evaluate(after, vertices)) > 1e-5
-    reached[moved] = _distance_to(after, vertices[moved], _sample_surface(after, box, cell)[0])
-    changed = reached > threshold
-    weight = areas * changed
-    sign = 1.0 if volume > 0.0 else -1.0
-    return TrueChange(
-        edit_name, "added" if volume > 0.0 else "lost", (weight[:, None] * vertices).sum(axis=0) / weight.sum(),
-        float(weight.sum()), volume, sign * float(reached[changed].max()), threshold, np.asarray(box),
-    )  # fmt: skip
-
-
-def _sample_surface(field: Field, box: Floats, cell: float) -> tuple[Floats, Floats]:
-    """Return points (n, 3) of the field's surface inside the box and the area (n,) that each stands for."""
-    middle, half = 0.5 * (box[0] + box[1])[:, None], 0.5 * (box[1] - box[0])[:, None]
-
-    def clipped(p: Floats) -> Floats:
-        return np.maximum(field(p), (np.abs(p - middle) - half).max(axis=0))
-
-    vertices, faces = contour(clipped, box, cell=cell)
-    corners = vertices[faces]
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    share = np.bincount(faces.ravel(), np.repeat(area / 3.0, 3), minlength=len(vertices))
-    inner = (np.abs(vertices.T - middle) < half - 0.5 * cell).all(axis=0)
-    return vertices[inner], share[inner]
-
-
-def _distance_to(field: Field, points: Floats, samples: Floats) -> Floats:
-    """Return the distance of points to the field's surface, given dense samples of it."""
-    from scipy.spatial import cKDTree
-
-    nearest = samples[cKDTree(samples).query(points)[1]]
-    return np.linalg.norm(points - close_in(field, points, nearest), axis=1)
-
-
-def close_in(field: Field, points: Floats, start: Floats, *, n_steps: int = 6) -> Floats:
-    """Return the points of the field's zero nearest to `points` (n, 3), from starts on it that are nearly so.
-
-    Slides along the tangent plane and falls back onto the surface; a step that leads further away is not taken.
+    What lay below that plane is filled up to it, as a hollow is by a restorer's mortar.
     """
-    best = np.array(start, dtype=float)
-    gap2 = ((points - best) ** 2).sum(axis=1)
-    for _ in range(n_steps):
-        step = np.array([1e-5, 0.0, 0.0])
-        g = np.column_stack(
-            [evaluate(field, best + np.roll(step, a)) - evaluate(field, best - np.roll(step, a)) for a in range(3)]
-        )
-        n = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
-        off = points - best
-        tried = project(field, best + 0.7 * (off - (off * n).sum(axis=1, keepdims=True) * n), n_steps=2)
-        tried_gap2 = ((points - tried) ** 2).sum(axis=1)
-        on_surface = np.abs(evaluate(field, tried)) < 1e-5
-        better = on_surface & (tried_gap2 < gap2)
-        best[better], gap2[better] = tried[better], tried_gap2[better]
-    return best
+    c, n = np.asarray(centre, dtype=float), np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+
+    def plug(p: Floats) -> Floats:
+        q = p - c[:, None]
+        h = n @ q
+        across = np.sqrt(np.maximum((q * q).sum(axis=0) - h * h, 0.0))
+        return np.maximum(across - radius, np.abs(h + 0.5 * depth) - 0.5 * depth)
+
+    ends, reach = np.stack([c, c - depth * n]), radius * np.sqrt(1.0 - n * n) + 0.2 * depth
+    return Edit(name, "added", np.stack([ends.min(axis=0) - reach, ends.max(axis=0) + reach]), plug, part)
+
+
+def move_part(name: str, part: str, T_after_before: Floats) -> Edit:
+    """Return the rigid motion of one named part, in the scene's coordinates."""
+    return Edit(name, "moved", EVERYWHERE, None, part, require_rigid(T_after_before, name))
+
+
+def move_whole(name: str, T_after_before: Floats) -> Edit:
+    """Return the rigid motion of all that is monitored; the surroundings stay."""
+    return Edit(name, "moved", EVERYWHERE, None, None, require_rigid(T_after_before, name))

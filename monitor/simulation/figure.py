@@ -6,18 +6,21 @@ second. The second epoch is also moved as a whole (`MOTION`): it was put back a 
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.simulation.changes import Edit, TrueChange, break_off, close_in, erode, hollow_out, measure_change
+from monitor.simulation.changes import Edit, break_off, erode, hollow_out
+from monitor.simulation.model import only_near
 from monitor.simulation.pedestal import DIE, DIE_HALF_WIDTH, HEIGHT, PANEL_DEPTH, pedestal_part
 from monitor.simulation.scenes import Body, Truth
-from monitor.simulation.solid import Field, Solid, contour, evaluate, gradient, principal_curvatures
+from monitor.simulation.solid import Field, Solid, contour
 from monitor.simulation.statue import HEAD, shield_corner, statue_parts
-from projects.model import Floats, Surface
-from projects.open3d_library import load_open3d
+from monitor.simulation.true_change import TrueChange, measure_change
+from monitor.simulation.truth import truth_of
+from projects.model import Floats
 from projects.transforms import rotation_from_vector
 
 REFLECTANCE = 0.55  # light limestone in the near infrared; assumed
@@ -57,7 +60,8 @@ def lost_corner() -> Edit:
 def worn_patch() -> Edit:
     """Return the wear of the robe over the free knee's thigh."""
     centre = np.array([-0.33, -0.70, 3.15]) * HEAD + [0.0, 0.0, HEIGHT]
-    return erode("worn patch on the robe", centre, radius=0.082, depth=0.0022)
+    worn = erode("worn patch on the robe", centre, radius=0.082, depth=0.0022)
+    return dataclasses.replace(worn, kind="lowered")
 
 
 def motion() -> Floats:
@@ -72,20 +76,8 @@ def figure_field(epoch: int) -> Field:
     """Return the field of the figure in epoch 1 or 2, both in the frame of epoch 1."""
     whole = intact_figure()
     if epoch == 1:
-        return _only_near(spall(), whole)
-    return _only_near(worn_patch(), _only_near(lost_corner(), whole))
-
-
-def _only_near(edit: Edit, field: Field) -> Field:
-    """Return the edited field, the edit asked only about points in its box."""
-    changed = edit.apply(field)
-
-    def value(p: Floats) -> Floats:
-        low, high = p.min(axis=1), p.max(axis=1)
-        apart = (low > edit.box[1]).any() or (high < edit.box[0]).any()
-        return field(p) if apart else changed(p)
-
-    return value
+        return only_near(spall(), whole)
+    return only_near(worn_patch(), only_near(lost_corner(), whole))
 
 
 def carved_figure(epoch: int, *, cell: float = 0.0025) -> CarvedFigure:
@@ -94,37 +86,6 @@ def carved_figure(epoch: int, *, cell: float = 0.0025) -> CarvedFigure:
     vertices, faces = contour(field, intact_figure().bounds(), cell=cell)
     body = Body("figure", vertices, faces, REFLECTANCE)
     return CarvedFigure(body, field, truth_of(field, body.surface()))
-
-
-def truth_of(field: Field, mesh: Surface) -> Truth:
-    """Return the truth of a field's surface; the mesh finds the neighbourhood, the field the exact point."""
-
-    @functools.cache
-    def tree():  # type: ignore[no-untyped-def]
-        o3d = load_open3d()
-        scene = o3d.t.geometry.RaycastingScene(nthreads=2)
-        scene.add_triangles(
-            o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32))
-        )
-        return scene
-
-    def closest(points: Floats) -> Floats:
-        o3d = load_open3d()
-        found = tree().compute_closest_points(o3d.core.Tensor(points.astype(np.float32)), nthreads=2)
-        return close_in(field, points, found["points"].numpy().astype(float))
-
-    def signed(points: Floats) -> Floats:
-        side = np.where(evaluate(field, points) < 0.0, -1.0, 1.0)
-        return side * np.linalg.norm(points - closest(points), axis=1)
-
-    def normal(points: Floats) -> Floats:
-        g = gradient(field, closest(points))
-        return g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
-
-    def curvature(points: Floats) -> Floats:
-        return principal_curvatures(field, closest(points))
-
-    return Truth(closest, signed, normal, curvature)
 
 
 def true_changes() -> tuple[TrueChange, ...]:

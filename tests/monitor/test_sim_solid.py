@@ -5,10 +5,12 @@ import pytest
 import trimesh
 
 from monitor.simulation import plane_scene, sphere_scene, step_scene, wave_scene
-from monitor.simulation.changes import close_in, hollow_out, measure_change
+from monitor.simulation.changes import hollow_out
 from monitor.simulation.inscription import write_line
 from monitor.simulation.shapes import ball, box, capsule, draw_polygon, ellipsoid, torus
 from monitor.simulation.solid import Part, Solid, contour, evaluate, smooth_min
+from monitor.simulation.true_change import measure_change
+from monitor.simulation.truth import close_in
 from projects.errors import ParameterError
 
 
