@@ -146,17 +146,17 @@ def break_off(name: str, point: ArrayLike, direction: ArrayLike, *, box: Floats,
 
 def hollow_out(name: str, centre: ArrayLike, radii: ArrayLike, *, part: str | None = None) -> Edit:
     """Return the loss of an uneven hollow: an ellipsoid about `centre` that reaches into the solid."""
-    body = ellipsoid(centre, radii)
+    body, c = ellipsoid(centre, radii), np.asarray(centre, dtype=float)
 
     def tool(p: Floats) -> Floats:
-        q = p - np.asarray(centre, dtype=float)[:, None]
+        q = p - c[:, None]
         uneven = 0.0009 * np.sin(q[0] / 0.006 + q[2] / 0.008) * np.sin(q[1] / 0.007 + 0.5) + 0.0006 * np.sin(
             q[2] / 0.004
         )
         return body(p) + uneven
 
     margin = np.asarray(radii, dtype=float) + 0.003
-    return Edit(name, "lost", np.stack([centre - margin, centre + margin]), tool, part)
+    return Edit(name, "lost", np.stack([c - margin, c + margin]), tool, part)
 
 
 def fill(

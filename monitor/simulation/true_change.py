@@ -18,7 +18,7 @@ from monitor.simulation.scenes import Scene, Truth
 from monitor.simulation.solid import Field, contour, evaluate
 from monitor.simulation.truth import close_in
 from projects.errors import ParameterError
-from projects.model import Floats
+from projects.model import Floats, Ints
 
 THRESHOLD = 0.0005  # m, above which a surface counts as changed; half the extreme where the change is below a mm
 N_SAMPLES = 20_000  # vertices on which a change of whole parts is measured
@@ -135,10 +135,11 @@ def _volume_of(scene: Scene, names: Sequence[str]) -> float:
     return total
 
 
-def _vertex_areas(corners: Floats, faces: Floats, n_vertices: int) -> Floats:
+def _vertex_areas(corners: Floats, faces: Ints, n_vertices: int) -> Floats:
     """Return the area [m2] that each vertex stands for."""
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return np.bincount(faces.ravel(), np.repeat(area / 3.0, 3), minlength=n_vertices)
+    share: Floats = np.bincount(faces.ravel(), weights=np.repeat(area / 3.0, 3), minlength=n_vertices).astype(float)
+    return share
 
 
 def _sample_surface(field: Field, box: Floats, cell: float) -> tuple[Floats, Floats]:
