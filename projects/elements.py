@@ -16,7 +16,7 @@ import pandas as pd
 from projects import hdf5
 from projects.errors import StoreError
 from projects.migrations import CURRENT, require_known, upgrade
-from projects.model import ComparedSurface, Comparison, PointCloud, Registration, Surface
+from projects.model import ComparedSurface, Comparison, PointCloud, Registration, Series, Surface
 
 NOUNS: Mapping[str, type] = {
     "point-cloud": PointCloud,
@@ -24,6 +24,7 @@ NOUNS: Mapping[str, type] = {
     "registration": Registration,
     "compared-surface": ComparedSurface,
     "comparison": Comparison,
+    "series": Series,
 }
 SHORT = 10_000  # characters; HDF5 keeps attributes below 64 KiB beside the object, longer text becomes a record
 KIND, VERSION = "encoding-type", "encoding-version"

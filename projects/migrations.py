@@ -29,6 +29,7 @@ CURRENT: Mapping[str, int] = {
     "registration": 1,
     "compared-surface": 1,
     "comparison": 1,
+    "series": 1,
 }
 
 UPGRADES: Mapping[tuple[str, int], Callable[[Parts], Parts]] = {}

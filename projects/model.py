@@ -273,6 +273,51 @@ class Comparison:
     statistics: Mapping[str, Any]
 
 
+SERIES_COLUMNS = ("identity", "first_seen", "last_seen", "parent", "merged_into", "area_m2", "model",
+                  "rate_m_per_year", "sigma_rate_m_per_year", "p_rate", "acceleration_m_per_year2",
+                  "sigma_acceleration_m_per_year2", "p_acceleration", "p_onset", "onset_from_years", "onset_to_years",
+                  "p_fit", "x", "y", "z")  # fmt: skip
+HISTORY_COLUMNS = ("identity", "epoch", "years", "region", "event", "mean_m", "sigma_mean_m", "change_m3",
+                   "sigma_change_m3")  # fmt: skip
+FORECAST_COLUMNS = ("identity", "years", "mean_m", "sigma_m")
+
+
+@dataclass(frozen=True)
+class Series:
+    """What goes on over several epochs, on the surface of their reference epoch.
+
+    `epoch_ids`, `dates` (ISO) and `years` (k,) since the reference are of the epochs compared with it. Over the n
+    vertices of the reference surface: `rate`, `sigma_rate` [m/year], `acceleration`, `sigma_acceleration` [m/year2],
+    NaN where unknown, positive = gained, and `identity`, the followed region (0: none). `regions` (`SERIES_COLUMNS`)
+    has a row for each followed region, `history` (`HISTORY_COLUMNS`) one for each of them in each epoch, measured over
+    its whole footprint: `change_m3` is its mean change times its area. `forecast` (`FORECAST_COLUMNS`) says for regions
+    with a trend which mean difference an epoch at a time should show if it goes on as before.
+    """
+
+    reference_id: str
+    reference_date: str
+    epoch_ids: tuple[str, ...]
+    dates: tuple[str, ...]
+    years: Floats
+    rate: Floats
+    sigma_rate: Floats
+    acceleration: Floats
+    sigma_acceleration: Floats
+    identity: Ints
+    regions: pd.DataFrame
+    history: pd.DataFrame
+    forecast: pd.DataFrame
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "epoch_ids", tuple(self.epoch_ids))
+        object.__setattr__(self, "dates", tuple(self.dates))
+        object.__setattr__(self, "years", _array(self.years, "years", (len(self.dates),), np.float64))
+        n = len(np.atleast_1d(self.rate))
+        for name in ("rate", "sigma_rate", "acceleration", "sigma_acceleration"):
+            object.__setattr__(self, name, _array(getattr(self, name), name, (n,), np.float64))
+        object.__setattr__(self, "identity", _array(self.identity, "identity", (n,), np.int32))
+
+
 @dataclass(frozen=True)
 class ControlPoint:
     """A point of known position in the project's frame; `sigma` in metres, NaN where it was not stated."""

@@ -16,6 +16,7 @@ from projects.model import Comparison, EpochRecord, ObjectRecord, Step
 from projects.store import Project
 from reports.answer import state_answer
 from reports.certainty import state_certainty
+from reports.courses import tell_series
 from reports.facts import EpochFacts, RegionFacts, ReportFacts
 from reports.history import (
     EpochHistory,
@@ -57,13 +58,19 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
             f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
         )
     comparison = project.get(object_id, compared_id, product, step.step_id)
-    return make_facts(comparison, record, before, after, project_name=project.name)
+    facts = make_facts(comparison, record, before, after, project_name=project.name)
+    followed = project.latest(object_id, compared_id, f"series-{reference_id}")
+    if followed is None or step.step_id not in followed.inputs:
+        return facts
+    series = project.get(object_id, compared_id, followed.product, followed.step_id)
+    return replace(facts, series=tell_series(series))
 
 
 def gather_history(project: Project, object_id: str, epoch_id: str, reference_id: str) -> EpochHistory:
     """Return an epoch with its steps, without its comparisons with other epochs than the reference."""
     wanted = f"comparison-{reference_id}"
-    steps = [s for s in project.steps(object_id, epoch_id) if kind_of(s) != "comparison" or s.product == wanted]
+    of_pair = ("comparison", "series")
+    steps = [s for s in project.steps(object_id, epoch_id) if kind_of(s) not in of_pair or s.product == wanted]
     headers = project.scan_headers(object_id, epoch_id)
     scanners = tuple(dict.fromkeys(h.scanner for h in headers if h.scanner))
     return EpochHistory(project.epoch(object_id, epoch_id), tuple(steps), scanners)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from projects.errors import ParameterError
 from projects.formats import write_csv, write_e57, write_glb, write_las, write_obj, write_ply_mesh, write_stl
-from projects.model import ComparedSurface, Comparison, PointCloud, Scan, Step, Surface
+from projects.model import ComparedSurface, Comparison, PointCloud, Scan, Series, Step, Surface
 from reports.colours import choose_limit, vertex_colours
 
 SUMMARY_KEYS = ("stable_share", "bias_m", "nmad_m", "rmse_m", "lod95_median_m", "n_vertices", "n_not_assessable",
@@ -59,6 +59,28 @@ def export_comparison(
 def export_surface(out: Path, object_id: str, epoch_id: str, surface: Surface, formats: Sequence[str]) -> list[Path]:
     """Write an epoch's surface, in the epoch's own project coordinates; return the paths."""
     return _write_formats(out / f"{object_id}_{epoch_id}_surface", surface, surface_columns(surface), formats)
+
+
+def export_series(out: Path, object_id: str, series: Series, surface: Surface, formats: Sequence[str]) -> list[Path]:
+    """Write the rates on the reference surface, the followed regions and their history; return the paths.
+
+    Parameters
+    ----------
+    series, surface : of the same reference epoch, in its coordinates; rates in m/year, positive = gained.
+    """
+    stem = f"{object_id}_{series.reference_id}_series"
+    properties = {
+        **surface_columns(dataclasses.replace(surface, colors=None, intensity=None, sigma=None, sigma_shared=None,
+                                              sample_distance=None, n_support=None)),
+        "rate": series.rate.astype(np.float32), "sigma_rate": series.sigma_rate.astype(np.float32),
+        "identity": series.identity.astype(np.int32),
+    }  # fmt: skip
+    written = _write_formats(out / stem, surface, properties, formats)
+    for name in ("regions", "history", "forecast"):
+        path = out / f"{stem}_{name}.csv"
+        write_csv(path, getattr(series, name))
+        written.append(path)
+    return written
 
 
 def side_properties(side: ComparedSurface, colours: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:

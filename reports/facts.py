@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from projects.model import Comparison
+from projects.model import Comparison, Series
 from reports.quantities import Estimate
 
 
@@ -53,6 +53,29 @@ class RegionFacts:
 
 
 @dataclass(frozen=True)
+class CourseFacts:
+    """How one region goes on over several epochs; `origin` says where it split from or merged into, if it did."""
+
+    number: int
+    side: str
+    course: str
+    origin: str
+    first_seen: str
+    area: Estimate
+    mean: Estimate
+    rate: Estimate
+
+
+@dataclass(frozen=True)
+class SeriesFacts:
+    """What goes on over more than two epochs; `series` is what its charts are drawn from."""
+
+    lead: str
+    courses: tuple[CourseFacts, ...]
+    series: Series
+
+
+@dataclass(frozen=True)
 class StepFacts:
     """What one step of the chain was asked for and what it found, value by value."""
 
@@ -88,6 +111,7 @@ class ReportFacts:
     certainty : how well the change is known, table by table.
     object_rows : name and text of what is known of the object.
     history : the two epochs side by side, and what became of their points.
+    series : how regions go on over more than two epochs, where the compared epoch ends such a series.
     record : the steps in order; versions and inputs : what they were made with and from.
     """
 
@@ -107,3 +131,4 @@ class ReportFacts:
     inputs: Table
     mode: str
     comparison: Comparison
+    series: SeriesFacts | None = None

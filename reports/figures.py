@@ -5,67 +5,24 @@ Comparisons in metres go in, drawings in millimetres come out, as bytes that are
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from projects.model import Assessment, ComparedSurface, Comparison, Floats
 from reports.cameras import face_normals
 from reports.colours import HATCH_DARK, HATCH_LIGHT, UNCHANGED, change_ramp, choose_limit
+from reports.drawing import FAINT, INK, MM, SOFT, WIDTH, drawing, plain_number, say_mm, write_svg
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison
 
-INK, SOFT, FAINT = "#26282e", "#6b7078", "#eceff3"
 BEFORE, AFTER = "#8a8f98", "#15171c"
-STYLE = {
-    "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "font.size": 8.0, "svg.fonttype": "path",
-    "svg.hashsalt": "heritage-monitor", "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": SOFT,
-    "axes.linewidth": 0.6, "axes.labelsize": 8.0, "axes.unicode_minus": True, "xtick.color": SOFT, "ytick.color": SOFT,
-    "xtick.labelcolor": INK, "ytick.labelcolor": INK, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
-    "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 3.0, "ytick.major.size": 3.0,
-    "hatch.linewidth": 1.1, "lines.solid_capstyle": "round",
-}  # fmt: skip
-WIDTH = 6.7  # inches, of every chart: the width of the text on A4
-MM = 1000.0
-
-
-@contextmanager
-def _drawing(height: float) -> Iterator[Figure]:
-    """Give an empty figure in the house's style."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, height))
-        FigureCanvasSVG(figure)
-        yield figure
-
-
-def _write_svg(figure: Figure) -> bytes:
-    """Return the drawing as SVG without a date, so that the same input gives the same bytes."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    return stream.getvalue()
 
 
 def _hex(colour: tuple[int, int, int]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
-
-
-def say_mm(metres: float, *, sign: bool = False) -> str:
-    """Return a length as millimetres with two significant digits or more: 0.35 mm, +2.4 mm, −12 mm."""
-    value = metres * MM
-    digits = 2 if abs(value) < 1 else 1 if abs(value) < 10 else 0
-    return f"{value:{'+' if sign else ''}.{digits}f} mm".replace("-", "−")
-
-
-def _plain(value: float, _: object = None) -> str:
-    return f"{value:+.6g}".replace("-", "−") if abs(value) > 1e-12 else "0"
 
 
 def draw_colour_bar(limit_m: float, lod95_m: float) -> bytes:
@@ -76,7 +33,7 @@ def draw_colour_bar(limit_m: float, lod95_m: float) -> bytes:
     limit_m : m, where the colours end (`colours.choose_limit`).
     lod95_m : m, the median level of detection; smaller differences are grey. NaN where there is none.
     """
-    with _drawing(0.78) as figure:
+    with drawing(0.78) as figure:
         axes = figure.add_axes((0.03, 0.40, 0.54, 0.26))
         limit = limit_m * MM
         level = min(lod95_m * MM, limit) if np.isfinite(lod95_m) else 0.0
@@ -86,7 +43,7 @@ def draw_colour_bar(limit_m: float, lod95_m: float) -> bytes:
         axes.imshow(ramp[None], extent=(-limit, limit, 0, 1), aspect="auto", interpolation="nearest")
         _bare(axes)
         axes.set_xticks(np.linspace(-limit, limit, 5))
-        axes.xaxis.set_major_formatter(FuncFormatter(_plain))
+        axes.xaxis.set_major_formatter(plain_number)
         axes.annotate("lost", (0, 1), (0, 4), "axes fraction", textcoords="offset points", weight="bold")
         axes.annotate("gained", (1, 1), (0, 4), "axes fraction", textcoords="offset points", ha="right", weight="bold")
         axes.annotate("change [mm]", (0.5, 1), (0, 4), "axes fraction", textcoords="offset points", ha="center")
@@ -99,7 +56,7 @@ def draw_colour_bar(limit_m: float, lod95_m: float) -> bytes:
                           hatch=hatch)
             )  # fmt: skip
             figure.text(0.685, y + 0.02, text, va="center", ha="left")
-        return _write_svg(figure)
+        return write_svg(figure)
 
 
 def _say_unchanged(lod95_m: float) -> str:
@@ -137,7 +94,7 @@ def draw_histogram(comparison: Comparison) -> bytes:
     level = float(np.median(side.lod95[assessed])) * MM if len(values) else float("nan")
     reach = _histogram_reach(values, changed, comparison)
     edges = np.linspace(-reach, reach, 102)
-    with _drawing(2.3) as figure:
+    with drawing(2.3) as figure:
         axes = figure.add_axes((0.095, 0.19, 0.875, 0.70))
         share = 100.0 * areas / max(areas.sum(), 1e-300)
         whole, _ = np.histogram(values, edges, weights=share)
@@ -151,11 +108,11 @@ def draw_histogram(comparison: Comparison) -> bytes:
         axes.set_ylabel("assessed surface [%]")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
         axes.yaxis.set_minor_locator(matplotlib.ticker.NullLocator())
-        axes.xaxis.set_major_formatter(FuncFormatter(_plain))
+        axes.xaxis.set_major_formatter(plain_number)
         axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 5, 10]))
         for edge in ("top", "right"):
             axes.spines[edge].set_visible(False)
-        return _write_svg(figure)
+        return write_svg(figure)
 
 
 def _histogram_reach(values: Floats, changed: Floats, comparison: Comparison) -> float:
@@ -213,7 +170,7 @@ def draw_section(comparison: Comparison, region_number: int) -> bytes:
     span = 2.0 * plane.reach * MM
     heights = np.concatenate([line.ends[..., 1].ravel() for line in lines]) * MM
     top = _profile_height(heights, span)
-    with _drawing(top + 1.75) as figure:
+    with drawing(top + 1.75) as figure:
         inches = top + 1.75
         profile = figure.add_axes((0.095, 1.62 / inches, 0.875, (top - 0.12) / inches))
         change = figure.add_axes((0.095, 0.42 / inches, 0.875, 0.95 / inches))
@@ -224,7 +181,7 @@ def draw_section(comparison: Comparison, region_number: int) -> bytes:
                 axes.spines[edge].set_visible(False)
         _draw_profiles(profile, lines, plane, heights)
         _draw_change(change, lines, plane, choose_limit(comparison), region_number)
-        return _write_svg(figure)
+        return write_svg(figure)
 
 
 def _profile_height(heights: Floats, span: float) -> float:
@@ -289,7 +246,7 @@ def _draw_change(
     axes.set_xlabel("along the section [mm], shaded where it lies in the region")
     axes.set_ylabel("change [mm]")
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_formatter(FuncFormatter(_plain))
+    axes.yaxis.set_major_formatter(plain_number)
 
 
 def _scale_change(axes: Axes, change: Floats, level: float) -> None:

@@ -77,9 +77,11 @@ def _measured_as(epoch: EpochHistory) -> str:
 
 
 def kind_of(step: Step) -> str:
-    """Return what a step is: "scan" for scan000 and on, "comparison" for comparison-REFERENCE, else its product."""
-    if step.product.startswith("comparison-"):
-        return "comparison"
+    """Return what a step is: "scan" for scan000 and on, "comparison" for comparison-REFERENCE and
+    "series" for series-REFERENCE, else its product."""
+    kind, dash, _ = step.product.partition("-")
+    if dash:
+        return kind
     return "scan" if step.product.startswith("scan") else step.product
 
 

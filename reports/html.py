@@ -11,7 +11,7 @@ import os
 import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from markupsafe import Markup
 from projects.errors import ParameterError
 from projects.model import Comparison
 from reports.colours import choose_limit
+from reports.courses import draw_courses
 from reports.document import MEANINGS
 from reports.facts import ReportFacts
 from reports.figures import draw_colour_bar, draw_histogram, draw_section
@@ -58,12 +59,14 @@ class EmbeddedView:
 
 @dataclass(frozen=True)
 class Pictures:
-    """All pictures of a report; `regions` holds the close-up and the section of a region by its number."""
+    """All pictures of a report; `regions` holds the close-up and the section of a region by its number,
+    `courses` the charts of a series where there is one."""
 
     views: tuple[EmbeddedView, ...]
     colour_bar: Embedded
     histogram: Embedded
     regions: Mapping[int, tuple[Embedded, Embedded]]
+    courses: Embedded | None = None
 
 
 def write_report(path: Path | str, facts: ReportFacts) -> None:
@@ -74,7 +77,11 @@ def write_report(path: Path | str, facts: ReportFacts) -> None:
     ParameterError
         If the file cannot be written there; what was there before stays.
     """
-    write_whole(Path(path), fill_page(facts, draw_pictures(facts.comparison)))
+    pictures = draw_pictures(facts.comparison)
+    if facts.series is not None and facts.series.courses:
+        charts = embed_svg(draw_courses(facts.series.series), "Mean change of each followed region over time")
+        pictures = replace(pictures, courses=charts)
+    write_whole(Path(path), fill_page(facts, pictures))
 
 
 def draw_pictures(comparison: Comparison) -> Pictures:

@@ -10,10 +10,10 @@ from monitor.chain import comparison_product
 from monitor.cli.progress import show_progress
 from monitor.record import Place, latest_step
 from projects.errors import ParameterError, StoreError
-from projects.model import Step
+from projects.model import Comparison, Step
 from projects.store import Project
 from reports.document import gather_facts
-from reports.exports import FORMATS, export_comparison, export_surface
+from reports.exports import FORMATS, export_comparison, export_series, export_surface
 from reports.html import write_report
 
 Pair = tuple[str | None, str | None]
@@ -38,9 +38,22 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
             comparison = project.get(object_id, compared_id, step.product, step.step_id)
             ids = (object_id, reference_id, compared_id)
             written += export_comparison(out, ids, comparison, step, wanted)
+            written += _export_series(project, out, ids, comparison, wanted)
     for file in written:
         typer.echo(str(file))
     return written
+
+
+def _export_series(
+    project: Project, out: Path, ids: tuple[str, str, str], comparison: Comparison, formats: tuple[str, ...]
+) -> list[Path]:
+    """Write the series that the compared epoch ends, where there is one."""
+    object_id, reference_id, compared_id = ids
+    step = project.latest(object_id, compared_id, f"series-{reference_id}")
+    if step is None:
+        return []
+    series = project.get(object_id, compared_id, step.product, step.step_id)
+    return export_series(out, object_id, series, comparison.on_reference.surface, formats)
 
 
 def parse_formats(text: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from monitor.chain import Notify, compare_epochs, pairs_to_compare, process_epoch
+from monitor.chain import Notify, compare_epochs, follow_epochs, pairs_to_compare, process_epoch
 from monitor.cli.progress import show_progress
 from monitor.engine import open_engine
 from monitor.record import Place
@@ -75,6 +75,11 @@ def compare_object(
         for reference, compared in pairs:
             place = Place(project, object_id, compared)
             facts.append(_compared(place, reference, _compare(place, reference, settings, notify, mode)))
+        followed = None if pair[0] else follow_epochs(project, object_id, notify)
+    if followed is not None:
+        n = int(followed.counts["regions"])
+        facts[-1]["series"] = {"n_epochs": followed.counts["epochs"], "n_regions": n}
+        facts[-1]["answer"] += f"; {n} region{'s' if n != 1 else ''} followed over {followed.counts['epochs']} epochs"
     _tell(facts, as_json, "{object} {reference} -> {compared}: {answer}")
 
 

@@ -1,10 +1,12 @@
-"""Says what has changed between two epochs: distances, level of detection, states, regions."""
+"""Says what has changed between two epochs: distances, level of detection, states, regions; and over more of them."""
 
 from monitor.comparison.distances import normal_distances
 from monitor.comparison.epochs import CompareSettings, compare
 from monitor.comparison.level_of_detection import lague_lod95, level_of_detection
 from monitor.comparison.m3c2 import M3C2Result, m3c2
+from monitor.comparison.series import EpochChange, follow
 
 __all__ = [
-    "CompareSettings", "M3C2Result", "compare", "lague_lod95", "level_of_detection", "m3c2", "normal_distances",
+    "CompareSettings", "EpochChange", "M3C2Result", "compare", "follow", "lague_lod95", "level_of_detection", "m3c2",
+    "normal_distances",
 ]  # fmt: skip

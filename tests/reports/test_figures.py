@@ -8,7 +8,8 @@ import pytest
 from small_comparison import DEPTH, FRONT, LEVEL, PATCH, RADIUS, RIGHT, make_comparison
 
 from projects.errors import ParameterError
-from reports.figures import draw_colour_bar, draw_histogram, draw_section, say_mm, vertex_areas
+from reports.drawing import say_mm
+from reports.figures import draw_colour_bar, draw_histogram, draw_section, vertex_areas
 from reports.sections import SectionPlane, choose_plane, cut_comparison, cut_side, region_areas
 
 

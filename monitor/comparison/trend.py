@@ -1,0 +1,214 @@
+"""How a change goes on in time: rate, acceleration, onset, and what the next epoch should show.
+
+In: the differences of several epochs from one reference epoch, with their sigmas, and the times. Out: fits with
+covariance. The reference epoch's own error is common to all of its differences, and a fit that takes
+them for independent states the wrong sigma. So the reference counts as an observation of its own, "0 at time 0".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from projects.errors import ParameterError, ShapeError
+from projects.model import Floats
+
+N_DRAWS = 4000  # of courses without an onset, which say how often chance looks like one
+LEVEL = 0.05
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """Polynomials in time fitted at n places by least squares with known variances.
+
+    `parameters` (n, p): offset [m], rate [m/year], half the acceleration [m/year2]; `covariance` (n, p, p); `chi2` (n,)
+    of the residuals and `n_observed` (n,), the reference included. NaN where fewer epochs are known than parameters.
+    """
+
+    parameters: Floats
+    covariance: Floats
+    chi2: Floats
+    n_observed: Floats
+
+
+@dataclass(frozen=True)
+class Course:
+    """How one region goes on.
+
+    Attributes
+    ----------
+    model : "none" (nothing goes on), "steady", "accelerating", "onset" (nothing before a moment, then on), "jump" (at
+        once, nothing before and after).
+    rate, sigma_rate : m/year, of the steady model; p_rate: two-sided, of a rate of zero.
+    acceleration, sigma_acceleration, p_acceleration : m/year2; NaN with fewer than two epochs after the reference.
+    p_onset : how often a steady course looks as much like an onset or a jump; NaN with one epoch after the reference.
+    onset : years since the reference between which the change began; NaN where the model has no such moment.
+    p_fit : of the residuals of the steady model; NaN without any to spare.
+    """
+
+    model: str
+    rate: float
+    sigma_rate: float
+    p_rate: float
+    acceleration: float
+    sigma_acceleration: float
+    p_acceleration: float
+    p_onset: float
+    onset: tuple[float, float]
+    p_fit: float
+
+
+def fit_polynomial(years: Floats, distances: Floats, sigmas: Floats, sigma_reference: Floats,
+                   degree: int = 1) -> Polynomial:  # fmt: skip
+    """Fit offset, rate and (degree 2) acceleration to the differences of several epochs from one reference.
+
+    Parameters
+    ----------
+    years : (k,) since the reference epoch, ascending, above 0.
+    distances : (k, n) m, positive = gained; NaN where an epoch was not assessable.
+    sigmas : (k, n) m, one sigma of each difference, the reference's own part included.
+    sigma_reference : (n,) m, that part.
+
+    Notes
+    -----
+    With x_0 = 0 observed at t = 0 with sigma_reference, and d_i at t_i with variance sigma_i^2 - sigma_reference^2, all
+    independent, the fit is that of the differences with their full covariance.
+    """
+    times, values, variances = _with_reference(years, distances, sigmas, sigma_reference)
+    design = times[:, None] ** np.arange(degree + 1)
+    weight = np.where(np.isfinite(values) & (variances > 0.0), 1.0 / np.where(variances > 0.0, variances, 1.0), 0.0)
+    values = np.where(weight > 0.0, values, 0.0)
+    n_observed = np.count_nonzero(weight, axis=0).astype(float)
+    normal = np.einsum("kn,kp,kq->npq", weight, design, design)
+    right = np.einsum("kn,kp,kn->np", weight, design, values)
+    known = n_observed > degree
+    normal[~known] = np.eye(degree + 1)
+    covariance = np.linalg.inv(normal)
+    parameters = np.einsum("npq,nq->np", covariance, right)
+    chi2 = (weight * (values - design @ parameters.T) ** 2).sum(axis=0)
+    nothing = ~known
+    parameters[nothing], covariance[nothing], chi2[nothing] = np.nan, np.nan, np.nan
+    return Polynomial(parameters, covariance, chi2, n_observed)
+
+
+def _with_reference(years: Floats, distances: Floats, sigmas: Floats,
+                    sigma_reference: Floats) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """Return times (k + 1,), values and variances (k + 1, n) with the reference as the first observation."""
+    years = np.asarray(years, dtype=float)
+    if years.ndim != 1 or not len(years) or not (np.diff(years, prepend=0.0) > 0.0).all():
+        raise ParameterError(f"years {years.tolist()}: ascending times above 0, the reference's, are needed")
+    if distances.shape != sigmas.shape or distances.shape[1:] != sigma_reference.shape or len(distances) != len(years):
+        raise ShapeError(
+            f"{len(years)} times, differences {distances.shape}, sigmas {sigmas.shape}, reference "
+            f"{sigma_reference.shape}; (k,), (k, n), (k, n) and (n,) are needed"
+        )
+    own2 = sigmas**2 - sigma_reference**2
+    return (
+        np.append(0.0, years),
+        np.vstack([np.zeros(distances.shape[1]), distances]),
+        np.vstack([sigma_reference**2, own2]),
+    )
+
+
+def fit_course(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float, *, seed: int = 0,
+               level: float = LEVEL) -> Course:  # fmt: skip
+    """Return how the mean change of one region goes on: `means`, `sigmas` (k,) m at `years` (k,), NaN unknown.
+
+    Raises
+    ------
+    ParameterError
+        Where no epoch is known.
+    """
+    seen = np.isfinite(means) & np.isfinite(sigmas)
+    if not seen.any():
+        raise ParameterError("the region is not assessable in any epoch; a course needs one at least")
+    years, means, sigmas = years[seen], means[seen], sigmas[seen]
+    column = (years, means[:, None], sigmas[:, None], np.array([sigma_reference]))
+    line, curve = fit_polynomial(*column, degree=1), fit_polynomial(*column, degree=2)
+    rate, sigma_rate = float(line.parameters[0, 1]), float(np.sqrt(line.covariance[0, 1, 1]))
+    bend, sigma_bend = 2.0 * float(curve.parameters[0, 2]), 2.0 * float(np.sqrt(curve.covariance[0, 2, 2]))
+    p_rate, p_bend = two_sided(rate / sigma_rate), two_sided(bend / sigma_bend)
+    p_onset, form, onset = judge_onset(years, means, sigmas, sigma_reference, seed)
+    spare = len(years) - 1
+    model = "none" if p_rate > level else "steady"
+    if p_onset <= level:
+        model = form
+    elif p_bend <= level:
+        model = "accelerating"
+    return Course(model, rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, p_onset,
+                  onset if p_onset <= level else (np.nan, np.nan),
+                  float(chi2.sf(line.chi2[0], spare)) if spare > 0 else np.nan)  # fmt: skip
+
+
+def two_sided(z: float) -> float:
+    """Return the two-sided p value of a standard normal z; NaN stays NaN."""
+    return float(2.0 * norm.sf(abs(z)))
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A course with a moment that is tried: "jump" or "onset", its columns (k + 1, 2), and the years between which."""
+
+    form: str
+    design: Floats
+    between: tuple[float, float]
+
+
+def judge_onset(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float,
+                seed: int) -> tuple[float, str, tuple[float, float]]:  # fmt: skip
+    """Return how often a steady course looks as much like one with a moment, that moment's form and interval.
+
+    Tried are a jump between each two epochs and a line that starts at each epoch, against a line from the reference on;
+    the evidence is the fall of chi-square, its law that of `N_DRAWS` steady courses with the same sigmas.
+    """
+    if len(years) < 2:
+        return float("nan"), "", (float("nan"), float("nan"))
+    times, values, variances = _with_reference(
+        years, means[:, None], sigmas[:, None], np.array([float(sigma_reference)])
+    )
+    sigma, moments = np.sqrt(variances[:, 0]), list_moments(times)
+    designs = [np.column_stack([np.ones_like(times), times]), *(m.design for m in moments)]
+    draws = np.random.default_rng(seed).standard_normal((len(times), N_DRAWS))
+    fall, best = _fall_of_chi2(designs, values[:, 0] / sigma, sigma)
+    chance, _ = _fall_of_chi2(designs, draws, sigma)
+    p = float((1 + np.count_nonzero(chance >= fall)) / (1 + N_DRAWS))
+    return p, moments[int(best)].form, moments[int(best)].between
+
+
+def list_moments(times: Floats) -> list[Moment]:
+    """Return the courses with a moment that epochs at `times` (k + 1,) can tell apart."""
+    ones, last = np.ones_like(times), len(times) - 1
+    found = []
+    for j in range(1, last + 1):
+        found.append(Moment("jump", np.column_stack([ones, times >= times[j]]), (float(times[j - 1]), float(times[j]))))
+        if j < last - 1:  # a line that starts at the last epoch but one is a jump to the last
+            after = np.maximum(times - times[j], 0.0)
+            found.append(Moment("onset", np.column_stack([ones, after]), (float(times[j - 1]), float(times[j + 1]))))
+    return found
+
+
+def _fall_of_chi2(designs: list[Floats], values: Floats, sigma: Floats) -> tuple[Floats, Floats]:
+    """Return by how much the best onset lowers the chi-square of standardized values, and which one it is."""
+    left = []
+    for design in designs:
+        q, _ = np.linalg.qr(design / sigma[:, None])
+        left.append(((values - q @ (q.T @ values)) ** 2).sum(axis=0))
+    onset = np.stack(left[1:])
+    return left[0] - onset.min(axis=0), onset.argmin(axis=0)
+
+
+def predict(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float, at: Floats,
+            degree: int = 1) -> tuple[Floats, Floats]:  # fmt: skip
+    """Return the difference from the reference [m] that an epoch at times `at` (m,) [years] should show, and its sigma.
+
+    The sigma holds the fit's and that of a new epoch as good as the present ones in the mean: an epoch outside of 1.96
+    of it does not go on as before.
+    """
+    seen = np.isfinite(means) & np.isfinite(sigmas)
+    fit = fit_polynomial(years[seen], means[seen, None], sigmas[seen, None], np.array([float(sigma_reference)]), degree)
+    rows = np.asarray(at, dtype=float)[:, None] ** np.arange(degree + 1)
+    new2 = float(np.mean(sigmas[seen] ** 2)) - sigma_reference**2
+    spread2 = np.einsum("mp,pq,mq->m", rows, fit.covariance[0], rows)
+    return rows @ fit.parameters[0], np.sqrt(spread2 + new2)

@@ -1,0 +1,149 @@
+"""How regions go on over more than two epochs: the words, the table and the drawing of a `Series`.
+
+In: a series as the store keeps it. Out: `SeriesFacts` for the page, and one small chart a region as SVG.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from projects.model import Floats, Series
+from reports.colours import change_ramp
+from reports.drawing import INK, MM, SOFT, drawing, plain_number, write_svg
+from reports.facts import CourseFacts, SeriesFacts
+from reports.quantities import CM2, day, estimate, in_words
+
+CHARTS = 6  # regions drawn, the largest; all are in the table
+COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
+Z95 = 1.96
+
+
+def tell_series(series: Series) -> SeriesFacts:
+    """Return what a report says of a series: one row a region, largest first."""
+    rows = series.regions.sort_values("area_m2", ascending=False, kind="stable")
+    courses = tuple(tell_course(series, row) for _, row in rows.iterrows())
+    n = len(series.epoch_ids) + 1
+    first, last = (day(datetime.date.fromisoformat(d)) for d in (series.reference_date, series.dates[-1]))
+    lead = f"{in_words(n).capitalize()} epochs from {first} to {last}. "
+    if not courses:
+        return SeriesFacts(lead + "No region changed in any of them.", (), series)
+    going = sum(row["model"] in ("steady", "accelerating", "onset") for _, row in rows.iterrows())
+    return SeriesFacts(f"{lead}{_say_followed(len(courses), going)}", courses, series)
+
+
+def _say_followed(n: int, going: int) -> str:
+    """Return how many regions are followed and how many of them go on changing, in words."""
+    where = "measured over its whole footprint in every epoch"
+    if n == 1:
+        return f"One region is followed, {where}; {'it goes' if going else 'nothing says that it goes'} on changing."
+    rest = f"{in_words(going)} of them {'goes' if going == 1 else 'go'}" if going else "none goes"
+    return f"{in_words(n).capitalize()} regions are followed, each {where}; {rest} on changing."
+
+
+def tell_course(series: Series, row: pd.Series) -> CourseFacts:
+    """Return one followed region as texts."""
+    history = series.history[series.history["identity"] == row["identity"]]
+    last = history[np.isfinite(history["mean_m"])].tail(1)
+    mean, sigma = (float(last[name].iloc[0]) if len(last) else math.nan for name in ("mean_m", "sigma_mean_m"))
+    return CourseFacts(
+        number=int(row["identity"]),
+        side="lost" if mean < 0 else "gained" if mean > 0 else "other",
+        course=say_course(series, row),
+        origin=_origin(row),
+        first_seen=str(row["first_seen"]),
+        area=estimate(float(row["area_m2"]), 0.0, CM2, "cm²"),
+        mean=estimate(mean, sigma, MM, "mm", signed=True),
+        rate=estimate(float(row["rate_m_per_year"]), float(row["sigma_rate_m_per_year"]), MM, "mm/year", signed=True),
+    )
+
+
+def say_course(series: Series, row: pd.Series) -> str:
+    """Return the course of a region in words."""
+    model = str(row["model"])
+    if model in ("jump", "onset"):
+        between = " and ".join(_when(series, float(row[f"onset_{end}_years"])) for end in ("from", "to"))
+        return f"at once, between {between}" if model == "jump" else f"began later, between {between}"
+    if model == "accelerating":
+        bend = float(row["acceleration_m_per_year2"])
+        return "faster and faster" if bend * float(row["rate_m_per_year"]) > 0 else "slower and slower"
+    words = {"steady": "goes on steadily", "none": "no trend is significant"}
+    return words.get(model, model)
+
+
+def _when(series: Series, years: float) -> str:
+    """Return the date of the epoch nearest to a time."""
+    dates = (series.reference_date, *series.dates)
+    nearest = int(np.argmin(np.abs(np.append(0.0, series.years) - years)))
+    return day(datetime.date.fromisoformat(dates[nearest]))
+
+
+def _origin(row: pd.Series) -> str:
+    parts = []
+    if int(row["parent"]):
+        parts.append(f"split from {int(row['parent'])}")
+    if int(row["merged_into"]):
+        parts.append(f"merged into {int(row['merged_into'])}")
+    return ", ".join(parts)
+
+
+def draw_courses(series: Series) -> bytes:
+    """Return a chart for each of the largest regions: mean change with its 95 % interval, and its trend, in mm."""
+    rows = series.regions.sort_values("area_m2", ascending=False, kind="stable").head(CHARTS)
+    n_columns = min(COLUMNS, len(rows))
+    n_rows, width = math.ceil(len(rows) / n_columns), 1.0 / n_columns
+    height = n_rows * ROW + 0.3
+    with drawing(height) as figure:
+        for k, (_, row) in enumerate(rows.iterrows()):
+            left, top = k % n_columns * width, k // n_columns
+            box = (left + 0.095, (height - (top + 1) * ROW + 0.12) / height, width - 0.12, (ROW - 0.5) / height)
+            axes = figure.add_axes(box)
+            draw_course(axes, series, row)
+            axes.set_ylabel("mean change [mm]" if left == 0 else "")
+            axes.set_xlabel("year" if k + n_columns >= len(rows) else "")
+        return write_svg(figure)
+
+
+def draw_course(axes: Axes, series: Series, row: pd.Series) -> None:
+    """Draw one region: points with 95 % bars, the forecast's line and band where there is one."""
+    start = _year(series.reference_date)
+    history = series.history[series.history["identity"] == row["identity"]]
+    years, means = start + history["years"].to_numpy(float), history["mean_m"].to_numpy(float) * MM
+    bars = Z95 * history["sigma_mean_m"].to_numpy(float) * MM
+    found = history["region"].to_numpy(int) > 0
+    forecast: Any = series.forecast[series.forecast["identity"] == row["identity"]]
+    axes.axhline(0.0, color=SOFT, lw=0.5)
+    colour = _colour(means)
+    if len(forecast):
+        at, mid = start + forecast["years"].to_numpy(float), forecast["mean_m"].to_numpy(float) * MM
+        band = Z95 * forecast["sigma_m"].to_numpy(float) * MM
+        axes.fill_between(at, mid - band, mid + band, color=colour, alpha=0.16, lw=0)
+        axes.plot(at, mid, color=colour, lw=0.9)
+    axes.errorbar(years, means, bars, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2.0, capthick=0.8)
+    axes.plot(years[found], means[found], "o", color=colour, mec=INK, mew=0.6, ms=4.5)
+    axes.plot(years[~found], means[~found], "o", color="white", mec=INK, mew=0.6, ms=4.5)
+    axes.plot([start], [0.0], "D", color=INK, ms=3.2)
+    short = say_course(series, row).partition(",")[0]
+    axes.set_title(f"region {int(row['identity'])}: {short}", loc="left", fontsize=8.0, pad=4.0)
+    axes.yaxis.set_major_formatter(plain_number)
+    axes.locator_params(axis="y", nbins=5)
+    axes.locator_params(axis="x", nbins=6, integer=True)
+    axes.xaxis.set_major_formatter("{x:.0f}")
+    for edge in ("top", "right"):
+        axes.spines[edge].set_visible(False)
+
+
+def _year(iso: str) -> float:
+    date = datetime.date.fromisoformat(iso)
+    return date.year + (date.timetuple().tm_yday - 1) / 365.25
+
+
+def _colour(means: Floats) -> Any:
+    """Return the colour of a loss or a gain, that of the pictures."""
+    last = means[np.isfinite(means)][-1:] if np.isfinite(means).any() else np.zeros(1)
+    return change_ramp(np.sign(last) * 0.8, 1.0)[0] / 255.0

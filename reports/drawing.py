@@ -1,0 +1,54 @@
+"""What every chart of a report shares: ink, type, width, and SVG whose bytes are the same every time.
+
+Lengths come in metres and are drawn in millimetres; a chart is as wide as the text on A4.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import matplotlib
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+INK, SOFT, FAINT = "#26282e", "#6b7078", "#eceff3"
+STYLE = {
+    "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "font.size": 8.0, "svg.fonttype": "path",
+    "svg.hashsalt": "heritage-monitor", "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": SOFT,
+    "axes.linewidth": 0.6, "axes.labelsize": 8.0, "axes.unicode_minus": True, "xtick.color": SOFT, "ytick.color": SOFT,
+    "xtick.labelcolor": INK, "ytick.labelcolor": INK, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
+    "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 3.0, "ytick.major.size": 3.0,
+    "hatch.linewidth": 1.1, "lines.solid_capstyle": "round",
+}  # fmt: skip
+WIDTH = 6.7  # inches, of every chart: the width of the text on A4
+MM = 1000.0
+
+
+@contextmanager
+def drawing(height: float) -> Iterator[Figure]:
+    """Give an empty figure in the house's style."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, height))
+        FigureCanvasSVG(figure)
+        yield figure
+
+
+def write_svg(figure: Figure) -> bytes:
+    """Return the drawing as SVG without a date, so that the same input gives the same bytes."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    return stream.getvalue()
+
+
+def say_mm(metres: float, *, sign: bool = False) -> str:
+    """Return a length as millimetres with two significant digits or more: 0.35 mm, +2.4 mm, −12 mm."""
+    value = metres * MM
+    digits = 2 if abs(value) < 1 else 1 if abs(value) < 10 else 0
+    return f"{value:{'+' if sign else ''}.{digits}f} mm".replace("-", "−")
+
+
+def plain_number(value: float, _: object = None) -> str:
+    """Return a number of a scale with its sign, 0 without one."""
+    return f"{value:+.6g}".replace("-", "−") if abs(value) > 1e-12 else "0"

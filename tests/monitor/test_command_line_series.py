@@ -1,0 +1,77 @@
+"""Four epochs of a relief through the command line: change is followed, reported and exported."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from monitor.cli import run
+from projects import Project, Surface
+from projects.formats import write_ply_mesh
+from reports.courses import draw_courses
+
+YEARS = (2021, 2022, 2023, 2025)
+
+
+def relief(depth: float, rng: np.random.Generator) -> Surface:
+    """Return a wavy relief 0.3 m wide with noise, worn by `depth` [m] in a round place."""
+    axis = np.linspace(-0.15, 0.15, 121)
+    x, y = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
+    worn = depth * 0.5 * (1 + np.cos(np.pi * np.minimum(np.hypot(x - 0.05, y), 0.05) / 0.05))
+    z = 0.02 * np.sin(21 * x) * np.cos(17 * y) - worn + rng.normal(0, 5e-5, len(x))
+    index = np.arange(121 * 121).reshape(121, 121)
+    a, b, c, d = index[:-1, :-1].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel(), index[:-1, 1:].ravel()
+    return Surface(np.column_stack([x, y, z]), np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])]))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("series")
+    project, rng = str(folder / "project"), np.random.default_rng(3)
+    assert run(["init", project]) == 0
+    assert run(["add-object", project, "relief", "--name", "Relief with a worn place"]) == 0
+    for year in YEARS:
+        path = folder / f"e{year}.ply"
+        write_ply_mesh(path, relief(6e-4 * (year - 2021), rng))
+        assert run(["add-epoch", project, "relief", f"e{year}", "--date", f"{year}-05-01", "--mesh", str(path)]) == 0
+    assert run(["process", project]) == 0
+    assert run(["compare", project, "relief"]) == 0
+    assert run(["report", project, "relief", "e2021", "e2025", "--out", str(folder)]) == 0
+    assert run(["export", project, "relief", "e2021", "e2025", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_the_worn_place_is_one_region_with_its_rate(made: Path) -> None:
+    series = Project.open(made / "project").get("relief", "e2025", "series-e2021")
+    assert series.epoch_ids == ("e2022", "e2023", "e2025")
+    assert len(series.regions) == 1
+    row = series.regions.iloc[0]
+    assert row.model == "steady"
+    assert np.hypot(row.x - 0.05, row.y) < 0.005
+    deepest = np.nanmin(series.rate)
+    assert deepest == pytest.approx(-6e-4, abs=8e-5)
+
+
+def test_report_and_files_say_how_it_goes_on(made: Path) -> None:
+    page = (made / "relief_e2021_e2025_report.html").read_text()
+    assert 'id="series"' in page
+    assert "goes on steadily" in page
+    table = pd.read_csv(made / "relief_e2021_series_regions.csv")
+    assert table["rate_m_per_year"].iloc[0] < -1e-4
+    assert (made / "relief_e2021_series.ply").stat().st_size > 100_000
+
+
+def test_program_reads_the_series_from_the_answer(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert run(["compare", str(made / "project"), "relief", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts[-1]["series"] == {"n_epochs": 4, "n_regions": 1}
+
+
+def test_the_drawing_is_the_same_every_time(made: Path) -> None:
+    series = Project.open(made / "project").get("relief", "e2025", "series-e2021")
+    drawing = draw_courses(series)
+    assert drawing == draw_courses(series)
+    assert b"region 1: goes on steadily" in drawing  # matplotlib names its texts in comments
