@@ -1,5 +1,6 @@
 """From raw scans to a thinned cloud: robust normals, outliers, silhouettes, roughness, thinning to the mode, merge."""
 
+from monitor.filtering.calibration import Calibration, CalibrationSettings, calibrate_range, correct_range
 from monitor.filtering.merging import merge_scans
 from monitor.filtering.normals import NormalSettings, estimate_normals
 from monitor.filtering.scan import FilterResult, FilterSettings, filter_scan, filter_scan_with_record
@@ -7,11 +8,15 @@ from monitor.filtering.silhouettes import SilhouetteSettings
 from monitor.filtering.thinning import ThinningSettings
 
 __all__ = [
+    "Calibration",
+    "CalibrationSettings",
     "FilterResult",
     "FilterSettings",
     "NormalSettings",
     "SilhouetteSettings",
     "ThinningSettings",
+    "calibrate_range",
+    "correct_range",
     "estimate_normals",
     "filter_scan",
     "filter_scan_with_record",

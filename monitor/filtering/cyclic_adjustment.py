@@ -1,0 +1,208 @@
+"""The adjustment of cyclic range errors: waves, planes and bows of all patches at once (Nothegger & Dorninger 2007).
+
+In: plane patches of a scan; out: the coefficients of sin and cos of each wave, with the normal equations behind them
+and what every patch says by itself. Points count by Tukey's biweight, patches by how plane they are and how well they
+agree with the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.filtering.patches import MIN_PATCH, PlanePatches
+from projects.model import Floats, Ints
+
+BIWEIGHT = 4.685  # standard deviations: 95 % efficient (Tukey)
+N_ITERATIONS = 12
+CONVERGED = 1e-7  # m
+CELL_POINTS = (150, 50, 15)
+LONGEST, SHORTEST = 2.5, 0.3  # m, between which an unknown longest wavelength is looked for
+
+
+@dataclass(frozen=True)
+class Patch:
+    """One patch, ready for the adjustment: ranges, slopes n'u, distances to its plane, and its own shape (m, 6)."""
+
+    ranges: Floats
+    slopes: Floats
+    heights: Floats
+    shape: Floats
+    cells: tuple[Ints, ...]
+    wall: int
+
+
+@dataclass(frozen=True)
+class Vote:
+    """What a patch says of the coefficients: their normal equations, free of its own shape."""
+
+    normal: Floats  # (c, c)
+    right: Floats  # (c,)
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """Coefficients (sin and cos of each wave) [m], the equations behind them, and of each patch its vote, its share
+    and its residuals [m]."""
+
+    coefficients: Floats
+    normal: Floats
+    votes: list[Vote]
+    shares: Floats
+    residuals: list[Floats]
+
+
+def waves_at(ranges: Floats, wavelengths: Floats) -> Floats:
+    """Return sin and then cos of every wave at ranges (m,), (m, 2 k); the k-th wavelength is the longest over k."""
+    turn = np.exp((2j * math.pi / wavelengths[0]) * ranges)
+    powers = np.cumprod(np.broadcast_to(turn[:, None], (len(ranges), len(wavelengths))), axis=1)
+    return np.concatenate([powers.imag, powers.real], axis=1)
+
+
+def true_ranges(measured: Floats, coefficients: Floats, wavelengths: Floats) -> Floats:
+    """Return r of measured = r + e(r), by fixed-point iteration (the slope of e is a few hundredths)."""
+    true = measured
+    for _ in range(3):
+        true = measured - waves_at(true, wavelengths) @ coefficients
+    return true
+
+
+def prepare_patches(found: PlanePatches) -> list[Patch]:
+    """Return each patch in coordinates of its own plane."""
+    patches = []
+    for number, wall in enumerate(found.wall):
+        points = found.points[found.patch == number]
+        centre = np.median(points, axis=0)
+        _, axes = np.linalg.eigh(np.cov((points - centre).T))
+        local = (points - centre) @ axes
+        ranges = np.linalg.norm(points, axis=1)
+        u, v = local[:, 1] / np.abs(local[:, 1]).max(), local[:, 2] / np.abs(local[:, 2]).max()
+        shape = np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v])
+        cells = tuple(_cells(local, n) for n in CELL_POINTS)
+        patches.append(Patch(ranges, points @ axes[:, 0] / ranges, local[:, 0], shape, cells, int(wall)))
+    return patches
+
+
+def _cells(local: Floats, n_points: int) -> Ints:
+    """Return the cell (m,) of each point of a patch: squares of its plane that hold `n_points` on average."""
+    extent = np.ptp(local[:, 1:], axis=0)
+    side = math.sqrt(max(extent[0] * extent[1], 1e-12) * n_points / len(local))
+    square = np.floor((local[:, 1:] - local[:, 1:].min(axis=0)) / side).astype(np.int64)
+    return np.unique(square[:, 0] * (square[:, 1].max() + 1) + square[:, 1], return_inverse=True)[1]
+
+
+def _free_of_shape(patch: Patch, waves: Floats, root: Floats) -> tuple[Floats, Floats]:
+    """Return slopes times waves (m, c), and distances (m,), under root weights (m,), free of the patch's own shape."""
+    both = root[:, None] * np.column_stack([patch.slopes[:, None] * waves, patch.heights])
+    q = np.linalg.qr(root[:, None] * patch.shape)[0]
+    both -= q @ (q.T @ both)
+    return both[:, :-1], both[:, -1]
+
+
+def _vote(patch: Patch, wavelengths: Floats, coefficients: Floats, weights: Floats) -> Vote:
+    """Return what a patch says of the coefficients, its points weighted by (m,)."""
+    root = np.sqrt(weights)
+    waves, heights = _free_of_shape(
+        patch, waves_at(true_ranges(patch.ranges, coefficients, wavelengths), wavelengths), root
+    )
+    left = heights - waves @ coefficients
+    variance = _cell_effect(patch, root * left) * float(left @ left) / max(float(weights.sum()) - 6.0, 1.0) + 1e-18
+    return Vote(waves.T @ waves / variance, waves.T @ heights / variance)
+
+
+def _cell_effect(patch: Patch, left: Floats) -> float:
+    """Return by how much the sums over cells of residuals (m,) vary more than those of independent ones, at least 1.
+
+    What the points of a cell share is the shape of the wall: counted as noise, it takes from what the patch says. The
+    largest over the sizes of cells, of which one is near the length of the wall's unevenness.
+    """
+    total = max(float(left @ left), 1e-300)
+    return max(1.0, *(float((np.bincount(cells, weights=left) ** 2).sum()) / total for cells in patch.cells))
+
+
+def residuals_of(patch: Patch, wavelengths: Floats, coefficients: Floats, weights: Floats) -> Floats:
+    """Return the distances (m,) [m] of the points to their plane, bow included, once the waves are taken off."""
+    waves = waves_at(true_ranges(patch.ranges, coefficients, wavelengths), wavelengths)
+    heights = patch.heights - patch.slopes * (waves @ coefficients)
+    weighted = weights[:, None] * patch.shape
+    return heights - patch.shape @ np.linalg.solve(weighted.T @ patch.shape, weighted.T @ heights)
+
+
+def _biweights(residuals: Floats) -> Floats:
+    """Return Tukey's weights (m,) of residuals."""
+    sigma = 1.4826 * median_deviation(residuals) + 1e-9
+    return np.maximum(1.0 - (residuals / (BIWEIGHT * sigma)) ** 2, 0.0) ** 2
+
+
+def adjust_waves(patches: list[Patch], wavelengths: Floats) -> Adjustment:
+    """Adjust the waves and the shapes of all patches together."""
+    coefficients: Floats = np.zeros(2 * len(wavelengths))
+    weights: list[Floats] = [np.ones(len(p.ranges)) for p in patches]
+    shares: Floats = np.ones(len(patches))
+    for _ in range(N_ITERATIONS):
+        votes = [_vote(p, wavelengths, coefficients, w) for p, w in zip(patches, weights, strict=True)]
+        normal, new = combine_votes(votes, shares)
+        step, coefficients = float(np.abs(new - coefficients).max()), new
+        residuals = [residuals_of(p, wavelengths, new, w) for p, w in zip(patches, weights, strict=True)]
+        weights, shares = [_biweights(r) for r in residuals], _weigh_patches(votes, new)
+        if step < CONVERGED:
+            break
+    return Adjustment(coefficients, normal, votes, shares, residuals)
+
+
+def combine_votes(votes: Sequence[Vote], shares: Floats) -> tuple[Floats, Floats]:
+    """Return the normal equations of the votes under their shares (p,), and the coefficients that solve them."""
+    normal = np.tensordot(shares, np.array([v.normal for v in votes]), 1)
+    right = np.tensordot(shares, np.array([v.right for v in votes]), 1)
+    return normal, np.linalg.solve(normal + 1e-9 * np.trace(normal) * np.eye(len(normal)), right)
+
+
+def _weigh_patches(votes: list[Vote], coefficients: Floats) -> Floats:
+    """Return the weight (p,) of each patch: less than 1 where it contradicts the others more than the usual patch does.
+
+    The score g = b - N c of a patch that agrees has the covariance N, so that g' N^-1 g is chi-square.
+    """
+    misfit = []
+    for vote in votes:
+        score = vote.right - vote.normal @ coefficients
+        misfit.append(float(score @ np.linalg.lstsq(vote.normal, score, rcond=1e-9)[0]) / len(score))
+    ratio = np.sqrt(np.array(misfit) / max(float(np.median(misfit)), 1.0))
+    return np.minimum(1.0, 1.5 / np.maximum(ratio, 1e-12)) ** 2
+
+
+def search_wavelength(patches: list[Patch], n_harmonics: int) -> tuple[float, int]:
+    """Return the longest wavelength that fits best and the number of those tried; of equal ones the shortest."""
+    spans = [float(np.ptp(p.ranges)) for p in patches]
+    step = 1.0 / (4.0 * n_harmonics * max(spans))
+    tried = 1.0 / np.arange(1.0 / SHORTEST, 1.0 / min(LONGEST, max(spans)) - step, -step)
+    few = [_thin_patch(p) for p in patches]
+    gains = np.array([_gain(few, w / np.arange(1, n_harmonics + 1)) for w in tried])
+    best = int(np.flatnonzero(gains >= 0.98 * gains.max())[0])
+    around = 1.0 / (1.0 / tried[best] + step * np.linspace(-1.0, 1.0, 21))
+    fine = [_gain(few, w / np.arange(1, n_harmonics + 1)) for w in around]
+    return float(around[int(np.argmax(fine))]), len(tried)
+
+
+def _thin_patch(patch: Patch) -> Patch:
+    """Return the patch with `MIN_PATCH` to twice as many of its points."""
+    some = slice(None, None, max(1, len(patch.ranges) // MIN_PATCH))
+    cells = tuple(np.unique(c[some], return_inverse=True)[1] for c in patch.cells)
+    parts = (patch.ranges[some], patch.slopes[some], patch.heights[some], patch.shape[some])
+    return Patch(*parts, cells, patch.wall)
+
+
+def _gain(patches: list[Patch], wavelengths: Floats) -> float:
+    """Return the chi-square by which waves of these lengths improve the patches."""
+    start = np.zeros(2 * len(wavelengths))
+    normal, c = combine_votes(
+        [_vote(p, wavelengths, start, np.ones(len(p.ranges))) for p in patches], np.ones(len(patches))
+    )
+    return float(c @ normal @ c)
+
+
+def median_deviation(residuals: Floats) -> float:
+    """Return the median absolute deviation."""
+    return float(np.median(np.abs(residuals - np.median(residuals))))

@@ -1,0 +1,120 @@
+"""The cyclic range error found in scans of a room whose walls are known (Nothegger and Dorninger 2007, section 2.1)."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scanned_room import FARO, scan_room, uneven_plaster
+
+from monitor.filtering import CalibrationSettings, calibrate_range, correct_range
+from monitor.simulation.instruments import without_errors
+from monitor.simulation.scanner import cyclic_error
+from projects.model import PointCloud, Scan
+
+KNOWN = CalibrationSettings(wavelength=0.6)
+STEADY = dataclasses.replace(FARO, cyclic_amplitudes=(0.0,) * 4)
+TRUE = np.array(FARO.cyclic_amplitudes)
+
+
+def turn_between(phases, truth):
+    """Return the difference of angles, -pi to pi."""
+    return (np.asarray(phases) - truth + np.pi) % (2 * np.pi) - np.pi
+
+
+def test_amplitudes_phases_and_noise_are_found(rng):
+    """0.05 mm is asked; four sigma of the adjustment are less. What is left is the MAD of the room without error."""
+    seed = int(rng.integers(1 << 30))
+    found = calibrate_range(scan_room(np.random.default_rng(seed)), KNOWN)
+    steady = calibrate_range(scan_room(np.random.default_rng(seed), instrument=STEADY), KNOWN)
+    assert found.is_applied, found.reason
+    assert np.allclose(found.amplitudes, TRUE, atol=0.05e-3)
+    assert np.allclose(turn_between(found.phases, FARO.cyclic_phases), 0.0, atol=0.05e-3 / TRUE)
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert (np.abs(found.amplitudes - TRUE) < 4 * sigma[:4]).all()
+    assert sigma[:4].max() < 0.02e-3
+    assert np.isclose(found.mad_after, steady.mad_before, rtol=0.05)
+    assert found.mad_before > 1.5 * found.mad_after
+    assert found.n_walls >= 5
+
+
+def test_a_scan_without_cyclic_error_is_left_alone(rng):
+    scan = scan_room(rng, instrument=STEADY)
+    found = calibrate_range(scan, KNOWN)
+    assert not found.is_applied
+    assert "by chance" in found.reason
+    assert correct_range(scan, found) is scan
+
+
+def test_a_wall_that_is_no_plane_does_not_bend_the_result(rng):
+    """One wall with waves of 0.6 m about the foot of its perpendicular, 4 mm high: by itself it would say 4 mm."""
+
+    def relief(wall, aside):
+        return 4e-3 * np.sin(2 * np.pi * np.linalg.norm(aside, axis=1) / 0.6) if wall == 2 else np.zeros(len(aside))
+
+    found = calibrate_range(scan_room(rng, relief=relief), KNOWN)
+    assert found.is_applied, found.reason
+    assert np.allclose(found.amplitudes, TRUE, atol=0.05e-3)
+
+
+@pytest.mark.parametrize("rms", [0.3e-3, 1e-3])
+def test_uneven_walls_say_how_little_they_know(rng, rms):
+    """Plaster uneven over 0.6 m, the very length of the error: the sigma grows with it and holds the error."""
+    found = calibrate_range(scan_room(rng, relief=uneven_plaster(rng, rms, 0.6)), KNOWN)
+    assert found.is_applied, found.reason
+    sigma = np.sqrt(np.diag(found.covariance))[:4]
+    assert (np.abs(found.amplitudes - TRUE) < 4 * sigma).all()
+    assert (sigma < 0.1 * rms).all()
+
+
+def test_uneven_walls_alone_are_no_cyclic_error(rng):
+    found = calibrate_range(scan_room(rng, instrument=STEADY, relief=uneven_plaster(rng, 1e-3, 0.6)), KNOWN)
+    assert not found.is_applied, found.reason
+
+
+def test_the_wavelength_is_found_where_no_preset_gives_it(rng):
+    found = calibrate_range(scan_room(rng))
+    assert found.is_applied, found.reason
+    assert np.allclose(found.wavelengths, 0.6 / np.arange(1, 5), rtol=0.003)
+    assert np.allclose(found.amplitudes, TRUE, atol=0.05e-3)
+
+
+def test_points_are_moved_along_their_beams_by_the_error_at_the_true_range(rng):
+    beams = rng.normal(size=(500, 3))
+    beams /= np.linalg.norm(beams, axis=1)[:, None]
+    true, origin = rng.uniform(1, 9, 500), np.array([0.3, -0.2, 1.0])
+    measured = origin + beams * (true + cyclic_error(FARO, true))[:, None]
+    found = dataclasses.replace(
+        calibrate_range(Scan("nothing", PointCloud(np.zeros((1, 3))), np.eye(4)), KNOWN), is_applied=True,
+        wavelengths=0.6 / np.arange(1, 5), amplitudes=TRUE, phases=np.array(FARO.cyclic_phases),
+    )  # fmt: skip
+    corrected = correct_range(Scan("scan", PointCloud(measured), np.eye(4), origin=origin), found)
+    assert np.allclose(corrected.cloud.points, origin + beams * true[:, None], atol=1e-6)
+
+
+def test_without_planes_or_with_too_small_ones_nothing_is_said(rng):
+    beams = rng.normal(size=(5000, 3))
+    beams *= (3 + 0.2 * np.sin(4 * beams[:, :1])) / np.linalg.norm(beams, axis=1)[:, None]
+    small = np.c_[rng.uniform(-0.5, 0.5, (5000, 2)), 3 + rng.normal(0, 1e-4, 5000)]  # ranges of 3.0 to 3.08 m
+    for points in (beams, small, small[:200]):
+        found = calibrate_range(Scan("scan", PointCloud(points), np.eye(4)), KNOWN)
+        assert not found.is_applied
+        assert "0 plane patches span the longest wavelength; 3 are needed" in found.reason
+        assert np.isnan(found.amplitudes).all()
+
+
+def test_without_a_known_station_nothing_is_said(rng):
+    scan = dataclasses.replace(scan_room(rng, n_points=2000), origin=np.full(3, np.nan))
+    assert calibrate_range(scan).reason == "it is not known where the scanner stood"
+
+
+def test_the_order_of_the_points_changes_nothing(rng):
+    scan = scan_room(rng, n_points=50_000)
+    here = calibrate_range(scan, KNOWN)
+    there = calibrate_range(scan.take(rng.permutation(len(scan.cloud))), KNOWN)
+    assert np.array_equal(here.amplitudes, there.amplitudes)
+    assert np.array_equal(here.profile, there.profile)
+
+
+def test_a_perfect_instrument_in_a_perfect_room_is_left_alone(rng):
+    found = calibrate_range(scan_room(rng, instrument=without_errors(FARO), noise=0.0), KNOWN)
+    assert not found.is_applied or found.amplitudes.max() < 1e-6
