@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from monitor.simulation.scenes import Body, Truth
 from projects.model import Bools, Floats, Ints
 from projects.open3d_library import load_open3d
 
+RAYS = np.array([[0.31, 0.52, 0.797], [-0.73, 0.29, 0.619], [0.11, -0.83, -0.547]])
 ON_SURFACE = 5e-6  # m: nearer than this the side is that of the face, not of a float32 ray
 
 
@@ -49,7 +51,7 @@ def closest_on_faces(points: Floats, corners: Floats) -> tuple[Floats, Bools]:
 def truth_of_bodies(
     bodies: Sequence[Body], curvatures: Sequence[Callable[[Floats], Floats] | None] | None = None
 ) -> Truth:
-    """Return the truth of closed bodies that may touch but not overlap, their meshes taken as their exact surface.
+    """Return the truth of closed bodies that may touch and overlap, their meshes taken as their exact surface.
 
     Parameters
     ----------
@@ -59,35 +61,31 @@ def truth_of_bodies(
 
     Returns
     -------
-    Truth; inside the material a face that another body covers still counts as surface.
+    Truth; faces that lie wholly inside of another body are no surface. A face covered in part is one.
     """
-    counts = [len(body.faces) for body in bodies]
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     corners = np.concatenate([body.vertices[body.faces] for body in bodies])
-    owner = np.repeat(np.arange(len(bodies)), counts)
+    owner = np.repeat(np.arange(len(bodies)), [len(body.faces) for body in bodies])
     middle = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
-
-    @functools.cache
-    def tree():  # type: ignore[no-untyped-def]
-        o3d = load_open3d()
-        scene = o3d.t.geometry.RaycastingScene(nthreads=2)
-        for body in bodies:
-            vertices = (body.vertices - middle).astype(np.float32)
-            scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(body.faces.astype(np.uint32)))
-        return scene
-
-    def find(points: Floats) -> tuple[Ints, Floats, Bools]:
-        """Return the nearest face of each point, the foot on it, and whether that lies inside its edges."""
-        o3d = load_open3d()
-        shifted = np.ascontiguousarray(points - middle, dtype=np.float32)
-        found = tree().compute_closest_points(o3d.core.Tensor(shifted), nthreads=2)
-        face = first[found["geometry_ids"].numpy()] + found["primitive_ids"].numpy()
-        return (face, *closest_on_faces(points, corners[face]))
 
     def face_normals(face: Ints) -> Floats:
         c = corners[face]
         n = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])
         return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+
+    @functools.cache
+    def trees() -> tuple[Any, Any, Ints]:
+        """All faces as a tree, the open ones as another, and the numbers of the open ones."""
+        whole = _grow_tree(corners - middle)
+        open_ = np.flatnonzero(~_is_covered(whole, corners - middle, owner, face_normals(np.arange(len(corners)))))
+        return whole, whole if len(open_) == len(corners) else _grow_tree(corners[open_] - middle), open_
+
+    def find(points: Floats) -> tuple[Ints, Floats, Bools]:
+        """Return the nearest face of each point, the foot on it, and whether that lies inside its edges."""
+        o3d = load_open3d()
+        shifted = np.ascontiguousarray(points - middle, dtype=np.float32)
+        found = trees()[1].compute_closest_points(o3d.core.Tensor(shifted), nthreads=2)
+        face = trees()[2][found["primitive_ids"].numpy()]
+        return (face, *closest_on_faces(points, corners[face]))
 
     def signed(points: Floats) -> Floats:
         face, foot, inside = find(points)
@@ -95,7 +93,7 @@ def truth_of_bodies(
         distance = np.linalg.norm(off, axis=1)
         above = (off * face_normals(face)).sum(axis=1) >= 0.0
         far = ~inside | (distance > ON_SURFACE)
-        above[far] = _is_outside(tree(), points[far] - middle)
+        above[far] = count_bodies_around(trees()[0], points[far] - middle, face_normals) < 0.5
         return np.where(above, distance, -distance)
 
     def curvature(points: Floats) -> Floats:
@@ -110,12 +108,44 @@ def truth_of_bodies(
     return Truth(lambda p: find(p)[1], signed, lambda p: face_normals(find(p)[0]), curvature)
 
 
-def _is_outside(scene: object, points: Floats) -> Bools:
-    """Return whether points lie outside of all closed bodies of an Open3D scene, by the parity of three rays."""
+def _grow_tree(corners: Floats) -> Any:
+    """Return Open3D's tree of triangles (n, 3, 3), numbered as they come."""
     o3d = load_open3d()
-    if len(points) == 0:
-        return np.empty(0, dtype=bool)
-    inside = scene.compute_occupancy(  # type: ignore[attr-defined]
-        o3d.core.Tensor(np.ascontiguousarray(points, dtype=np.float32)), nthreads=2, nsamples=3
-    )
-    return inside.numpy() < 0.5
+    scene = o3d.t.geometry.RaycastingScene(nthreads=2)
+    faces = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
+    scene.add_triangles(o3d.core.Tensor(corners.reshape(-1, 3).astype(np.float32)), o3d.core.Tensor(faces))
+    return scene
+
+
+def count_bodies_around(
+    tree: Any, points: Floats, face_normals: Callable[[Ints], Floats], *, n_rays: int = 3
+) -> Floats:
+    """Return how many closed bodies hold each point: exits less entries along a ray, the median of `n_rays` rays."""
+    o3d = load_open3d()
+    counts = np.zeros((n_rays, len(points)))
+    for k, towards in enumerate(RAYS[:n_rays] if len(points) else ()):
+        rays = np.concatenate([points, np.broadcast_to(towards, points.shape)], axis=1).astype(np.float32)
+        met = tree.list_intersections(o3d.core.Tensor(rays), nthreads=2)
+        leaves = np.sign(face_normals(met["primitive_ids"].numpy()) @ towards)
+        counts[k] = np.bincount(met["ray_ids"].numpy().astype(np.int64), leaves, minlength=len(points))
+    return np.median(counts, axis=0)
+
+
+def _is_covered(tree: Any, corners: Floats, owner: Ints, normals: Floats) -> Bools:
+    """Return whether faces (n, 3, 3) lie wholly inside of another body: the middle and a point by each corner do."""
+    covered = _reaches_another(corners, owner)
+    for weight in np.array([[1 / 3, 1 / 3, 1 / 3], [0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9]]):
+        left = np.flatnonzero(covered)
+        lifted = np.einsum("nij,i->nj", corners[left], weight) + 2.0 * ON_SURFACE * normals[left]
+        covered[left] = count_bodies_around(tree, lifted, lambda face: normals[face], n_rays=1) > 0.5
+    return covered
+
+
+def _reaches_another(corners: Floats, owner: Ints) -> Bools:
+    """Return whether the middle of a face lies in the box of a body other than its own."""
+    middle, reaches = corners.mean(axis=1), np.zeros(len(corners), dtype=bool)
+    for k in range(int(owner[-1]) + 1 if len(owner) else 0):
+        mine = owner == k
+        low, high = corners[mine].min(axis=(0, 1)) - ON_SURFACE, corners[mine].max(axis=(0, 1)) + ON_SURFACE
+        reaches |= ~mine & ((middle >= low) & (middle <= high)).all(axis=1)
+    return reaches

@@ -9,21 +9,39 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from monitor.simulation.changes import Edit
+from monitor.simulation.mesh_truth import truth_of_bodies
 from monitor.simulation.scenes import Body, Scene
 from monitor.simulation.shapes import box as box_field
-from monitor.simulation.solid import Field, contour
-from monitor.simulation.truth import SolidPart, truth_of_parts
+from monitor.simulation.solid import Field, contour, gradient, principal_curvatures, project
 from projects.errors import ParameterError
 from projects.model import Floats, Ints, Surface
 from projects.transforms import apply, invert
 
 STILL = np.eye(4)
+
+
+@dataclass(frozen=True)
+class Wear:
+    """A shallow change along the normal, and the field that it was made to."""
+
+    before: Field
+    edit: Edit
+
+    def move(self, vertices: Floats) -> Floats:
+        """Return vertices (n, 3) [m] of the field before, moved along its normals onto the field after."""
+        depth = np.zeros(len(vertices)) if self.edit.tool is None else self.edit.tool(vertices.T)
+        some = np.flatnonzero(depth)
+        normals = gradient(self.before, vertices[some])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        moved = vertices.copy()
+        moved[some] -= depth[some, None] * normals
+        return moved
 
 
 @dataclass(frozen=True)
@@ -40,6 +58,8 @@ class ModelPart:
     mesh : exact triangles of a polyhedron (its field an exact distance), own frame; None: the field is contoured.
         A change of the shape drops it.
     T_model_part : (4, 4), where the part stands.
+    worn : shallow changes along the normal, already in `field`, in the part's own frame. They move the triangles of
+        the field before the first of them and make no new ones, so that what they take is even between vertices too.
     """
 
     name: str
@@ -50,14 +70,11 @@ class ModelPart:
     gloss: float = 0.0
     mesh: Surface | None = None
     T_model_part: Floats = dataclasses.field(default_factory=lambda: STILL)
+    worn: tuple[Wear, ...] = ()
 
     def bounds(self) -> Floats:
         """Return the box (2, 3) [m] that holds the part where it stands."""
-        if self.T_model_part is STILL:
-            return self.box
-        corners = np.array([[self.box[i][0], self.box[j][1], self.box[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
-        moved = apply(self.T_model_part, corners)
-        return np.stack([moved.min(axis=0), moved.max(axis=0)])
+        return _moved_box(self.box, self.T_model_part)
 
     def field_in_model(self) -> Field:
         """Return the part's field in the model's coordinates."""
@@ -66,7 +83,10 @@ class ModelPart:
     def body(self) -> Body:
         """Return the part as triangles where it stands."""
         if self.mesh is None:
-            vertices, faces = _contour_once(self.field, tuple(map(tuple, np.asarray(self.box))), self.cell)
+            field = self.worn[0].before if self.worn else self.field
+            vertices, faces = _contour_once(field, tuple(map(tuple, np.asarray(self.box))), self.cell)
+            for wear in self.worn:
+                vertices = wear.move(vertices)
         else:
             vertices, faces = self.mesh.vertices, self.mesh.faces
         moved = vertices if self.T_model_part is STILL else apply(self.T_model_part, vertices)
@@ -136,14 +156,23 @@ def change_model(model: Model, changes: Sequence[Edit]) -> Model:
 
 
 def build_scene(model: Model, changes: Sequence[Edit] = ()) -> Scene:
-    """Return the scene of a model after changes: a body for each part, the surroundings, and the truth of the parts."""
+    """Return the scene of a model after changes: a body for each part, the surroundings, and the truth of the parts.
+
+    The truth is that of the parts' triangles, which are what is scanned: where nothing changed, two epochs have the
+    same triangles and differ by nothing. The curvature is that of the field.
+    """
     model = change_model(model, changes)
     bodies = tuple(part.body() for part in model.parts)
-    solid = [
-        SolidPart(body.surface(), part.field_in_model(), part.mesh is not None)
-        for part, body in zip(model.parts, bodies, strict=True)
-    ]
-    return Scene(model.name, bodies + model.surroundings, truth_of_parts(solid, model.field()))
+    truth = truth_of_bodies(bodies, [_curvature_of(part) for part in model.parts])
+    return Scene(model.name, bodies + model.surroundings, truth)
+
+
+def _curvature_of(part: ModelPart) -> Callable[[Floats], Floats] | None:
+    """Return the curvature of the part's field at points near it; None for a part that is its triangles."""
+    field = part.field_in_model()
+    if part.mesh is not None:
+        return None
+    return lambda points: principal_curvatures(field, project(field, points, n_steps=2))
 
 
 def list_concerned_parts(model: Model, edit: Edit) -> list[str]:
@@ -164,19 +193,43 @@ def list_concerned_parts(model: Model, edit: Edit) -> list[str]:
 def _change_part(part: ModelPart, edit: Edit) -> ModelPart:
     if edit.T_after_before is not None:
         return dataclasses.replace(part, T_model_part=edit.T_after_before @ part.T_model_part)
-    changed, held = only_near(edit, part.field_in_model()), part.bounds()
+    edit, held = _edit_in_part(edit, part.T_model_part), part.box
+    changed = only_near(edit, part.field)
     if edit.kind == "added":
         held = np.stack([np.minimum(held[0], edit.box[0]), np.maximum(held[1], edit.box[1])])
+    worn: tuple[Wear, ...] = ()
     if edit.kind == "offset":
-        held = held + _rise(edit, held) * np.array([[-1.0], [1.0]])
-    return dataclasses.replace(part, field=changed, box=held, mesh=None, T_model_part=STILL)
+        highest, deepest = _reach(edit, held)
+        if part.mesh is None and max(highest, deepest) <= 0.5 * part.cell:
+            worn = (*part.worn, Wear(part.field, edit))
+        else:
+            held = held + highest * np.array([[-1.0], [1.0]])
+    return dataclasses.replace(part, field=changed, box=held, mesh=None, worn=worn)
 
 
-def _rise(edit: Edit, held: Floats) -> float:
-    """Return by how much [m] a change along the normal builds up a part inside the box `held`."""
+def _edit_in_part(edit: Edit, T_model_part: Floats) -> Edit:
+    """Return a change of shape in the part's own frame."""
+    if T_model_part is STILL or edit.tool is None:
+        return edit
+    inverse = invert(T_model_part)
+    box = _moved_box(edit.box, inverse) if np.isfinite(edit.box).all() else edit.box
+    return dataclasses.replace(edit, tool=_moved_field(edit.tool, inverse), box=box)
+
+
+def _reach(edit: Edit, held: Floats) -> tuple[float, float]:
+    """Return by how much [m] a change along the normal builds up, and by how much it wears, inside the box `held`."""
     low, high = np.maximum(edit.box[0], held[0]), np.minimum(edit.box[1], held[1])
     grid = np.stack(np.meshgrid(*np.linspace(low, high, 17).T, indexing="ij")).reshape(3, -1)
-    return 0.0 if edit.tool is None else max(0.0, -float(edit.tool(grid).min()))
+    depth = np.zeros(1) if edit.tool is None else edit.tool(grid)
+    return max(0.0, -float(depth.min())), max(0.0, float(depth.max()))
+
+
+def _moved_box(box: Floats, T: Floats) -> Floats:
+    """Return the box (2, 3) that holds a box after a motion."""
+    if T is STILL:
+        return box
+    corners = apply(T, np.array([[box[i][0], box[j][1], box[k][2]] for i, j, k in np.ndindex(2, 2, 2)]))
+    return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
 
 def only_near(edit: Edit, field: Field) -> Field:

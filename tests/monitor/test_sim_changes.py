@@ -29,21 +29,33 @@ from projects.transforms import apply, perturb
 RADIUS = 0.1
 
 
-@pytest.fixture
-def model():
+def still_life(cell=0.006):
     """Return a ball beside a block that stands on another, before a wall that is not monitored."""
     globe = ModelPart(
-        "globe", ball((0.3, 0.0, 0.2), RADIUS), np.array([[0.2, -0.1, 0.1], [0.4, 0.1, 0.3]]), 0.006, gloss=0.04
+        "globe", ball((0.3, 0.0, 0.2), RADIUS), np.array([[0.2, -0.1, 0.1], [0.4, 0.1, 0.3]]), cell, gloss=0.04
     )
-    upper = box_part("upper block", [-0.15, -0.15, 0.2], [0.05, 0.05, 0.4], cell=0.006)
-    lower = box_part("lower block", [-0.2, -0.2, 0.0], [0.1, 0.1, 0.2], cell=0.006)
+    upper = box_part("upper block", [-0.15, -0.15, 0.2], [0.05, 0.05, 0.4], cell=cell)
+    lower = box_part("lower block", [-0.2, -0.2, 0.0], [0.1, 0.1, 0.2], cell=cell)
     wall = make_box("wall", np.array([-1.0, 0.5, 0.0]), np.array([1.0, 0.6, 1.0]))
     return Model("still life", (globe, upper, lower), (wall,))
+
+
+@pytest.fixture
+def model():
+    """Return the still life in coarse triangles."""
+    return still_life()
 
 
 def surface_point(direction, radius=RADIUS):
     """Return a point of the globe."""
     return np.array([0.3, 0.0, 0.2]) + radius * np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+
+
+def change_near(model, point, changes):
+    """Return the true change at the vertex of the globe nearest to a point."""
+    vertices = build_scene(model).bodies[0].vertices
+    nearest = vertices[np.linalg.norm(vertices - point, axis=1).argmin()]
+    return float(change_at(nearest[None], build_scene(model, changes).truth)[0])
 
 
 def rigid(w, t, centre=(0.0, 0.0, 0.0)):
@@ -62,15 +74,18 @@ def test_each_body_of_a_built_scene_is_closed_and_the_truth_holds_its_vertices(m
 
 
 def test_the_truth_of_parts_is_exact_beside_each_of_them(model):
-    truth = build_scene(model).truth
+    truth = build_scene(still_life(cell=0.0015)).truth  # facets lie 2.8 um inside the globe at the most
     points = np.array(
         [[0.3, 0.0, 0.35], [0.3, 0.0, 0.295], [-0.05, -0.05, 0.43], [-0.05, -0.05, 0.39], [0.08, 0.0, 0.21]]
     )
-    np.testing.assert_allclose(truth.signed_distance(points), [0.05, -0.005, 0.03, -0.01, 0.01], atol=1e-7)
+    distances = truth.signed_distance(points)
+    np.testing.assert_allclose(distances[:2], [0.05, -0.005], atol=5e-6)
+    np.testing.assert_allclose(distances[2:], [0.03, -0.01, 0.01], atol=1e-12)
     np.testing.assert_allclose(
-        truth.normal(points), [[0, 0, 1.0], [0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 1]], atol=1e-5
+        truth.normal(points), [[0, 0, 1.0], [0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 1]], atol=0.02
     )
-    np.testing.assert_allclose(truth.closest_point(points)[0], [0.3, 0.0, 0.3], atol=1e-7)
+    np.testing.assert_allclose(truth.closest_point(points)[0], [0.3, 0.0, 0.3], atol=4e-4)
+    np.testing.assert_allclose(truth.curvature(points), [[10, 10], [10, 10], [0, 0], [0, 0], [0, 0]], atol=1e-4)
 
 
 def test_an_even_erosion_of_a_patch_sinks_it_by_its_depth_along_the_normal(model):
@@ -85,9 +100,8 @@ def test_an_even_erosion_of_a_patch_sinks_it_by_its_depth_along_the_normal(model
     t = np.clip((r - 0.04) / 0.01, 0.0, 1.0)
     expected = 0.002 * np.trapezoid(2 * np.pi * r * (1.0 - t * t * (3 - 2 * t)), r)
     assert change.volume == pytest.approx(-expected, rel=0.03)
-    after = build_scene(model, [edit]).truth
-    np.testing.assert_allclose(change_at(centre[None], after), [-0.002], atol=2e-6)
-    np.testing.assert_allclose(change_at(surface_point([1.0, 0.0, 0.0])[None], after), [0.0], atol=1e-7)
+    assert change_near(model, centre, [edit]) == pytest.approx(-0.002, abs=2e-6)
+    assert change_near(model, surface_point([1.0, 0.0, 0.0]), [edit]) == 0.0
 
 
 def test_a_coat_rises_by_its_height_where_the_part_was_held_before(model):
@@ -112,9 +126,9 @@ def test_cleaning_takes_the_same_everywhere_and_is_measured_below_the_threshold(
 
 def test_cleaning_inside_a_box_leaves_the_rest(model):
     box = np.array([[0.2, -0.15, 0.1], [0.4, 0.0, 0.35]])
-    after = build_scene(model, [clean("half cleaned", depth=0.0003, box=box, part="globe")]).truth
-    points = np.stack([surface_point([0.3, -1.0, 0.2]), surface_point([0.3, 1.0, 0.2])])
-    np.testing.assert_allclose(change_at(points, after), [-0.0003, 0.0], atol=1e-6)
+    edits = [clean("half cleaned", depth=0.0003, box=box, part="globe")]
+    assert change_near(model, surface_point([0.3, -1.0, 0.2]), edits) == pytest.approx(-0.0003, abs=1e-6)
+    assert change_near(model, surface_point([0.3, 1.0, 0.2]), edits) == 0.0
 
 
 def test_a_hollow_that_was_filled_stands_level_again(model):
@@ -162,9 +176,12 @@ def test_a_part_can_be_changed_after_it_was_moved(model):
     T = rigid([0.0, 0.0, 0.0], [0.0, 0.0, 0.05])
     centre = surface_point([0.0, -1.0, 0.0]) + np.array([0.0, 0.0, 0.05])
     edits = [move_part("globe lifted", "globe", T), erode("worn", centre, radius=0.03, depth=0.001, part="globe")]
-    truth = build_scene(model, edits).truth
-    np.testing.assert_allclose(change_at(centre[None], truth), [-0.001], atol=2e-6)
-    np.testing.assert_allclose(truth.signed_distance(np.array([[0.3, 0.0, 0.36]])), [0.01], atol=1e-7)
+    globe = [build_scene(model, edits[:n]).bodies[0].vertices for n in (0, 1, 2)]
+    np.testing.assert_allclose(globe[1], globe[0] + [0.0, 0.0, 0.05], atol=1e-12)
+    worn = np.linalg.norm(globe[2] - globe[1], axis=1)
+    at_centre = np.linalg.norm(globe[1] - centre, axis=1) < 0.012
+    np.testing.assert_allclose(worn[at_centre], 0.001, atol=1e-9)
+    np.testing.assert_array_equal(worn[np.linalg.norm(globe[1] - centre, axis=1) > 0.03], 0.0)
 
 
 def test_moving_the_whole_leaves_the_surroundings_and_is_no_region(model):
@@ -189,3 +206,13 @@ def test_changes_that_name_no_part_or_reach_none_are_refused(model):
         change_model(model, [fill("joint", [0.05, -0.05, 0.2], [1, 0, 0], radius=0.02, depth=0.01)])
     with pytest.raises(ParameterError, match="mirrors"):
         move_part("x", "globe", np.diag([1.0, 1.0, -1.0, 1.0]))
+
+
+def test_faces_inside_of_another_part_are_no_surface():
+    tile = box_part("tile", [-0.05, -0.02, 0.0], [0.05, 0.06, 0.1], cell=0.01)
+    core = box_part("core", [-0.2, 0.0, -0.2], [0.2, 0.3, 0.3], cell=0.01)
+    truth = build_scene(Model("tiled wall", (tile, core))).truth
+    # The second point lies 2 mm from the tile's back, which is deep in the core: its sides, covered in part, are next.
+    points = np.array([[0.0, -0.03, 0.05], [0.0, 0.058, 0.05], [0.1, -0.03, 0.05], [0.0, 0.15, 0.2]])
+    np.testing.assert_allclose(truth.signed_distance(points), [0.01, -0.05, 0.03, -0.1], atol=1e-9)
+    np.testing.assert_allclose(truth.normal(points)[2], [0.0, -1.0, 0.0], atol=1e-9)
