@@ -25,7 +25,9 @@ class Instrument:
     The range noise of one pulse is `noise_floor**2 + noise_10m**2 * P10 / P`: P is the power received, P10 that from
     a target of 90 % reflectance seen face on at 10 m, so the second term grows with range, incidence and darkness as
     a shot-noise limited receiver's does. Laser wavelengths play no part. The cyclic error is the sum over k of
-    `cyclic_amplitudes[k] * sin(2 pi (k + 1) r / cyclic_wavelength + cyclic_phases[k])`.
+    `cyclic_amplitudes[k] * sin(2 pi (k + 1) r / cyclic_wavelength + cyclic_phases[k])`. Axis errors as in Lichti and
+    Licht 2006 (Experiences with terrestrial laser scanner modelling), from whose 19 terms only the trunnion and
+    collimation axis and the cyclic errors are taken: range offset, index error and the empirical terms are left out.
     """
 
     name: str = setting("phase scanner", unit="", meaning="name, written into the scans")
@@ -52,6 +54,13 @@ class Instrument:
         1e-3, unit="", low=0.0, meaning="power, in units of P10, below which nothing is reported"
     )
 
+    smear: float = setting(
+        0.0, unit="", low=0.0, high=1.0, meaning="share of an angular step that the beam sweeps while it measures"
+    )
+    saturation: float = setting(
+        3.0, unit="", low=0.0, meaning="brightness, in units of white seen face on, from which the receiver saturates"
+    )
+
     def __post_init__(self) -> None:
         check_settings(self)
         if len(self.cyclic_amplitudes) != len(self.cyclic_phases):
@@ -66,9 +75,9 @@ def faro_ls880() -> Instrument:
 
     Sources: 000 section 2.1 and fig. 1: cyclic error of 0.6, 0.3, 0.2, 0.15 m; median absolute deviation of a plane
     patch 1 mm before and 0.4 mm after calibration, hence one sigma of 0.6 mm at a few metres (its range axis) and an
-    amplitude of about 1.9 mm for the strongest wave. Assumed: how the amplitude is shared among the four waves, the
-    phases. Maker's data sheet as remembered, not at hand: beam 3 mm at exit and 0.25 mrad, 0.6 to 76 m, 40000 steps
-    a turn, vertical field 320 degrees.
+    amplitude of about 1.9 mm for the strongest wave; 002: the whole effect is below 3 mm. Assumed: how the amplitude
+    is shared among the four waves, the phases. Remembered, the maker's data sheet was looked for and not found: beam
+    3 mm at exit and 0.25 mrad, 0.6 to 76 m, 40000 steps a turn, vertical field 320 degrees.
     """
     return Instrument(
         name="Faro LS 880HE", beam_diameter=0.003, beam_divergence=0.25e-3, noise_floor=0.5e-3, noise_10m=0.7e-3,
@@ -82,9 +91,10 @@ def faro_photon120() -> Instrument:
     """Return the Faro Photon 120 of papers 001 and 002.
 
     Sources: 001 section 4.1: noise of 0.3 to 0.5 mm within 10 m; 001 section 4.2: 2 mm spacing at quarter resolution
-    within 5 m, as 40000 steps a turn give. Maker's data sheet as remembered, not at hand: beam 3.3 mm at exit and
-    0.16 mrad, 0.4 mm noise at 10 m on 90 %, 0.6 to 120 m. Assumed: the residual cyclic error (0.2 mm), that this
-    noise is half floor and half light, angular noise.
+    within 5 m, hence a step of at least 0.4 mrad there, 0.1 mrad in full: taken as 40000 steps a turn (0.16 mrad, as
+    remembered). Remembered, the maker's data sheet was looked for and not found: beam 3.3 mm at exit and 0.16 mrad,
+    0.4 mm noise at 10 m on 90 %, 0.6 to 120 m (the name gives the 120). Assumed: the residual cyclic error (0.2 mm),
+    that this noise is half floor and half light, angular noise.
     """
     return Instrument(
         name="Faro Photon 120", beam_diameter=0.0033, beam_divergence=0.16e-3, noise_floor=0.28e-3, noise_10m=0.28e-3,
@@ -97,13 +107,15 @@ def leica_hds6000() -> Instrument:
     """Return the Leica HDS 6000 of papers 001 and 003.
 
     Sources: 003 section 4.1: ambiguity range 79 m, shortest distance 1 m, finest step 0.009 degrees; section 1.2.2: a
-    spot of 3 mm at 3.5 m and, with the motion of the beam, about 4 mm at 5 m; section 4.3: one scan of the relief lies
-    0.7 mm (one sigma) from the reference. Maker's data sheet as remembered, not at hand: 0.22 mrad. Assumed: that
-    0.6 mm of those 0.7 mm is range noise, its split, no cyclic error left, angular noise.
+    spot of 3 mm at 3.5 m and, with the motion of the beam, about 4 mm at 5 m. The 0.22 mrad as remembered (the
+    maker's data sheet was looked for and not found) fit that: 3.2 mm of beam at 5 m and 0.8 mm of one step make 4 mm.
+    Section 4.3: one scan of the relief lies 0.7 mm (one sigma) from the reference. Assumed: that 0.6 mm of those
+    0.7 mm is range noise, its split, no cyclic error left, angular noise. Sections 1.2.2 and 1.3 also draw on 1 and
+    2 mm (maker's figures for any target and range); section 3.1 measured 0.4 mm on one point in 20 repetitions.
     """
     return Instrument(
         name="Leica HDS 6000", beam_diameter=0.003, beam_divergence=0.22e-3, noise_floor=0.55e-3, noise_10m=0.8e-3,
-        angular_noise=10.0 * _ARCSECOND, angular_step=float(np.radians(0.009)), range_min=1.0, range_max=79.0,
+        angular_noise=10.0 * _ARCSECOND, angular_step=float(np.radians(0.009)), range_min=1.0, range_max=79.0, smear=1.0,
         elevation_min=np.radians(-65.0), dropout=5e-4,
     )  # fmt: skip
 
@@ -111,9 +123,13 @@ def leica_hds6000() -> Instrument:
 def current_phase_scanner() -> Instrument:
     """Return a phase scanner as sold around 2020 (Faro Focus S, Z+F Imager 5016 class).
 
-    Makers' data sheets as remembered, not at hand: 0.3 mm noise at 10 m on 90 %, beam 2.1 mm at exit (1/e) and
-    0.3 mrad half angle (1/e), angles to 19 arc seconds (of which a few are noise within one scan), 0.6 to 150 m.
-    Assumed: conversion of the Gaussian beam to 1/e2 (3.0 mm, 0.85 mrad), the split of the noise, no cyclic error.
+    Source: the maker's data sheet of the Faro Focus M/S as a public catalogue of scanners quotes it (the comments of
+    the scanner models of the plant simulator Helios): beam 2.12 mm at exit and 0.3 mrad, both to 1/e of its power;
+    vertical field of 300 degrees. A beam of 1550 nm and 3.0 mm (2.12 mm * sqrt 2, to 1/e2) cannot diverge by less than
+    4 lambda / (pi D) = 0.66 mrad in full, so those 0.3 mrad must be the half angle: 0.85 mrad in full to 1/e2.
+    Remembered, not found: the 1550 nm, 0.3 mm noise at 10 m on 90 %, angles to 19 arc seconds (of which a few are
+    noise within one scan), 0.6 to 150 m. Assumed: the split of the noise, no cyclic error. The lowest elevation, -60
+    degrees in that sheet, stays at -65.
     """
     return Instrument(
         name="phase scanner 2020", beam_diameter=0.0030, beam_divergence=0.85e-3, noise_floor=0.15e-3,

@@ -154,8 +154,27 @@ def test_a_glossy_surface_shows_what_stands_in_its_mirror():
     mirror = make_box("glaze", np.array([3.0, -2.0, -2.0]), np.array([3.1, 2.0, 2.0]), reflectance=0.0)
     mirror = Body(mirror.name, mirror.vertices, mirror.faces, 0.0, gloss=0.8)
     behind = make_box("wall behind", np.array([-2.1, -5.0, -5.0]), np.array([-2.0, 5.0, 5.0]), reflectance=0.9)
-    scan = look(Scene("glaze", (mirror, behind)), EXACT, half=0.02, n=20)
+    # 0.2 rad off the perpendicular, where the glaze throws nothing straight back.
+    scan = simulate_scan(Scene("glaze", (mirror, behind)), EXACT, np.eye(4), Window(0.2, 0.24, -0.02, 0.02), step=0.002)
     np.testing.assert_allclose(scan.cloud.points[:, 0], 3.0 + 3.0 + 2.0, atol=1e-3)
+
+
+def test_a_glossy_surface_dazzles_where_it_faces_the_scanner():
+    glaze = make_box("glaze", np.array([3.0, -2.0, -2.0]), np.array([3.1, 2.0, 2.0]), reflectance=0.3)
+    glaze = Body(glaze.name, glaze.vertices, glaze.faces, 0.3, gloss=0.04)
+    blind = dataclasses.replace(EXACT, saturation=1e9)
+    window = Window(-0.06, 0.06, -1e-4, 1e-4)
+    bright = simulate_scan(Scene("glaze", (glaze,)), blind, np.eye(4), window, step=1e-4, n_subrays=1)
+    azimuth = np.abs(np.arctan2(bright.cloud.points[:, 1], bright.cloud.points[:, 0]))
+    # Beckmann's lobe: 0.04 / (4 m^2) = 25 white surfaces on the axis, falling as exp(-tan^2 / m^2).
+    expected = 0.3 * np.cos(azimuth) + 25.0 * np.exp(-((np.tan(azimuth) / 0.02) ** 2)) / np.cos(azimuth) ** 5
+    assert bright.cloud.intensity.max() == 1.0  # clipped, as an instrument's file holds it
+    seen = look(Scene("glaze", (glaze,)), EXACT, half=0.06, n=120)
+    lost = 121**2 - len(seen.cloud)
+    turn = np.hypot(*np.meshgrid(*2 * [np.linspace(-0.06, 0.06, 121)]))
+    faint = np.sort(azimuth[expected > EXACT.saturation])[-1]
+    assert abs(lost / (turn < faint).sum() - 1.0) < 0.05
+    assert lost > 300
 
 
 def test_a_scan_is_the_same_for_any_number_of_threads_and_changes_with_its_seed():
@@ -216,3 +235,25 @@ def test_presets_state_a_footprint_and_noise_of_their_sources():
     leica = INSTRUMENTS["leica-hds6000"]
     assert np.hypot(leica.beam_diameter, 3.5 * leica.beam_divergence) == pytest.approx(0.003, abs=2e-4)
     assert 0.3e-3 < range_noise(PHOTON, np.array([1.0]))[0] < 0.5e-3
+
+
+def test_the_beam_sweeps_one_step_upwards_while_it_measures():
+    swept = dataclasses.replace(EXACT, smear=1.0, beam_diameter=0.0, beam_divergence=0.0)
+    # An even sweep of 2 mm keeps sin(x) / x of a wave of 10 mm across it, x = 0.2 pi, and all of one along it.
+    for turn, kept in ((0.0, np.sin(0.2 * np.pi) / (0.2 * np.pi)), (np.pi / 2, 1.0)):
+        scene = wave_scene(wavelength=0.01, amplitude=0.0005, size=0.2)
+        pose = np.eye(4)
+        pose[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+        pose[:3, 3] = [0.0, 0.0, 2.0]
+        pose = turned_about_view(turn) @ pose
+        scan = simulate_scan(scene, swept, pose, Window(-0.02, 0.02, -0.02, 0.02), step=0.001)
+        x, _, z = apply(scan.pose, scan.cloud.points).T
+        amplitude = 2.0 * (z * np.cos(2 * np.pi * x / 0.01)).mean() / (2.0 * (np.cos(2 * np.pi * x / 0.01) ** 2).mean())
+        assert amplitude == pytest.approx(0.0005 * kept, rel=0.005)
+
+
+def turned_about_view(angle):
+    """Return a rotation about z, along which the scanner of the wave tests looks."""
+    turned = np.eye(4)
+    turned[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return turned
