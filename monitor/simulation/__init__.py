@@ -19,8 +19,8 @@ from monitor.simulation.relief import relief_scene
 from monitor.simulation.repeated import Drift, drift_of_paper_003, repeat_scan
 from monitor.simulation.scanner import Window, misregister, simulate_scan, stand_at, stream_scan, window_around
 from monitor.simulation.scenes import Body, Scene, TrueTarget, Truth, plane_scene, sphere_scene, step_scene, wave_scene
-from monitor.simulation.true_change import TrueChange, change_at, measure_changes
 from monitor.simulation.triangulation import TriangulationSensor, scan_by_triangulation
+from monitor.simulation.true_change import TrueChange, change_at, measure_changes
 
 __all__ = [
     "INSTRUMENTS", "Body", "CarvedFigure", "DemoCampaign", "Drift", "Edit", "Instrument", "Model", "ModelPart",

@@ -115,8 +115,8 @@ def leica_hds6000() -> Instrument:
     """
     return Instrument(
         name="Leica HDS 6000", beam_diameter=0.003, beam_divergence=0.22e-3, noise_floor=0.55e-3, noise_10m=0.8e-3,
-        angular_noise=10.0 * _ARCSECOND, angular_step=float(np.radians(0.009)), range_min=1.0, range_max=79.0, smear=1.0,
-        elevation_min=np.radians(-65.0), dropout=5e-4,
+        angular_noise=10.0 * _ARCSECOND, angular_step=float(np.radians(0.009)), range_min=1.0, range_max=79.0,
+        smear=1.0, elevation_min=np.radians(-65.0), dropout=5e-4,
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.declare import check_settings, setting
 from monitor.simulation.instruments import Instrument
-from monitor.simulation.scanner import Seed, Window, simulate_scan
+from monitor.simulation.scanner import Window, simulate_scan
 from monitor.simulation.scenes import Scene
 from projects.errors import ParameterError
 from projects.model import Floats, Scan

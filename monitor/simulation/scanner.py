@@ -143,7 +143,7 @@ def _grid(low: float, high: float, step: float) -> Floats:
 
 
 def lay_grid(window: Window, step: float) -> tuple[Floats, Ints, Ints]:
-    """Return azimuth and elevation (n, 2) [rad] of a window's whole grid, with row and column (n,), column by column."""
+    """Return azimuth and elevation (n, 2) [rad] of a window, with row and column (n,), by columns."""
     azimuths = _grid(window.azimuth_min, window.azimuth_max, step)
     elevations = _grid(window.elevation_min, window.elevation_max, step)
     column, row = (a.ravel() for a in np.meshgrid(np.arange(len(azimuths)), np.arange(len(elevations)), indexing="ij"))
