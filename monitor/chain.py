@@ -16,8 +16,9 @@ import numpy as np
 
 from monitor.comparison import EpochChange, compare, follow
 from monitor.engine import Engine
-from monitor.filtering import FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
+from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
 from monitor.quality import assess_scans, describe_distances, distances_to_surface
+from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, find_step, latest_step, once_step, put_step
 from monitor.registration import register
@@ -39,6 +40,7 @@ class ScanTask:
     scan: Scan
     settings: FilterSettings
     counts: Mapping[str, int]
+    calibration: Calibration | None = None
 
 
 def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Notify) -> list[Step]:
@@ -128,7 +130,8 @@ def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:
 def _filter_scans(place: Place, settings: Settings, engine: Engine, notify: Notify) -> list[Step]:
     """Filter each scan by itself (design steps 0 to 6) and return one step a scan."""
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
-    asked = _ask_scans(place, settings, [header.name for header in headers])
+    calibrations = calibrate_scans(place, settings.filter.calibration, engine, notify)
+    asked = _ask_scans(place, settings, [header.name for header in headers], calibrations)
     steps = [find_step(place, a) for a in asked]
     missing = [k for k, step in enumerate(steps) if step is None]
 
@@ -136,7 +139,7 @@ def _filter_scans(place: Place, settings: Settings, engine: Engine, notify: Noti
         for k in missing:
             notify(f"{place.epoch_id}: filtering scan {k + 1} of {len(headers)} ({headers[k].name})")
             scan, counts = read_within(place.project, place.object_id, place.epoch_id, k)
-            yield ScanTask(scan, settings.filter, counts)
+            yield ScanTask(scan, settings.filter, counts, calibration_of(place, calibrations[k]))
 
     started = time.perf_counter()
     for k, made in zip(missing, engine.map(filter_task, tasks()), strict=True):
@@ -147,19 +150,22 @@ def _filter_scans(place: Place, settings: Settings, engine: Engine, notify: Noti
     return [step for step in steps if step is not None]
 
 
-def _ask_scans(place: Place, settings: Settings, names: list[str]) -> list[Asked]:
+def _ask_scans(place: Place, settings: Settings, names: list[str], calibrations: list[Step | None]) -> list[Asked]:
     """Return what is asked of each scan."""
     raw = latest_step(place, "raw")
     extent = place.project.object(place.object_id).extent
     given = {"filter": as_mapping(settings.filter), "extent": extent}
-    return [Asked(f"scan{k:03d}", "scan", {**given, "scan": k, "name": name}, (raw,)) for k, name in enumerate(names)]
+    inputs = [(raw,) if step is None else (raw, step) for step in calibrations]
+    return [
+        Asked(f"scan{k:03d}", "scan", {**given, "scan": k, "name": name}, inputs[k]) for k, name in enumerate(names)
+    ]
 
 
 def filter_task(task: ScanTask) -> Made:
     """Filter one scan (runs on any worker); a scan that saw nothing of the object is skipped, and said to be."""
     if len(task.scan.cloud) == 0:
         return Made(PointCloud(np.empty((0, 3))), {"skipped": "no point within the extent"}, task.counts)
-    result = filter_scan_with_record(task.scan, task.settings)
+    result = filter_scan_with_record(task.scan, task.settings, task.calibration)
     return Made(result.cloud, result.automatic, {**task.counts, **result.counts})
 
 

@@ -17,7 +17,16 @@ from projects.provenance import step_id, versions
 from projects.store import Project
 
 # Raised when a step's method changes, so that what an older version made is made anew.
-METHOD = {"scan": 1, "network": 1, "filtered": 1, "surface": 1, "quality": 1, "comparison": 1, "series": 1}
+METHOD = {
+    "calibration": 1,
+    "scan": 1,
+    "network": 1,
+    "filtered": 1,
+    "surface": 1,
+    "quality": 1,
+    "comparison": 1,
+    "series": 1,
+}
 
 
 @dataclass(frozen=True)

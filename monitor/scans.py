@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.filtering.thinning import hash_points
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
 from projects.formats import PoseLine, ScanStream, question_unit, read_scans, require_known_names
@@ -115,6 +116,14 @@ def read_within(project: Project, object_id: str, epoch_id: str, index: int) -> 
     scan = join_chunks(kept)
     counts = {"read": n_read, "outside_extent": n_read - len(scan.cloud)}
     return scan, counts | {f"not_measured_{reason}": n for reason, n in scan.dropped.items()}
+
+
+def sample_stored(project: Project, object_id: str, epoch_id: str, index: int, n_points: int) -> Scan:
+    """Return about `n_points` points of a whole stored scan, extent or not, drawn evenly whatever their order."""
+    header = project.scan_headers(object_id, epoch_id)[index]
+    share = min(1.0, n_points / max(header.n_points, 1))
+    chunks = project.iterate_scan(object_id, epoch_id, index)
+    return join_chunks([c.take(hash_points(c.cloud.points, 0) <= share * float(2**64 - 1)) for c in chunks])
 
 
 def join_chunks(chunks: list[Scan]) -> Scan:

@@ -14,7 +14,8 @@ from reports.facts import StepFacts, Table
 from reports.quantities import NOT_KNOWN, count, day
 
 STEP_TITLES = {
-    "raw": "Reading", "scan": "Filtering each scan", "network": "Fitting the scans onto each other",
+    "raw": "Reading", "calibration": "Range calibration of each scan", "scan": "Filtering each scan",
+    "network": "Fitting the scans onto each other",
     "filtered": "Merging the scans", "surface": "Surface", "quality": "Surface against its scans",
     "mesh": "Finished mesh", "comparison": "Registration and comparison of the epochs",
 }  # fmt: skip
@@ -77,12 +78,13 @@ def _measured_as(epoch: EpochHistory) -> str:
 
 
 def kind_of(step: Step) -> str:
-    """Return what a step is: "scan" for scan000 and on, "comparison" for comparison-REFERENCE and
-    "series" for series-REFERENCE, else its product."""
+    """Return what a step is: "scan" for scan000 and on, "calibration" for calibration000 and on, "comparison" for
+    comparison-REFERENCE and "series" for series-REFERENCE, else its product."""
     kind, dash, _ = step.product.partition("-")
     if dash:
         return kind
-    return "scan" if step.product.startswith("scan") else step.product
+    numbered = (kind for kind in ("scan", "calibration") if step.product.startswith(kind))
+    return next(numbered, step.product)
 
 
 def points_table(epochs: Sequence[EpochHistory]) -> Table:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order
 from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_finite
 from monitor.filtering.roughness import classify_roughness
@@ -25,6 +26,7 @@ from projects.transforms import apply, rotate
 class FilterSettings:
     """The filtering chain: one part for each step."""
 
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
     thinning: ThinningSettings = field(default_factory=ThinningSettings)
@@ -47,13 +49,17 @@ def filter_scan(scan: Scan, settings: FilterSettings | None = None) -> PointClou
     return filter_scan_with_record(scan, settings).cloud
 
 
-def filter_scan_with_record(scan: Scan, settings: FilterSettings | None = None) -> FilterResult:
+def filter_scan_with_record(
+    scan: Scan, settings: FilterSettings | None = None, calibration: Calibration | None = None
+) -> FilterResult:
     """Filter and thin one scan (Nothegger and Dorninger, sections 2.1 to 2.4).
 
     Parameters
     ----------
     scan : points in the scanner's frame, where the scanner stood (`origin`), and the pose; not modified.
     settings : found from the data where not given.
+    calibration : of the whole scan (`calibrate_range`); None: ranges are taken as they are. What lies within an
+        object's extent is rarely enough to find it from.
 
     Returns
     -------
@@ -71,6 +77,8 @@ def filter_scan_with_record(scan: Scan, settings: FilterSettings | None = None) 
     if len(scan.cloud) < MIN_POINTS:
         return _nothing_left(scan)
     require_finite(scan.cloud.points)
+    if calibration is not None:
+        scan = correct_range(scan, calibration)
     scan = scan.take(canonical_order(scan.cloud.points))
     beams = scan.origin - scan.cloud.points if np.isfinite(scan.origin).all() else None
     planes = fit_planes(build_index(scan.cloud.points), beams, settings.normals)

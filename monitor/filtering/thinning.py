@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.mcd import smallest
@@ -109,6 +110,11 @@ def target_spacings(spacing: Floats, noise: Floats, roughness: Ints, settings: T
 
 def draw_order(points: Floats, seed: int) -> Ints:
     """Return the order (n,) in which points are drawn: by a hash of their coordinates, whatever their place."""
+    return np.argsort(hash_points(points, seed), kind="stable")
+
+
+def hash_points(points: Floats, seed: int) -> NDArray[np.uint64]:
+    """Return a number (n,) for each point, as if at random, that depends on its coordinates and the seed alone."""
     bits = np.ascontiguousarray(points, dtype=np.float64).view(np.uint64).reshape(-1, 3)
     key = np.full(len(bits), np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15), dtype=np.uint64)
     with np.errstate(over="ignore"):
@@ -117,7 +123,7 @@ def draw_order(points: Floats, seed: int) -> Ints:
             key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
             key = key ^ (key >> np.uint64(31))
-    return np.argsort(key, kind="stable")
+    return key
 
 
 def thin(index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats, seed: int) -> ThinnedPoints:
