@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from monitor.simulation import write_demo_campaign
-from monitor.simulation.campaign import EXTENT, SIGMA_POSITION
+from monitor.simulation.demo_campaign import EXTENT, SIGMA_POSITION
 from monitor.simulation.figure import carved_figure, figure_field, lost_corner, motion, spall, true_changes, worn_patch
 from monitor.simulation.solid import evaluate, gradient
 from projects.extent import inside, read_extent
