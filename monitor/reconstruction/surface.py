@@ -20,6 +20,7 @@ from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.projection import GATE_SIGMAS, Projection, grid_samples, project_vertices
 from monitor.reconstruction.reach import choose_reach, make_ladder
+from monitor.reconstruction.untangle import drop_intersecting, untangle
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
@@ -176,11 +177,26 @@ def settle(
     keep = projection.is_fitted[faces].all(axis=1)
     counts["faces_without_support"] = int(np.count_nonzero(~keep))
     faces = faces[keep]
+    projection = hold_back(vertices[used], projection, faces, counts)
     before = len(faces)
     faces = clean(projection.vertices, faces, cell, settings.crumb_cells)
     counts["faces_crumbs_and_slivers"] = before - len(faces)
+    before = len(faces)
+    faces = drop_intersecting(projection.vertices, faces)
+    counts["faces_intersecting"] = before - len(faces)
     used, faces = compact(len(projection.vertices), faces)
     return projection.take(used), faces
+
+
+def hold_back(raw: Floats, projection: Projection, faces: Ints, counts: dict[str, int]) -> Projection:
+    """Return the projection with vertices stopped on their way where the mesh would fold or cut itself.
+
+    What such a vertex is short of its place on the points is part of its sigma.
+    """
+    vertices, share = untangle(raw, projection.vertices, faces)
+    counts["vertices_held_back"] = int(np.count_nonzero(share < 1.0))
+    short = np.linalg.norm(projection.vertices - vertices, axis=1)
+    return projection._replace(vertices=vertices, sigma=np.hypot(projection.sigma, short))
 
 
 def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Ints:

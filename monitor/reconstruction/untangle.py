@@ -1,0 +1,78 @@
+"""Vertices held back where bringing them onto the points would fold the mesh or push it through itself.
+
+In: a raw mesh without intersections, and where its vertices would go. Out: how far each may go on its way. A vertex of
+a face that is turned over or cut goes half as far as before, until no face is; at the raw mesh itself none is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.reconstruction.intersections import find_intersections
+from monitor.reconstruction.mesh import bow_ties, face_areas_and_normals
+from projects.model import Bools, Floats, Ints
+
+MOST_ROUNDS = 12
+FEWEST_HALVES = 1.0 / 64.0  # of the way; less is none
+
+
+class Untangled(NamedTuple):
+    """Vertices (n, 3), and the part of the way (n,) that each went: 1 where nothing was in it."""
+
+    vertices: Floats
+    share: Floats
+
+
+def untangle(raw: Floats, wanted: Floats, faces: Ints) -> Untangled:
+    """Move vertices from `raw` towards `wanted` (n, 3) as far as no face turns over and no two faces meet.
+
+    The faces around a vertex that is held back go along after two rounds, so that no spike is left. Faces that meet in
+    the raw mesh may still do so after the last round: see `drop_intersecting`.
+    """
+    share = np.ones(len(raw))
+    vertices, suspects = wanted, np.ones(len(faces), bool)
+    for n_round in range(MOST_ROUNDS):
+        bad = _tangled(raw, vertices, faces, suspects)
+        if n_round >= 2:
+            bad = _touching(faces, bad, len(raw))
+        held = np.zeros(len(raw), bool)
+        held[faces[bad]] = True
+        held &= share > 0.0
+        if not held.any():
+            break
+        share[held] *= 0.5
+        share[share < FEWEST_HALVES] = 0.0
+        vertices = raw + share[:, None] * (wanted - raw)
+        suspects = held[faces].any(axis=1)
+    return Untangled(vertices, share)
+
+
+def drop_intersecting(vertices: Floats, faces: Ints) -> Ints:
+    """Return the faces without those that still meet others, and without the bow ties that this leaves."""
+    met = np.unique(find_intersections(vertices, faces))
+    faces = np.delete(faces, met, axis=0)
+    drop = bow_ties(faces)
+    while drop.any():
+        faces = faces[~drop]
+        drop = bow_ties(faces)
+    return faces
+
+
+def _tangled(raw: Floats, vertices: Floats, faces: Ints, suspects: Bools) -> Bools:
+    """Return which faces (m,) are turned over against the raw mesh or meet another; one of each pair is suspect."""
+    out = np.zeros(len(faces), bool)
+    before = face_areas_and_normals(raw, faces[suspects])[1]
+    after = face_areas_and_normals(vertices, faces[suspects])[1]
+    out[suspects] = np.einsum("ij,ij->i", before, after) <= 0.0
+    out[find_intersections(vertices, faces, suspects).ravel()] = True
+    return out
+
+
+def _touching(faces: Ints, bad: Bools, n_vertices: int) -> Bools:
+    """Return the bad faces and those that share a vertex with one."""
+    at = np.zeros(n_vertices, bool)
+    at[faces[bad]] = True
+    out: Bools = at[faces].any(axis=1)
+    return out
