@@ -49,13 +49,13 @@ def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = 
 
 
 def orientation_of(cloud: PointCloud) -> Floats | None:
-    """Return what the normals of a merged cloud are turned by: those of its scans, NaN where no scanner is known.
+    """Return what the normals of a merged cloud are turned by: those of its scans, None where no scanner is known.
 
     Without a known scanner each scan's normals were made to agree among themselves only; two scans of one relief may
     look opposite ways, so the merged cloud decides anew.
     """
     unknown = cloud.origins is not None and not np.isfinite(cloud.origins).any()
-    return np.full(3, np.nan) if unknown else cloud.normals
+    return None if unknown else cloud.normals
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:

@@ -59,7 +59,7 @@ def _along_curve(places: Floats) -> Ints:
 
 
 def _box_tree(vertices: Floats, faces: Ints) -> tuple[Floats, int]:
-    """Return boxes (2 n - 1, 6) of a complete tree over faces in order, and its n leaves; node i has 2 i + 1, 2 i + 2."""
+    """Return boxes (2 n - 1, 6) of a complete tree over faces in order and its n leaves; 2 i + 1, 2 i + 2 follow i."""
     n_leaves = 1 << max(int(np.ceil(np.log2(len(faces) / FACES_PER_LEAF))), 0)
     boxes = np.empty((2 * n_leaves - 1, 6))
     bounds = np.arange(n_leaves + 1) * len(faces) // n_leaves
@@ -88,7 +88,7 @@ def _minus(a: Any, b: Any) -> Any:
 
 @jit(nopython=True, cache=True)
 def _dot(a: Any, b: Any) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # type: ignore[no-any-return]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit(nopython=True, cache=True)
@@ -243,10 +243,10 @@ def faces_meet(vertices: Any, faces: Any, f: int, g: int, parts: Any) -> bool:
 
 @jit(nopython=True, cache=True)
 def _boxes_meet(boxes: Any, node: int, low: Any, high: Any) -> bool:
-    for axis in range(3):
-        if boxes[node, axis] > high[axis] or boxes[node, 3 + axis] < low[axis]:
-            return False
-    return True
+    x = boxes[node, 0] <= high[0] and boxes[node, 3] >= low[0]
+    y = boxes[node, 1] <= high[1] and boxes[node, 4] >= low[1]
+    z = boxes[node, 2] <= high[2] and boxes[node, 5] >= low[2]
+    return x and y and z
 
 
 @jit(nopython=True, cache=True)

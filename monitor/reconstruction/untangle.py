@@ -37,15 +37,13 @@ def untangle(raw: Floats, wanted: Floats, faces: Ints) -> Untangled:
         bad = _tangled(raw, vertices, faces, suspects)
         if n_round >= 2:
             bad = _touching(faces, bad, len(raw))
-        held = np.zeros(len(raw), bool)
-        held[faces[bad]] = True
-        held &= share > 0.0
+        held: Bools = _vertices_of(faces[bad], len(raw)) & (share > 0.0)
         if not held.any():
             break
         share[held] *= 0.5
         share[share < FEWEST_HALVES] = 0.0
         vertices = raw + share[:, None] * (wanted - raw)
-        suspects = held[faces].any(axis=1)
+        suspects = np.asarray(held[faces].any(axis=1))
     return Untangled(vertices, share)
 
 
@@ -72,7 +70,12 @@ def _tangled(raw: Floats, vertices: Floats, faces: Ints, suspects: Bools) -> Boo
 
 def _touching(faces: Ints, bad: Bools, n_vertices: int) -> Bools:
     """Return the bad faces and those that share a vertex with one."""
-    at = np.zeros(n_vertices, bool)
-    at[faces[bad]] = True
-    out: Bools = at[faces].any(axis=1)
+    out: Bools = np.asarray(_vertices_of(faces[bad], n_vertices)[faces].any(axis=1))
+    return out
+
+
+def _vertices_of(faces: Ints, n_vertices: int) -> Bools:
+    """Return which vertices (n,) these faces have."""
+    out = np.zeros(n_vertices, bool)
+    out[faces] = True
     return out

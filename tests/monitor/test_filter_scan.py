@@ -159,7 +159,9 @@ def test_a_real_scan_keeps_its_surface(real_data):
     assert dropped < 0.01 * len(points)
 
 
-def test_merged_scans_of_unknown_stations_look_one_way(rng):
+def test_merged_scans_of_unknown_stations_look_one_way(rng, monkeypatch):
+    monkeypatch.setattr("monitor.filtering.normals.BLOCK", 3000)  # so that the cloud has several
+
     def relief(sign):
         x, y = rng.uniform(-0.3, 0.3, (2, 4000))
         z = 0.03 * np.sin(11 * x) * np.cos(9 * y) + rng.normal(0, 0.0003, 4000)
