@@ -59,6 +59,11 @@ def in_words(value: float, digits: int = 3, unit: str = "", signed: bool = False
     return text.replace("-", "−") + (f" {unit}" if unit else "")
 
 
+def in_percent(share: float, digits: int = 0) -> str:
+    """Return a share in percent, "-" where it is not known."""
+    return f"{share:.{digits}%}" if np.isfinite(share) else "-"
+
+
 def as_mapping(row: Row) -> dict[str, Any]:
     """Return a row as plain values for JSON; what is not known is null."""
     known = {k: v for k, v in vars(row).items() if v not in ("", {})}

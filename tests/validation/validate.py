@@ -71,7 +71,11 @@ def run_in_child(name: str, size: str, limit: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "result.json"
         command = [sys.executable, str(Path(__file__).resolve()), "--child", str(out), "--size", size, name]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+        environment = {
+            "NUMBA_THREADING_LAYER": "omp",
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+        }
         child = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True,
                                  start_new_session=True)  # fmt: skip
         try:
@@ -82,6 +86,8 @@ def run_in_child(name: str, size: str, limit: float) -> dict[str, Any]:
             return {"error": f"stopped after {limit:.0f} s"}
         if out.is_file():
             return dict(json.loads(out.read_text()))
+        if child.returncode < 0:
+            return {"error": f"killed by {signal.Signals(-child.returncode).name}", "trace": said}
         last = [line for line in (said or "").splitlines() if line.strip()][-1:]
         return {"error": last[0] if last else f"ended with code {child.returncode}", "trace": said}
 
@@ -119,7 +125,8 @@ def run_all(names: Sequence[str], size: str, keep: bool) -> int:
             n_failed += 1
             print(f"  failed: {result['error']}\n{trace or ''}", flush=True)
         for row in result.get("rows", []):
-            print(f"  {row['verdict']:8} {row['what']}: {row['ours']}   (asked {row.get('asked', '-')})")
+            beside = "; ".join(f"{k}: {v}" for k, v in row.get("others", {}).items())
+            print(f"  {row['verdict']:8} {row['what']}: {row['ours']}   (asked {row.get('asked', '-')}) {beside}")
         print(f"  {result.get('seconds', '-')} s, CPU {result.get('cpu_seconds', '-')} s", flush=True)
         if keep:
             RESULTS.mkdir(exist_ok=True)
