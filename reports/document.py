@@ -29,6 +29,7 @@ from reports.history import (
     versions_table,
 )
 from reports.quantities import CM2, CM3, MM, day, estimate
+from reports.ranging import gather_calibrations
 from reports.whereabouts import locate
 
 MEANINGS = {
@@ -59,6 +60,8 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
         )
     comparison = project.get(object_id, compared_id, product, step.step_id)
     facts = make_facts(comparison, record, before, after, project_name=project.name)
+    calibrations = [c for epoch in (before, after) for c in gather_calibrations(project, object_id, epoch)]
+    facts = replace(facts, calibrations=tuple(calibrations))
     followed = project.latest(object_id, compared_id, f"series-{reference_id}")
     if followed is None or step.step_id not in followed.inputs:
         return facts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from projects.model import Comparison, Series
+from projects.model import Comparison, Floats, Series
 from reports.quantities import Estimate
 
 
@@ -99,6 +99,14 @@ class EpochFacts:
 
 
 @dataclass(frozen=True)
+class CalibrationFacts:
+    """The calibration of one scan: what was found, in a sentence, and its profile (m, 3) [m]: range, before, after."""
+
+    text: str
+    profile: Floats
+
+
+@dataclass(frozen=True)
 class ReportFacts:
     """Everything that a report of one comparison says; `comparison` is what its pictures are drawn from.
 
@@ -112,6 +120,7 @@ class ReportFacts:
     object_rows : name and text of what is known of the object.
     history : the two epochs side by side, and what became of their points.
     series : how regions go on over more than two epochs, where the compared epoch ends such a series.
+    calibrations : the range calibration of a scan of each epoch, where one was corrected.
     record : the steps in order; versions and inputs : what they were made with and from.
     """
 
@@ -132,3 +141,4 @@ class ReportFacts:
     mode: str
     comparison: Comparison
     series: SeriesFacts | None = None
+    calibrations: tuple[CalibrationFacts, ...] = ()

@@ -25,6 +25,7 @@ from reports.courses import draw_courses
 from reports.document import MEANINGS
 from reports.facts import ReportFacts
 from reports.figures import draw_colour_bar, draw_histogram, draw_section
+from reports.ranging import draw_calibration
 from reports.views import Picture, View, ViewPictures, choose_views, draw_close_up, draw_comparison, frame_views
 
 VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
@@ -60,13 +61,14 @@ class EmbeddedView:
 @dataclass(frozen=True)
 class Pictures:
     """All pictures of a report; `regions` holds the close-up and the section of a region by its number,
-    `courses` the charts of a series where there is one."""
+    `courses` the charts of a series where there is one, `calibrations` those of corrected ranges."""
 
     views: tuple[EmbeddedView, ...]
     colour_bar: Embedded
     histogram: Embedded
     regions: Mapping[int, tuple[Embedded, Embedded]]
     courses: Embedded | None = None
+    calibrations: tuple[Embedded, ...] = ()
 
 
 def write_report(path: Path | str, facts: ReportFacts) -> None:
@@ -81,6 +83,8 @@ def write_report(path: Path | str, facts: ReportFacts) -> None:
     if facts.series is not None and facts.series.courses:
         charts = embed_svg(draw_courses(facts.series.series), "Mean change of each followed region over time")
         pictures = replace(pictures, courses=charts)
+    ranging = [embed_svg(draw_calibration(c.profile), "Distances to a plane by range") for c in facts.calibrations]
+    pictures = replace(pictures, calibrations=tuple(ranging))
     write_whole(Path(path), fill_page(facts, pictures))
 
 
