@@ -6,10 +6,11 @@ from monitor.simulation.demo_campaign import DemoCampaign, write_demo_campaign
 from monitor.simulation.figure import CarvedFigure, carved_figure
 from monitor.simulation.instruments import INSTRUMENTS, Instrument, without_errors
 from monitor.simulation.model import Model, ModelPart, box_part, build_scene, change_model
-from monitor.simulation.relief import relief_scene
+from monitor.simulation.relief import relief_model, relief_scene
 from monitor.simulation.repeated import Drift, drift_of_paper_003, repeat_scan
 from monitor.simulation.scanner import Window, misregister, simulate_scan, stand_at, stream_scan, window_around
 from monitor.simulation.scenes import Body, Scene, TrueTarget, Truth, plane_scene, sphere_scene, step_scene, wave_scene
+from monitor.simulation.staircase import settlement, staircase_model, staircase_scene
 from monitor.simulation.stations import Station, attic_stations, register_with_errors, stand_around, stove_stations
 from monitor.simulation.triangulation import TriangulationSensor, scan_by_triangulation
 from monitor.simulation.true_change import TrueChange, change_at, measure_changes
@@ -20,7 +21,8 @@ __all__ = [
     "Window", "attic_stations", "box_part", "break_off", "build_scene", "carved_figure", "change_at",
     "change_model", "clean", "coat", "describe_truth", "drift_of_paper_003", "erode", "fill", "hollow_out",
     "measure_changes", "misregister", "move_part", "move_whole", "plane_scene", "register_with_errors",
-    "relief_scene", "repeat_scan", "scan_by_triangulation", "scan_stations", "simulate_scan", "sphere_scene",
-    "stand_around", "stand_at", "step_scene", "stove_stations", "stream_scan", "wave_scene", "window_around",
-    "without_errors", "write_campaign", "write_demo_campaign",
+    "relief_model", "relief_scene", "repeat_scan", "scan_by_triangulation", "scan_stations", "settlement",
+    "simulate_scan", "sphere_scene", "staircase_model", "staircase_scene", "stand_around", "stand_at", "step_scene",
+    "stove_stations", "stream_scan", "wave_scene", "window_around", "without_errors", "write_campaign",
+    "write_demo_campaign",
 ]  # fmt: skip

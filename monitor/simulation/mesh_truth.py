@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from projects.model import Bools, Floats, Ints
 from projects.open3d_library import load_open3d
 
 RAYS = np.array([[0.31, 0.52, 0.797], [-0.73, 0.29, 0.619], [0.11, -0.83, -0.547]])
+N_NEIGHBOURS_TRIED = 8
 ON_SURFACE = 5e-6  # m: nearer than this the side is that of the face, not of a float32 ray
 
 
@@ -73,27 +75,53 @@ def truth_of_bodies(
         return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
 
     @functools.cache
-    def trees() -> tuple[Any, Any, Ints]:
+    def trees() -> tuple[_Tree, _Tree, Ints]:
         """All faces as a tree, the open ones as another, and the numbers of the open ones."""
-        whole = _grow_tree(corners - middle)
+        whole = _grow_tree(corners - middle, owner)
         open_ = np.flatnonzero(~_is_covered(whole, corners - middle, owner, face_normals(np.arange(len(corners)))))
-        return whole, whole if len(open_) == len(corners) else _grow_tree(corners[open_] - middle), open_
+        return whole, whole if len(open_) == len(corners) else _grow_tree(corners[open_] - middle, owner[open_]), open_
+
+    @functools.cache
+    def neighbours() -> Ints:
+        starts = np.cumsum([0, *(len(body.vertices) for body in bodies[:-1])])
+        faces = [body.faces.astype(np.int64) + start for body, start in zip(bodies, starts, strict=True)]
+        return _list_neighbours(np.concatenate(faces))
 
     def find(points: Floats) -> tuple[Ints, Floats, Bools]:
         """Return the nearest face of each point, the foot on it, and whether that lies inside its edges."""
         o3d = load_open3d()
         shifted = np.ascontiguousarray(points - middle, dtype=np.float32)
-        found = trees()[1].compute_closest_points(o3d.core.Tensor(shifted), nthreads=2)
-        face = trees()[2][found["primitive_ids"].numpy()]
-        return (face, *closest_on_faces(points, corners[face]))
+        _, tree, open_ = trees()
+        found = tree.scene.compute_closest_points(o3d.core.Tensor(shifted), nthreads=2)
+        face = open_[tree.first[found["geometry_ids"].numpy()] + found["primitive_ids"].numpy()]
+        foot, inside = closest_on_faces(points, corners[face])
+        # On long faces float32 may have taken a neighbour of the nearest: go across edges while that leads nearer.
+        gap, walking = np.linalg.norm(points - foot, axis=1), np.flatnonzero(~inside)
+        for _ in range(N_NEIGHBOURS_TRIED):
+            tried = neighbours()[face[walking]]
+            at = [closest_on_faces(points[walking], corners[tried[:, k]]) for k in range(3)]
+            gaps = np.stack([np.linalg.norm(points[walking] - a[0], axis=1) for a in at])
+            best, row = gaps.argmin(axis=0), np.arange(len(walking))
+            nearer = gaps[best, row] < gap[walking] - 1e-12
+            walking, best, row = walking[nearer], best[nearer], row[nearer]
+            if not len(walking):
+                break
+            face[walking] = tried[row, best]
+            foot[walking] = np.stack([a[0] for a in at])[best, row]
+            inside[walking] = np.stack([a[1] for a in at])[best, row]
+            gap[walking] = gaps[best, row]
+        return face, foot, inside
 
     def signed(points: Floats) -> Floats:
         face, foot, inside = find(points)
         off = points - foot
         distance = np.linalg.norm(off, axis=1)
         above = (off * face_normals(face)).sum(axis=1) >= 0.0
-        far = ~inside | (distance > ON_SURFACE)
-        above[far] = count_bodies_around(trees()[0], points[far] - middle, face_normals) < 0.5
+        # Below a face is inside of its body; above it, or beside it, another body may be: rays tell, and above a face
+        # all of them must, since one that slips along an edge miscounts.
+        unsure = np.flatnonzero(~inside | (above & (distance > ON_SURFACE)))
+        held = count_bodies_around(trees()[0], points[unsure] - middle, face_normals)
+        above[unsure] = np.where(inside[unsure], held.min(axis=0, initial=np.inf), np.median(held, axis=0)) < 0.5
         return np.where(above, distance, -distance)
 
     def curvature(points: Floats) -> Floats:
@@ -108,36 +136,63 @@ def truth_of_bodies(
     return Truth(lambda p: find(p)[1], signed, lambda p: face_normals(find(p)[0]), curvature)
 
 
-def _grow_tree(corners: Floats) -> Any:
-    """Return Open3D's tree of triangles (n, 3, 3), numbered as they come."""
+@dataclass(frozen=True)
+class _Tree:
+    """Open3D's tree of triangles, one geometry for each body, and the number of the first face of each."""
+
+    scene: Any
+    first: Ints
+
+
+def _grow_tree(corners: Floats, owner: Ints) -> _Tree:
+    """Return the tree of triangles (n, 3, 3) of bodies `owner` (n,), ascending.
+
+    One geometry a body: of two faces of one geometry that a ray meets at the same range, Open3D lists one only, as it
+    should for the faces beside an edge, but not for those of two bodies that touch.
+    """
     o3d = load_open3d()
     scene = o3d.t.geometry.RaycastingScene(nthreads=2)
-    faces = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
-    scene.add_triangles(o3d.core.Tensor(corners.reshape(-1, 3).astype(np.float32)), o3d.core.Tensor(faces))
-    return scene
+    first = np.flatnonzero(np.diff(owner, prepend=-1))
+    for mine in np.split(corners, first[1:]):
+        faces = np.arange(3 * len(mine), dtype=np.uint32).reshape(-1, 3)
+        scene.add_triangles(o3d.core.Tensor(mine.reshape(-1, 3).astype(np.float32)), o3d.core.Tensor(faces))
+    return _Tree(scene, first)
 
 
 def count_bodies_around(
-    tree: Any, points: Floats, face_normals: Callable[[Ints], Floats], *, n_rays: int = 3
+    tree: _Tree, points: Floats, face_normals: Callable[[Ints], Floats], *, n_rays: int = 3
 ) -> Floats:
-    """Return how many closed bodies hold each point: exits less entries along a ray, the median of `n_rays` rays."""
+    """Return how many closed bodies hold each point (n_rays, n): exits less entries along each of some rays."""
     o3d = load_open3d()
     counts = np.zeros((n_rays, len(points)))
     for k, towards in enumerate(RAYS[:n_rays] if len(points) else ()):
         rays = np.concatenate([points, np.broadcast_to(towards, points.shape)], axis=1).astype(np.float32)
-        met = tree.list_intersections(o3d.core.Tensor(rays), nthreads=2)
-        leaves = np.sign(face_normals(met["primitive_ids"].numpy()) @ towards)
+        met = tree.scene.list_intersections(o3d.core.Tensor(rays), nthreads=2)
+        face = tree.first[met["geometry_ids"].numpy()] + met["primitive_ids"].numpy()
+        leaves = np.sign(face_normals(face) @ towards)
         counts[k] = np.bincount(met["ray_ids"].numpy().astype(np.int64), leaves, minlength=len(points))
-    return np.median(counts, axis=0)
+    return counts
 
 
-def _is_covered(tree: Any, corners: Floats, owner: Ints, normals: Floats) -> Bools:
+def _list_neighbours(faces: Ints) -> Ints:
+    """Return the face across each of the three edges of each face (n, 3); the face itself where there is none."""
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    key = edges[:, 0] * (faces.max() + 1) + edges[:, 1]
+    order = np.argsort(key, kind="stable")
+    pair = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    across = np.repeat(np.arange(len(faces)), 3)
+    one, other = order[pair], order[pair + 1]
+    across[one], across[other] = other // 3, one // 3
+    return across.reshape(-1, 3)
+
+
+def _is_covered(tree: _Tree, corners: Floats, owner: Ints, normals: Floats) -> Bools:
     """Return whether faces (n, 3, 3) lie wholly inside of another body: the middle and a point by each corner do."""
     covered = _reaches_another(corners, owner)
     for weight in np.array([[1 / 3, 1 / 3, 1 / 3], [0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9]]):
         left = np.flatnonzero(covered)
         lifted = np.einsum("nij,i->nj", corners[left], weight) + 2.0 * ON_SURFACE * normals[left]
-        covered[left] = count_bodies_around(tree, lifted, lambda face: normals[face], n_rays=1) > 0.5
+        covered[left] = count_bodies_around(tree, lifted, lambda face: normals[face], n_rays=1)[0] > 0.5
     return covered
 
 

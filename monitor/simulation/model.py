@@ -57,6 +57,7 @@ class ModelPart:
     reflectance, gloss : of its body, see `scenes.Body`.
     mesh : exact triangles of a polyhedron (its field an exact distance), own frame; None: the field is contoured.
         A change of the shape drops it.
+    mesher : makes the triangles of the part's field, as it is or changed; None: it is contoured.
     T_model_part : (4, 4), where the part stands.
     worn : shallow changes along the normal, already in `field`, in the part's own frame. They move the triangles of
         the field before the first of them and make no new ones, so that what they take is even between vertices too.
@@ -69,6 +70,7 @@ class ModelPart:
     reflectance: float = 0.6
     gloss: float = 0.0
     mesh: Surface | None = None
+    mesher: Callable[[Field], Surface] | None = None
     T_model_part: Floats = dataclasses.field(default_factory=lambda: STILL)
     worn: tuple[Wear, ...] = ()
 
@@ -84,7 +86,7 @@ class ModelPart:
         """Return the part as triangles where it stands."""
         if self.mesh is None:
             field = self.worn[0].before if self.worn else self.field
-            vertices, faces = _contour_once(field, tuple(map(tuple, np.asarray(self.box))), self.cell)
+            vertices, faces = _mesh_once(field, self.mesher, tuple(map(tuple, np.asarray(self.box))), self.cell)
             for wear in self.worn:
                 vertices = wear.move(vertices)
         else:
@@ -250,6 +252,11 @@ def _moved_field(field: Field, T_model_part: Floats) -> Field:
 
 
 @functools.lru_cache(maxsize=512)
-def _contour_once(field: Field, box: tuple[tuple[float, ...], ...], cell: float) -> tuple[Floats, Ints]:
-    """Contour a part; parts that do not change between epochs are contoured once and have the same triangles."""
-    return contour(field, np.array(box), cell=cell)
+def _mesh_once(
+    field: Field, mesher: Callable[[Field], Surface] | None, box: tuple[tuple[float, ...], ...], cell: float
+) -> tuple[Floats, Ints]:
+    """Make a part's triangles; parts that do not change between epochs are made once and have the same triangles."""
+    if mesher is None:
+        return contour(field, np.array(box), cell=cell)
+    made = mesher(field)
+    return made.vertices, made.faces

@@ -7,12 +7,16 @@ coated with delustering spray in the paper: no gloss.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
 import numpy as np
 
-from monitor.simulation.mesh_truth import truth_of_bodies
-from monitor.simulation.scenes import Scene, make_slab
+from monitor.simulation.changes import Edit
+from monitor.simulation.height_field import HeightField
+from monitor.simulation.model import Model, ModelPart, build_scene
+from monitor.simulation.scenes import Scene
 from monitor.simulation.shapes import pipe, smoothstep
-from monitor.simulation.solid import principal_curvatures
 from projects.model import Bools, Floats
 
 SIZE = 0.20  # m
@@ -111,27 +115,33 @@ def brow_profiles(n: int = 40) -> Floats:
     return np.concatenate([np.stack([u, v], axis=-1), np.stack([-u, v], axis=-1)])
 
 
-def relief_scene(*, cell: float = 0.0004) -> Scene:
+def relief_model(*, cell: float = 0.0004) -> Model:
+    """Return the relief as a model with one part, `relief`; see `relief_scene`."""
+    axis = np.linspace(-0.5 * SIZE, 0.5 * SIZE, round(SIZE / cell) + 1)
+    heights = HeightField(relief_height, axis, axis, -0.02, HEIGHT + 0.01, UPRIGHT)
+    part = ModelPart(
+        "relief", heights.field, heights.bounds(), cell, reflectance=REFLECTANCE, mesher=heights.triangulate
+    )  # fmt: skip
+    return Model("terracotta relief", (part,))
+
+
+def relief_scene(*, cell: float = 0.0004, changes: Sequence[Edit] = ()) -> Scene:
     """Return the relief, upright about the origin: u along x, v along z, its face towards -y, its ground at y = 0.
 
     Parameters
     ----------
     cell : m, spacing of the heights; the mesh over them is the truth (at 0.4 mm within 0.02 mm of the heights' own
         curved surface, on the steep edges 0.1 mm).
+    changes : what happened to it, see `monitor.simulation.changes`.
 
     Returns
     -------
-    Scene; its `regions` are `brows`, `steep` (steeper than 55 degrees) and `flat` (less than 20 degrees, no brow).
+    Scene; its `regions` are `brows`, `steep` (steeper than 55 degrees) and `flat` (less than 20 degrees, no brow), as
+    they are before any change.
     """
-    body = make_slab("relief", SIZE, cell, relief_height, REFLECTANCE, thickness=0.02).moved(UPRIGHT)
-
-    def field(p: Floats) -> Floats:
-        return -(p[1] + relief_height(p[0], p[2]))
-
-    truth = truth_of_bodies((body,), [lambda points: principal_curvatures(field, points)])
     regions = {
         "brows": _on_brow,
         "steep": lambda p: _slope(p[:, 0], p[:, 2]) > STEEP,
         "flat": lambda p: (_slope(p[:, 0], p[:, 2]) < FLAT) & ~_on_brow(p),
     }
-    return Scene("terracotta relief", (body,), truth, regions)
+    return dataclasses.replace(build_scene(relief_model(cell=cell), changes), regions=regions)

@@ -131,7 +131,7 @@ def make_box(name: str, low: Floats, high: Floats, *, reflectance: float = 0.6) 
     return Body(name, vertices, faces, reflectance)
 
 
-def _grid_faces(n_u: int, n_v: int) -> Ints:
+def grid_faces(n_u: int, n_v: int) -> Ints:
     """Return the triangles of an n_u x n_v grid of vertices (row-major in u), counter-clockwise seen from +z."""
     index = np.arange(n_u * n_v).reshape(n_u, n_v)
     a, b, c, d = index[:-1, :-1].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel(), index[:-1, 1:].ravel()
@@ -155,7 +155,7 @@ def make_slab(
     after, under = np.roll(rim, -1), n * n + np.arange(len(rim))
     next_under, centre = np.roll(under, -1), np.full(len(rim), len(vertices) - 1)
     walls = [np.column_stack([under, next_under, after]), np.column_stack([under, after, rim])]
-    faces = np.concatenate([_grid_faces(n, n), *walls, np.column_stack([next_under, under, centre])])
+    faces = np.concatenate([grid_faces(n, n), *walls, np.column_stack([next_under, under, centre])])
     return Body(name, vertices, faces.astype(np.int32), reflectance)
 
 

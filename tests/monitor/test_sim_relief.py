@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from monitor.simulation.changes import erode, hollow_out
 from monitor.simulation.relief import BROW_HEIGHT, HEIGHT, brow_profiles, relief_height, relief_scene
+from monitor.simulation.true_change import change_at
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +58,16 @@ def test_truth_is_the_mesh_and_its_curvature_the_heights(relief, rng):
     # A dome of half axes 56 and 76 mm and 16.5 mm high bends as an ellipsoid at its middle, 16.5 mm / a^2.
     bend = relief.truth.curvature(np.array([[0.0, -0.03, 0.050], [0.001, -0.03, 0.055]]))
     assert np.all((bend > 0.0165 / 0.076**2) & (bend < 0.04 / 0.056**2))
+
+
+def test_a_change_moves_the_reliefs_nodes_and_leaves_the_others(relief):
+    at = np.array([0.0, -float(relief_height(0.0, 0.050)), 0.050])  # the forehead
+    worn = relief_scene(cell=0.001, changes=[erode("worn forehead", at, radius=0.01, depth=0.0006)])
+    lost = relief_scene(cell=0.001, changes=[hollow_out("hole", at, np.array([0.008, 0.006, 0.008]))])
+    before = relief.bodies[0].vertices
+    for after, deepest in ((worn, 0.0006), (lost, 0.006)):
+        change = change_at(before, after.truth)
+        far = np.linalg.norm(before - at, axis=1) > 0.013
+        np.testing.assert_array_equal(before[far], after.bodies[0].vertices[far])
+        assert change.min() == pytest.approx(-deepest, rel=0.25)
+        assert trimesh.Trimesh(after.bodies[0].vertices, after.bodies[0].faces, process=False).is_watertight
