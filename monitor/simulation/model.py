@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from monitor.simulation.changes import Edit
 from monitor.simulation.mesh_truth import truth_of_bodies
@@ -138,7 +139,7 @@ class Model:
 
 
 def box_part(
-    name: str, low: Floats, high: Floats, *, cell: float, reflectance: float = 0.6, gloss: float = 0.0
+    name: str, low: ArrayLike, high: ArrayLike, *, cell: float, reflectance: float = 0.6, gloss: float = 0.0
 ) -> ModelPart:
     """Return a part that is a box between two corners [m], with exact triangles until it is changed."""
     from monitor.simulation.scenes import make_box

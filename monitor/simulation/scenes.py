@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from projects.errors import ParameterError, ShapeError
 from projects.model import Bools, Floats, Ints, Surface
@@ -122,10 +123,11 @@ class Scene:
         return np.stack([low, high])
 
 
-def make_box(name: str, low: Floats, high: Floats, *, reflectance: float = 0.6) -> Body:
+def make_box(name: str, low: ArrayLike, high: ArrayLike, *, reflectance: float = 0.6) -> Body:
     """Return a closed box between two corners [m]."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    vertices = np.asarray(low) + corners * (np.asarray(high, dtype=float) - np.asarray(low))
+    start, end = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    vertices = start + corners * (end - start)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([tri for a, b, c, d in quads for tri in ((a, b, c), (a, c, d))], dtype=np.int32)
     return Body(name, vertices, faces, reflectance)

@@ -172,11 +172,11 @@ def make_board(name: str, centre: Floats, normal: Floats, *, size: float = BOARD
 def _targets() -> tuple[list[Body], list[TrueTarget]]:
     """Return ten boards on walls and piers and eight spheres on little feet on steps, landing and ground."""
     bodies, targets = [], []
-    boards = [([x, BACK - 0.02, TOP + 1.6], [0, -1, 0]) for x in (-6.0, -2.2, 2.2, 6.0)]
-    boards += [([x, FRONT - 0.02, 1.2], [0, -1, 0]) for x in (-9.0, -3.0, 3.0, 9.0)]
-    boards += [([s * 14.0, BACK - 0.02, 4.6], [-s * 0.5, -1, 0]) for s in (-1, 1)]
-    for n, (centre, normal) in enumerate(boards, start=1):
-        body, target = make_board(f"board {n}", np.array(centre), np.array(normal, dtype=float))
+    boards = [([x, BACK - 0.02, TOP + 1.6], [0.0, -1.0, 0.0]) for x in (-6.0, -2.2, 2.2, 6.0)]
+    boards += [([x, FRONT - 0.02, 1.2], [0.0, -1.0, 0.0]) for x in (-9.0, -3.0, 3.0, 9.0)]
+    boards += [([s * 14.0, BACK - 0.02, 4.6], [-s * 0.5, -1.0, 0.0]) for s in (-1, 1)]
+    for n, (at, normal) in enumerate(boards, start=1):
+        body, target = make_board(f"board {n}", np.array(at), np.array(normal, dtype=float))
         bodies.append(body)
         targets.append(target)
     feet = [
