@@ -21,8 +21,8 @@ from monitor.quality import assess_scans, describe_distances, distances_to_surfa
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, find_step, latest_step, once_step, put_step
-from monitor.registration import register
 from monitor.registration.adjustment import adjust_scans
+from monitor.registration.epochs import register_epochs
 from monitor.scans import read_within
 from monitor.settings import Settings, as_mapping
 from projects.errors import ParameterError, StoreError
@@ -76,9 +76,9 @@ def compare_epochs(
     def make() -> Made:
         reference, compared = earlier.get(before), place.get(after)
         notify(f"{compared_id}: registering to {reference_id}")
-        motion = register(compared, reference, settings.icp)
+        motion, start = register_epochs(compared, reference, settings.icp)
         notify(f"{compared_id}: comparing with {reference_id}")
-        return Made(compare(reference, compared, motion, settings.compare, mode=mode, tolerance=tolerance))
+        return Made(compare(reference, compared, motion, settings.compare, mode=mode, tolerance=tolerance), start)
 
     asked = Asked(comparison_product(reference_id), "comparison", parameters, (before, after))
     return once_step(place, asked, make)

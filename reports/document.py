@@ -28,7 +28,7 @@ from reports.history import (
     record_steps,
     versions_table,
 )
-from reports.quantities import CM2, CM3, MM, day, estimate
+from reports.quantities import CM2, CM3, MM, day, estimate, percent
 from reports.ranging import gather_calibrations
 from reports.whereabouts import locate
 
@@ -150,9 +150,22 @@ def _false_discovery_rate(made: Step | None) -> float:
 
 
 def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tuple[str, ...]:
-    """Return what is out of date: a surface that was made again after the comparison."""
+    """Return what the reader must know first: a pose found by shape, a surface made again after the comparison."""
     if made is None:
         return ()
     surfaces = [(e, e.step("surface")) for e in (before, after)]
     stale = [e.record.epoch_id for e, s in surfaces if s is not None and s.step_id not in made.inputs]
-    return tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)
+    again = tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)
+    return (*_found_by_shape(made), *again)
+
+
+def _found_by_shape(made: Step) -> tuple[str, ...]:
+    """Return the remark that the epochs were brought together by their shapes, where they were."""
+    if "coarse_score" not in made.automatic:
+        return ()
+    return (
+        "As given, the epochs do not lie near each other. They were brought together by their shapes alone: "
+        f"the pose explains {percent(float(made.automatic['coarse_score']))} of the shape, the next best one "
+        f"{percent(max(float(made.automatic['coarse_ambiguity']), 0.0))} of that. If the object was not carried "
+        "elsewhere between the epochs, check the poses and the unit.",
+    )

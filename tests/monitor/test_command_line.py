@@ -174,17 +174,43 @@ def test_bad_input_is_one_clear_line_and_changes_nothing(
     assert digest(made / "project") == before
 
 
-def test_epochs_that_do_not_overlap_are_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    project = tmp_path / "copy"
+def add_far_epoch(made: Path, folder: Path, points: np.ndarray) -> Path:
+    """Copy the project and process a third epoch, "far", of one scan; return the copy."""
+    project, file = folder / "copy", folder / "far.xyz"
     shutil.copytree(made / "project", project)
-    far = tmp_path / "far.xyz"
-    np.savetxt(far, relief(9000, np.random.default_rng(3), 0.0) + np.array([40.0, 0.0, 0.0]), fmt="%.6f")
-    assert run(["add-epoch", str(project), "relief", "far", "--date", "2026-06-01", str(far)]) == 0
+    np.savetxt(file, points, fmt="%.6f")
+    poses = folder / "far.poses"
+    poses.write_text(f"far.xyz 1 0 0 40 0 1 0 0 0 0 1 0 0 0 0 1 {STATION}\n")
+    added = ["add-epoch", str(project), "relief", "far", "--date", "2026-06-01", "--poses", str(poses), str(file)]
+    assert run(added) == 0
     assert run(["process", str(project), "relief", "far"]) == 0
+    return project
+
+
+def test_epochs_of_other_things_elsewhere_are_refused(
+    made: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    x, y = rng.uniform(-0.3, 0.3, (2, 9000))
+    other = np.column_stack([x, y, 0.25 * np.cos(4 * x) * np.cos(5 * y) + rng.normal(0, 3e-4, 9000)])
+    project = add_far_epoch(made, tmp_path, other)
     before = digest(project)
+    capsys.readouterr()
     assert run(["compare", str(project), "relief", "e1", "far"]) == 2
-    assert "overlap" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "overlap" in said
+    assert "by shape alone" in said
     assert digest(project) == before
+
+
+def test_object_carried_elsewhere_is_found_by_its_shape_and_the_report_says_so(
+    made: Path, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    project = add_far_epoch(made, tmp_path, relief(18000, rng, 0.0))
+    assert run(["compare", str(project), "relief", "e1", "far"]) == 0
+    comparison = Project.open(project).get("relief", "far", "comparison-e1")
+    assert comparison.registration.T_target_source[0, 3] == pytest.approx(-40.0, abs=5e-4)
+    assert run(["report", str(project), "relief", "e1", "far", "--out", str(tmp_path)]) == 0
+    assert "by their shapes alone" in (tmp_path / "relief_e1_far_report.html").read_text()
 
 
 def test_millimetres_taken_for_metres_are_questioned_with_the_size(

@@ -1,0 +1,40 @@
+"""The motion between two epochs of an object: from where they are given, or, where that is far off, by shape alone.
+
+In: the surfaces of both epochs. Out: the fine registration and what was needed for it. An object that stood in a
+workshop comes back anywhere; one that was scanned in the same frame never needs to be looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from monitor.registration.coarse import register_from_anywhere
+from monitor.registration.icp import IcpSettings, register
+from projects.model import PointCloud, Registration, Surface
+
+FOUND_NEAR = 0.5  # share of the samples with a partner: the epochs lie near each other, whatever else is wrong
+
+
+def register_epochs(compared: Surface | PointCloud, reference: Surface | PointCloud,
+                    settings: IcpSettings | None = None) -> tuple[Registration, Mapping[str, Any]]:  # fmt: skip
+    """Return the registration of a compared epoch onto its reference, and how its start was found.
+
+    Returns
+    -------
+    Registration
+        Not converged, with the reasons of both attempts, where neither the given frames nor the shapes lead to one.
+    mapping
+        Empty where the epochs were given near each other; else `start` in words, `coarse_score` and `coarse_ambiguity`
+        of the pose found by shape (`CoarseAlignment`).
+    """
+    near = register(compared, reference, settings)
+    if near.converged or near.overlap >= FOUND_NEAR:
+        return near, {}
+    far, coarse = register_from_anywhere(compared, reference, settings)
+    figures = {"start": "by shape alone: the epochs are not near each other as given", "coarse_score": coarse.score,
+               "coarse_ambiguity": coarse.ambiguity}  # fmt: skip
+    if far.converged:
+        return far, figures
+    return replace(near, reason=f"{near.reason}; by shape alone: {coarse.reason or far.reason}"), figures
