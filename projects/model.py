@@ -328,6 +328,36 @@ class ControlPoint:
 
 
 @dataclass(frozen=True)
+class SurveyTarget:
+    """A sphere or a black-and-white board found in a scan.
+
+    Attributes
+    ----------
+    kind : "sphere" or "board".
+    centre : (3,) m, of the sphere, or where the four fields of the board meet, in the scan's frame.
+    covariance : (3, 3) m2, of the centre.
+    radius : m, of the sphere; half the width of the board.
+    residual : m, root mean square distance of its points from sphere or plane.
+    n_points : measurements that it rests on.
+    completeness : share of what should have been seen of it.
+    name : of the control point that it is, empty where unknown.
+    """
+
+    kind: str
+    centre: Floats
+    covariance: Floats
+    radius: float
+    residual: float
+    n_points: int
+    completeness: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre", _array(self.centre, "centre", (3,), np.float64))
+        object.__setattr__(self, "covariance", _array(self.covariance, "covariance", (3, 3), np.float64))
+
+
+@dataclass(frozen=True)
 class ObjectRecord:
     """The monitored thing as the archive knows it; `extent` as of `projects.extent`, `tolerance` in metres."""
 
