@@ -60,9 +60,10 @@ class HeightField:
         front = np.column_stack([u, v, self.height(u, v)])
         # Nodes on the rim stay: the sides have no height of their own.
         rim = _rim(len(self.u), len(self.v))
-        changed = np.abs(evaluate(field, apply(self.T_scene_plane, front))) > 1e-9
-        changed[rim] = False
-        front[changed, 2] = self._find_heights(field, front[changed])
+        if field != self.field:
+            changed = np.abs(evaluate(field, apply(self.T_scene_plane, front))) > 1e-9
+            changed[rim] = False
+            front[changed, 2] = self._find_heights(field, front[changed])
         low = np.column_stack([front[rim, :2], np.full(len(rim), self.back)])
         middle = [[front[:, 0].mean(), front[:, 1].mean(), self.back]]
         vertices = np.concatenate([front, low, middle])
