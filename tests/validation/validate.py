@@ -33,7 +33,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 EXPERIMENTS, RESULTS = HERE / "experiments", HERE / "results"
 DEFAULT_LIMIT = 900.0
-SMALL_LIMIT = 120.0
+SMALL_LIMIT = 400.0  # less than a minute on an idle machine
 VERSIONS = ("heritage-monitor", "numpy", "scipy", "numba", "open3d-cpu", "open3d", "pymeshlab", "py4dgeo", "small-gicp")
 
 

@@ -35,6 +35,7 @@ TITLE = "Thinning to a tenth of the points: noise left and detail kept"
 WAVELENGTHS = (0.0, 0.002, 0.003, 0.005, 0.008, 0.012, 0.020)  # of the strips from below; 0 is flat
 AMPLITUDE, HEIGHT, WIDTH = 0.0005, 0.022, 0.120
 SHARE = 0.1
+LIMIT = 1800.0
 BAR = (0.030, 0.012)  # m: before the panel, width
 STATIONS = ((0.0, -2.6), (-1.1, -2.4), (1.2, -2.3))  # x, y [m]
 SPACING, SIGMA_REGISTERED = 0.0005, 0.0002
