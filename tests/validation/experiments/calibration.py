@@ -20,7 +20,7 @@ from projects.model import Floats, Scan
 TITLE = "Cyclic range error, calibrated in situ"
 INSTRUMENT = INSTRUMENTS["faro-ls880"]
 STEPS = {"small": 0.009, "full": 0.0045}  # rad
-SEEDS = {"small": 1, "full": 5}
+SEEDS = {"small": 1, "full": 3}
 HALF_X, HALF_Y, TOP = 3.5, 2.5, 3.2
 BULGE = 0.003
 SMALL_BARS = ("MAD of the floor after, mm",)

@@ -19,7 +19,7 @@ from monitor.simulation.scenes import make_slab
 from projects.model import Floats, Scan
 
 TITLE = "Speed, raw to thinned"
-POINTS = {"small": (20_000, 40_000), "full": (1_000_000, 2_000_000)}
+POINTS = {"small": (20_000, 40_000), "full": (500_000, 1_000_000)}
 PAPER = 4e9 / (3 * 7 * 86400)
 ASKED = 40_000.0
 LIMIT = 1200.0

@@ -1,0 +1,71 @@
+"""Through the front door: files of a campaign in, by the command line alone; what came of them, from the project."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from monitor.cli import run as run_monitor
+from projects import Project
+from projects.model import Comparison, Surface
+
+OBJECT = "object"
+
+
+class Epoch(NamedTuple):
+    """One epoch as `add-epoch` is told of it."""
+
+    name: str
+    date: str
+    files: Sequence[Path]
+    options: Sequence[str] = ()
+
+
+def tell(*words: str | Path) -> None:
+    """Run one command of `monitor`; raise with what it said where it fails."""
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        code = run_monitor([str(word) for word in words])
+    if code != 0:
+        raise RuntimeError(f"monitor {words[0]} ended with {code}: {said.getvalue().strip().splitlines()[-1]}")
+
+
+def process(folder: Path, epochs: Sequence[Epoch], *, extent: Path | None = None, settings: str = "") -> Path:
+    """Make a project of the epochs and their surfaces; return its path. `settings` is the text of a TOML file."""
+    project = folder / "project"
+    tell("init", project)
+    tell("add-object", project, OBJECT, *(("--extent", extent) if extent else ()))
+    for epoch in epochs:
+        tell("add-epoch", project, OBJECT, epoch.name, "--date", epoch.date, *epoch.options, *epoch.files)
+    tell("process", project, *_settings(folder, settings))
+    return project
+
+
+def compare(project: Path, reference: str, compared: str, *, mode: str | None = None, settings: str = "") -> Comparison:
+    """Compare two epochs by the command line and return the comparison kept in the project."""
+    options = ("--mode", mode) if mode else ()
+    tell("compare", project, OBJECT, reference, compared, *options, *_settings(project.parent, settings))
+    found: Comparison = product(project, compared, f"comparison-{reference}")
+    return found
+
+
+def surface(project: Path, epoch: str) -> Surface:
+    """Return the surface of an epoch."""
+    found: Surface = product(project, epoch, "surface")
+    return found
+
+
+def product(project: Path, epoch: str, name: str) -> Any:
+    """Return a product kept in the project."""
+    return Project.open(project).get(OBJECT, epoch, name)
+
+
+def _settings(folder: Path, text: str) -> tuple[str, ...]:
+    if not text:
+        return ()
+    path = folder / "settings.toml"
+    path.write_text(text)
+    return ("--settings", str(path))
