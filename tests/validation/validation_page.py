@@ -29,7 +29,7 @@ def write_page(target: Path, template: Path, results: Path, experiments: Mapping
         if name == "summary":
             return summary(kept, experiments)
         if name not in experiments:
-            raise KeyError(f"{template.name} names [[{name}]]; there is no such experiment")
+            raise KeyError(f"{template.name} names {name}; there is no such experiment")
         return section(name, kept.get(name), experiments[name])
 
     target.write_text(MARK.sub(fill, text))
@@ -60,6 +60,8 @@ def origin(result: Mapping[str, Any]) -> str:
 def table(rows: list[Mapping[str, Any]]) -> list[str]:
     """Return the lines of a table; columns that are empty in all rows are left out."""
     others = list(dict.fromkeys(heading for row in rows for heading in row.get("others", {})))
+    if not rows:
+        return []
     columns = [("what", [row["what"] for row in rows])]
     for heading in ("paper", "asked", "ours"):
         columns.append((heading, [row.get(heading, "") for row in rows]))
