@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor.comparison import EpochChange, compare, follow
+from monitor.comparison import compare
 from monitor.engine import Engine
 from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
 from monitor.quality import assess_scans, describe_distances, distances_to_surface
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
-from monitor.record import Asked, Made, Place, find_step, latest_step, once_step, put_step
+from monitor.record import Asked, Made, Place, comparison_product, find_step, latest_step, once_step, put_step
 from monitor.registration.adjustment import adjust_scans
 from monitor.registration.epochs import register_epochs
 from monitor.scans import read_within
@@ -82,33 +82,6 @@ def compare_epochs(
 
     asked = Asked(comparison_product(reference_id), "comparison", parameters, (before, after))
     return once_step(place, asked, make)
-
-
-def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | None:
-    """Follow change over all epochs compared with the first (design step 13) and keep it with the last of them.
-
-    None where fewer than two are, or where two of one date leave no order.
-    """
-    first, *later = project.epochs(object_id)
-    places = [Place(project, object_id, e.epoch_id) for e in later]
-    steps = [project.latest(object_id, p.epoch_id, comparison_product(first.epoch_id)) for p in places]
-    found = [(p, e, s) for p, e, s in zip(places, later, steps, strict=True) if s is not None]
-    if len(found) < 2 or len({first.date, *(e.date for _, e, _ in found)}) <= len(found):
-        return None
-
-    def make() -> Made:
-        notify(f"following change over {len(found) + 1} epochs")
-        changes = [EpochChange(e.epoch_id, e.date, p.get(s)) for p, e, s in found]
-        series = follow(changes, first.epoch_id, first.date)
-        return Made(series, counts={"regions": len(series.regions), "epochs": len(found) + 1})
-
-    asked = Asked(f"series-{first.epoch_id}", "series", {}, tuple(s for _, _, s in found))
-    return once_step(found[-1][0], asked, make)
-
-
-def comparison_product(reference_id: str) -> str:
-    """Return the product name, under the compared epoch, of the comparison with a reference epoch."""
-    return f"comparison-{reference_id}"
 
 
 def default_mode(project: Project, object_id: str, reference_id: str, compared_id: str) -> str:

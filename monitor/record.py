@@ -66,6 +66,11 @@ class Made:
     counts: Mapping[str, Any] = field(default_factory=dict)
 
 
+def comparison_product(reference_id: str) -> str:
+    """Return the product name, under the compared epoch, of the comparison with a reference epoch."""
+    return f"comparison-{reference_id}"
+
+
 def latest_step(place: Place, product: str) -> Step:
     """Return the present step of a product, or say what to do."""
     place.project.epoch(place.object_id, place.epoch_id)

@@ -280,6 +280,9 @@ SERIES_COLUMNS = ("identity", "first_seen", "last_seen", "parent", "merged_into"
 HISTORY_COLUMNS = ("identity", "epoch", "years", "region", "event", "mean_m", "sigma_mean_m", "change_m3",
                    "sigma_change_m3")  # fmt: skip
 FORECAST_COLUMNS = ("identity", "years", "mean_m", "sigma_m")
+MOTION_COLUMNS = ("epoch", "years", "shift_m", "sigma_shift_m", "turn_rad", "sigma_turn_rad", "probability_unmoved",
+                  "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m")  # fmt: skip
+CLOSURE_COLUMNS = ("reference", "compared", "misfit_sigma")
 
 
 @dataclass(frozen=True)
@@ -291,7 +294,9 @@ class Series:
     NaN where unknown, positive = gained, and `identity`, the followed region (0: none). `regions` (`SERIES_COLUMNS`)
     has a row for each followed region, `history` (`HISTORY_COLUMNS`) one for each of them in each epoch, measured over
     its whole footprint: `change_m3` is its mean change times its area. `forecast` (`FORECAST_COLUMNS`) says for regions
-    with a trend which mean difference an epoch at a time should show if it goes on as before.
+    with a trend which mean difference an epoch at a time should show if it goes on as before. `motions`
+    (`MOTION_COLUMNS`) says how the object stood as a whole in each epoch against the first, from one adjustment of all
+    registrations, `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where there was no such network.
     """
 
     reference_id: str
@@ -307,6 +312,8 @@ class Series:
     regions: pd.DataFrame
     history: pd.DataFrame
     forecast: pd.DataFrame
+    motions: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(MOTION_COLUMNS)))
+    closures: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(CLOSURE_COLUMNS)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "epoch_ids", tuple(self.epoch_ids))

@@ -16,12 +16,12 @@ from matplotlib.axes import Axes
 from projects.model import Floats, Series
 from reports.colours import change_ramp
 from reports.drawing import INK, MM, SOFT, drawing, plain_number, write_svg
-from reports.facts import CourseFacts, SeriesFacts
-from reports.quantities import CM2, day, estimate, in_words
+from reports.facts import CourseFacts, SeriesFacts, Table
+from reports.quantities import CM2, DEGREES, day, estimate, in_words
 
 CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
-Z95 = 1.96
+Z95, SIGNIFICANT = 1.96, 0.05
 
 
 def tell_series(series: Series) -> SeriesFacts:
@@ -32,9 +32,27 @@ def tell_series(series: Series) -> SeriesFacts:
     first, last = (day(datetime.date.fromisoformat(d)) for d in (series.reference_date, series.dates[-1]))
     lead = f"{in_words(n).capitalize()} epochs from {first} to {last}. "
     if not courses:
-        return SeriesFacts(lead + "No region changed in any of them.", (), series)
+        return SeriesFacts(lead + "No region changed in any of them.", (), series, tell_motions(series))
     going = sum(row["model"] in ("steady", "accelerating", "onset") for _, row in rows.iterrows())
-    return SeriesFacts(f"{lead}{_say_followed(len(courses), going)}", courses, series)
+    return SeriesFacts(f"{lead}{_say_followed(len(courses), going)}", courses, series, tell_motions(series))
+
+
+def tell_motions(series: Series) -> Table | None:
+    """Return how the object stood as a whole in each epoch against the first; None without a network."""
+    if not len(series.motions):
+        return None
+    rows = []
+    for _, m in series.motions.iterrows():
+        shift = estimate(float(m["shift_m"]), float(m["sigma_shift_m"]), MM, "mm")
+        turn = estimate(float(m["turn_rad"]), float(m["sigma_turn_rad"]), DEGREES, "°")
+        moved = "significant" if float(m["probability_unmoved"]) < SIGNIFICANT else "not significant"
+        rows.append((str(m["epoch"]), shift.text, turn.text, moved))
+    worst = series.closures.sort_values("misfit_sigma").iloc[-1]
+    note = (
+        f"All registrations adjusted together, against epoch {series.reference_id}. The one that fits the others "
+        f"least, {worst['reference']} to {worst['compared']}, is off by {float(worst['misfit_sigma']):.1f} sigma."
+    )
+    return Table("The object as a whole", ("epoch", "displaced by", "turned by", "motion"), tuple(rows), note)
 
 
 def _say_followed(n: int, going: int) -> str:

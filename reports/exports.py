@@ -76,7 +76,7 @@ def export_series(out: Path, object_id: str, series: Series, surface: Surface, f
         "identity": series.identity.astype(np.int32),
     }  # fmt: skip
     written = _write_formats(out / stem, surface, properties, formats)
-    for name in ("regions", "history", "forecast"):
+    for name in ("regions", "history", "forecast", "motions", "closures"):
         path = out / f"{stem}_{name}.csv"
         write_csv(path, getattr(series, name))
         written.append(path)

@@ -73,6 +73,7 @@ class SeriesFacts:
     lead: str
     courses: tuple[CourseFacts, ...]
     series: Series
+    motions: Table | None = None
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import typer
 
-from monitor.chain import comparison_product
 from monitor.cli.progress import show_progress
-from monitor.record import Place, latest_step
+from monitor.record import Place, comparison_product, latest_step
 from projects.errors import ParameterError, StoreError
 from projects.model import Comparison, Step
 from projects.store import Project

@@ -8,11 +8,12 @@ from typing import Any
 
 import typer
 
-from monitor.chain import Notify, compare_epochs, follow_epochs, pairs_to_compare, process_epoch
+from monitor.chain import Notify, compare_epochs, pairs_to_compare, process_epoch
 from monitor.cli.progress import show_progress
 from monitor.engine import open_engine
 from monitor.record import Place
 from monitor.settings import Settings, read_settings
+from monitor.through_time import follow_epochs
 from projects.errors import ParameterError, StoreError
 from projects.model import Comparison, Step
 from projects.store import Project

@@ -54,6 +54,16 @@ def test_the_worn_place_is_one_region_with_its_rate(made: Path) -> None:
     assert deepest == pytest.approx(-6e-4, abs=8e-5)
 
 
+def test_motions_of_the_whole_are_adjusted_together_and_close(made: Path) -> None:
+    project = Project.open(made / "project")
+    series = project.get("relief", "e2025", "series-e2021")
+    assert list(series.motions["epoch"]) == ["e2022", "e2023", "e2025"]
+    assert len(series.closures) == 5  # three with the first epoch, two with the one before
+    assert series.closures["misfit_sigma"].max() < 5.0
+    assert (series.motions["shift_m"] < 5e-5).all()  # the relief stayed where it was
+    assert project.latest("relief", "e2025", "series-e2021").automatic["closure_freedom"] == 12
+
+
 def test_report_and_files_say_how_it_goes_on(made: Path) -> None:
     page = (made / "relief_e2021_e2025_report.html").read_text()
     assert 'id="series"' in page

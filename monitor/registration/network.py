@@ -1,0 +1,151 @@
+"""Several epochs in one adjustment: where the object stood at each of them, in the frame of the first.
+
+In: registrations between pairs of epochs, each with its covariance. Out: one pose an epoch, adjusted by least squares,
+its covariance, and how well the links close. Every epoch against the first and against the one before it makes a net
+with one loop an epoch, which shows a link that is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from projects.errors import RegistrationError
+from projects.model import Floats, Registration
+from projects.transforms import apply, invert, perturb
+
+N_ITERATIONS = 10
+STEP = 1e-6  # rad and m, of the derivatives by differences
+BLUNDER = 3.3  # a link whose misfit exceeds so many sigmas, at 0.1 %, is named
+
+
+@dataclass(frozen=True)
+class EpochLink:
+    """A registration between two epochs: `source` onto `target`, numbers of epochs."""
+
+    target: int
+    source: int
+    registration: Registration
+
+
+@dataclass(frozen=True)
+class EpochNetwork:
+    """Poses of n epochs.
+
+    Attributes
+    ----------
+    T_first_epoch : (n, 4, 4), epoch coordinates to those of the first; where the object's own frame is concerned, its
+        motion since the first epoch is the inverse.
+    covariance : (n, 6, 6) of (w, t) about `centre` (3,) in the first epoch's frame, rad and m; zero for the first.
+    misfit : (links,), by how much each link departs from the adjusted poses, in sigmas (square root of its chi-square
+        over six).
+    chi2, freedom, probability : of all misfits; NaN without loops. Where chi2 exceeds the freedom, the covariance is
+        raised by their ratio.
+    """
+
+    T_first_epoch: Floats
+    covariance: Floats
+    centre: Floats
+    misfit: Floats
+    chi2: float
+    freedom: int
+    probability: float
+
+
+def adjust_network(links: Sequence[EpochLink], n_epochs: int) -> EpochNetwork:
+    """Return the poses that fit all links best.
+
+    Raises
+    ------
+    RegistrationError
+        Where a link did not converge, or an epoch hangs on none.
+    """
+    require_connected(links, n_epochs)
+    centre = links[0].registration.centre
+    poses = first_poses(links, n_epochs)
+    weights = [np.linalg.pinv(link.registration.covariance, rcond=1e-15, hermitian=True) for link in links]
+    for _ in range(N_ITERATIONS):
+        normal, right = normal_equations(links, weights, poses, centre)
+        delta = np.linalg.solve(normal, right).reshape(-1, 6)
+        poses[1:] = [perturb(T, centre, d) for T, d in zip(poses[1:], delta, strict=True)]
+        if np.abs(delta).max() < 1e-12:
+            break
+    normal, _ = normal_equations(links, weights, poses, centre)
+    squares = np.array([r @ w @ r for r, w in zip(misfits(links, poses), weights, strict=True)])
+    freedom = 6 * (len(links) - (n_epochs - 1))
+    factor = max(1.0, float(squares.sum()) / freedom) if freedom else 1.0
+    inverse = factor * np.linalg.inv(normal)
+    covariance = np.zeros((n_epochs, 6, 6))
+    for k in range(1, n_epochs):
+        covariance[k] = inverse[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k]
+    return EpochNetwork(
+        poses, covariance, centre, np.sqrt(squares / 6.0), float(squares.sum()), freedom,
+        float(chi2.sf(squares.sum(), freedom)) if freedom else float("nan"),
+    )  # fmt: skip
+
+
+def require_connected(links: Sequence[EpochLink], n_epochs: int) -> None:
+    """Raise `RegistrationError` for a link without a motion, or an epoch that no link reaches from the first."""
+    reached = {0}
+    for link in links:
+        if not link.registration.converged or not np.isfinite(link.registration.covariance).all():
+            raise RegistrationError(
+                f"epochs {link.target + 1} and {link.source + 1} were not registered ({link.registration.reason}); "
+                "a network needs links that converged"
+            )
+    for _ in range(n_epochs):
+        reached |= {b for link in links for a, b in _both_ways(link) if a in reached}
+    if len(reached) < n_epochs:
+        missing = sorted(set(range(n_epochs)) - reached)
+        raise RegistrationError(f"no link reaches epoch {missing[0] + 1} of {n_epochs}; compare it with another one")
+
+
+def _both_ways(link: EpochLink) -> tuple[tuple[int, int], tuple[int, int]]:
+    return (link.target, link.source), (link.source, link.target)
+
+
+def first_poses(links: Sequence[EpochLink], n_epochs: int) -> Floats:
+    """Return poses (n, 4, 4) put together link by link from the first epoch."""
+    poses = np.full((n_epochs, 4, 4), np.nan)
+    poses[0] = np.eye(4)
+    for _ in range(n_epochs):
+        for link in links:
+            T = link.registration.T_target_source
+            if np.isnan(poses[link.source, 0, 0]):
+                poses[link.source] = poses[link.target] @ T
+            if np.isnan(poses[link.target, 0, 0]):
+                poses[link.target] = poses[link.source] @ invert(T)
+    return poses
+
+
+def misfits(links: Sequence[EpochLink], poses: Floats) -> list[Floats]:
+    """Return for each link the motion (6,) about its centre that leads from what it says to what the poses say."""
+    found = []
+    for link in links:
+        motion = link.registration
+        step = invert(poses[link.target]) @ poses[link.source] @ invert(motion.T_target_source)
+        turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
+        found.append(np.concatenate([turn, apply(step, motion.centre) - motion.centre]))
+    return found
+
+
+def normal_equations(links: Sequence[EpochLink], weights: Sequence[Floats], poses: Floats,
+                     centre: Floats) -> tuple[Floats, Floats]:  # fmt: skip
+    """Return the normal matrix and right side of the motions (6 each, about `centre`) of all epochs but the first."""
+    n = 6 * (len(poses) - 1)
+    normal, right = np.zeros((n, n)), np.zeros(n)
+    for link, weight in zip(links, weights, strict=True):
+        misfit = misfits([link], poses)[0]
+        rows = np.zeros((6, n))
+        for k in {link.target, link.source} - {0}:
+            for axis in range(6):
+                moved = poses.copy()
+                moved[k] = perturb(poses[k], centre, STEP * np.eye(6)[axis])
+                rows[:, 6 * k - 6 + axis] = (misfits([link], moved)[0] - misfit) / STEP
+        normal += rows.T @ weight @ rows
+        right -= rows.T @ weight @ misfit
+    return normal, right

@@ -1,0 +1,91 @@
+"""More than two epochs: change followed on the first epoch's surface, and the object's motion from one network.
+
+In come a project and an object whose epochs are compared; out comes the step "series-FIRST", kept with the last epoch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from monitor.comparison import EpochChange, follow
+from monitor.comparison.series import DAYS_PER_YEAR
+from monitor.record import Asked, Made, Place, comparison_product, once_step
+from monitor.registration import motion_significance
+from monitor.registration.network import EpochLink, EpochNetwork, adjust_network
+from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
+from projects.store import Project
+
+Notify = Callable[[str], None]
+
+
+def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | None:
+    """Follow change over all epochs compared with the first (design step 13) and keep it with the last of them.
+
+    None where fewer than two are, or where two of one date leave no order.
+    """
+    first, *later = project.epochs(object_id)
+    found = [(e, kept_comparison(project, object_id, first, e)) for e in later]
+    epochs = [e for e, step in found if step is not None]
+    direct = [step for _, step in found if step is not None]
+    if len(epochs) < 2 or len({e.date for e in (first, *epochs)}) <= len(epochs):
+        return None
+    steps = [kept_comparison(project, object_id, a, b) for a, b in pairwise(epochs)]
+    between = [(k, step) for k, step in enumerate(steps) if step is not None]
+    places = [Place(project, object_id, e.epoch_id) for e in epochs]
+
+    def make() -> Made:
+        notify(f"following change over {len(epochs) + 1} epochs")
+        comparisons = [p.get(s) for p, s in zip(places, direct, strict=True)]
+        changes = [EpochChange(e.epoch_id, e.date, c) for e, c in zip(epochs, comparisons, strict=True)]
+        series = follow(changes, first.epoch_id, first.date)
+        links = [EpochLink(0, k + 1, c.registration) for k, c in enumerate(comparisons)]
+        links += [EpochLink(k + 1, k + 2, places[k + 1].get(s).registration) for k, s in between]
+        network = adjust_network(links, len(epochs) + 1)
+        motions, closures = tell_network(network, links, [first, *epochs])
+        figures = {"closure_chi2": network.chi2, "closure_freedom": network.freedom,
+                   "closure_probability": network.probability}  # fmt: skip
+        counts = {"regions": len(series.regions), "epochs": len(epochs) + 1}
+        return Made(replace(series, motions=motions, closures=closures), figures, counts)
+
+    asked = Asked(f"series-{first.epoch_id}", "series", {}, (*direct, *(s for _, s in between)))
+    return once_step(places[-1], asked, make)
+
+
+def kept_comparison(project: Project, object_id: str, reference: EpochRecord, compared: EpochRecord) -> Step | None:
+    """Return the step of a comparison that the project holds, None where there is none."""
+    return project.latest(object_id, compared.epoch_id, comparison_product(reference.epoch_id))
+
+
+def tell_network(network: EpochNetwork, links: Sequence[EpochLink],
+                 epochs: Sequence[EpochRecord]) -> tuple[pd.DataFrame, pd.DataFrame]:  # fmt: skip
+    """Return the motion of each epoch against the first, and the misfit of each link, as tables."""
+    motions = [_motion_row(network, k, epochs) for k in range(1, len(epochs))]
+    closures = [[epochs[link.target].epoch_id, epochs[link.source].epoch_id, float(m)]
+                for link, m in zip(links, network.misfit, strict=True)]  # fmt: skip
+    return (pd.DataFrame(motions, columns=list(MOTION_COLUMNS)),
+            pd.DataFrame(closures, columns=list(CLOSURE_COLUMNS)))  # fmt: skip
+
+
+def _motion_row(network: EpochNetwork, k: int, epochs: Sequence[EpochRecord]) -> list[object]:
+    """Return the object's motion from the first epoch to epoch k: the inverse of what undoes it."""
+    undo = Registration(network.T_first_epoch[k], network.covariance[k], network.centre, True)
+    motion = motion_significance(undo)
+    sigma_shift, sigma_turn = (
+        along(motion.translation, undo.covariance[3:, 3:]),
+        along(motion.rotation, undo.covariance[:3, :3]),
+    )
+    years = (epochs[k].date - epochs[0].date).days / DAYS_PER_YEAR
+    return [epochs[k].epoch_id, years, motion.displacement, sigma_shift, motion.angle, sigma_turn,
+            motion.probability_unmoved, *motion.translation, *motion.sigma_translation]  # fmt: skip
+
+
+def along(vector: Floats, covariance: Floats) -> float:
+    """Return one sigma of the length of a vector; that of the most uncertain axis where it is zero."""
+    length = float(np.linalg.norm(vector))
+    axis = vector / length if length > 0.0 else np.linalg.eigh(covariance)[1][:, -1]
+    return float(np.sqrt(axis @ covariance @ axis))

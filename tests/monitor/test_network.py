@@ -1,0 +1,85 @@
+"""Epochs in one adjustment: against least squares by hand, against simulated truth, and with one wrong link."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from monitor.registration.network import BLUNDER, EpochLink, adjust_network
+from projects.errors import RegistrationError
+from projects.model import Floats, Registration
+from projects.transforms import apply, invert, perturb
+
+
+def pose(rng: np.random.Generator, turn: float = 0.02, shift: float = 0.01) -> Floats:
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(rng.normal(scale=turn, size=3)).as_matrix()
+    T[:3, 3] = rng.normal(scale=shift, size=3)
+    return T
+
+
+def random_covariance(rng: np.random.Generator) -> Floats:
+    a = rng.normal(size=(6, 6)) * np.repeat([2e-5, 3e-5], 3)[:, None]
+    return a @ a.T + np.diag(np.repeat([1e-10, 1e-10], 3))
+
+
+def measured(rng: np.random.Generator, poses: Floats, target: int, source: int) -> EpochLink:
+    covariance, centre = random_covariance(rng), rng.normal(size=3)
+    truth = invert(poses[target]) @ poses[source]
+    # the covariance is of the step from what was measured to the truth, to first order that of the error
+    T = perturb(truth, centre, rng.multivariate_normal(np.zeros(6), covariance))
+    return EpochLink(target, source, Registration(T, covariance, centre, True))
+
+
+def test_two_links_of_shifts_alone_are_weighed_by_their_variances() -> None:
+    def shifted(x: float, sigma: float) -> EpochLink:
+        T = np.eye(4)
+        T[0, 3] = x
+        return EpochLink(0, 1, Registration(T, np.eye(6) * sigma**2, np.zeros(3), True))
+
+    network = adjust_network([shifted(1.0e-3, 1e-4), shifted(1.6e-3, 2e-4)], 2)
+    assert network.T_first_epoch[1, 0, 3] == pytest.approx((1.0e-3 * 4 + 1.6e-3) / 5, rel=1e-6)
+    # 6e-4 against sqrt(1 + 4) e-4, squared, over one axis of six
+    assert network.chi2 == pytest.approx(36.0 / 5.0, rel=1e-6)
+    assert network.freedom == 6
+    assert np.sqrt(network.covariance[1, 3, 3]) == pytest.approx(np.sqrt(7.2 / 6.0 / 1.25) * 1e-4, rel=1e-6)
+
+
+def test_poses_and_their_covariances_hold_the_truth(rng: np.random.Generator) -> None:
+    inside, statistics = 0, []
+    for _ in range(100):
+        poses = np.stack([np.eye(4), *(pose(rng) for _ in range(3))])
+        links = [measured(rng, poses, i, j) for i, j in itertools.combinations(range(4), 2)]
+        network = adjust_network(links, 4)
+        statistics.append(network.chi2)
+        step = poses[3] @ invert(network.T_first_epoch[3])
+        error = np.concatenate([Rotation.from_matrix(step[:3, :3]).as_rotvec(),
+                                apply(step, network.centre) - network.centre])  # fmt: skip
+        inside += error @ np.linalg.inv(network.covariance[3]) @ error < chi2.ppf(0.95, 6)
+    assert network.freedom == 18
+    assert np.mean(statistics) == pytest.approx(18.0, abs=4 * np.sqrt(36.0 / 100))
+    assert 90 <= inside <= 100  # 95 +- 2.2, and a little more where chi2 raised the covariance
+
+
+def test_wrong_link_is_the_one_that_does_not_close(rng: np.random.Generator) -> None:
+    poses = np.stack([np.eye(4), *(pose(rng) for _ in range(4))])
+    links = [measured(rng, poses, i, j) for i, j in itertools.combinations(range(5), 2)]
+    bad = links[4].registration
+    T = perturb(bad.T_target_source, bad.centre, np.array([0, 0, 0, 3e-3, 0, 0]))
+    links[4] = EpochLink(links[4].target, links[4].source, Registration(T, bad.covariance, bad.centre, True))
+    network = adjust_network(links, 5)
+    assert network.probability < 1e-6
+    assert int(np.argmax(network.misfit)) == 4
+    assert network.misfit[4] > BLUNDER
+
+
+def test_epochs_without_links_or_motions_are_refused(rng: np.random.Generator) -> None:
+    poses = np.stack([np.eye(4), pose(rng), pose(rng)])
+    link = measured(rng, poses, 0, 1)
+    with pytest.raises(RegistrationError, match="epoch 3 of 3"):
+        adjust_network([link], 3)
+    lost = Registration(np.eye(4), np.full((6, 6), np.nan), np.zeros(3), False, "no overlap")
+    with pytest.raises(RegistrationError, match="no overlap"):
+        adjust_network([link, EpochLink(1, 2, lost)], 3)
