@@ -6,6 +6,7 @@ from monitor.simulation.demo_campaign import DemoCampaign, write_demo_campaign
 from monitor.simulation.figure import CarvedFigure, carved_figure
 from monitor.simulation.instruments import INSTRUMENTS, Instrument, without_errors
 from monitor.simulation.model import Model, ModelPart, box_part, build_scene, change_model
+from monitor.simulation.planning import Visibility, plan_campaign, spread_points, visible_change
 from monitor.simulation.reef import reef_model, reef_scene
 from monitor.simulation.relief import relief_model, relief_scene
 from monitor.simulation.repeated import Drift, drift_of_paper_003, repeat_scan
@@ -20,11 +21,11 @@ from monitor.simulation.true_change import TrueChange, change_at, measure_change
 __all__ = [
     "INSTRUMENTS", "Body", "Campaign", "CarvedFigure", "DemoCampaign", "Drift", "Edit", "Instrument", "Model",
     "ModelPart", "Scene", "Station", "SurveyedEpoch", "TriangulationSensor", "TrueChange", "TrueTarget", "Truth",
-    "Window", "attic_stations", "box_part", "break_off", "build_scene", "carved_figure", "change_at",
+    "Visibility", "Window", "attic_stations", "box_part", "break_off", "build_scene", "carved_figure", "change_at",
     "change_model", "clean", "coat", "describe_truth", "drift_of_paper_003", "erode", "fill", "hollow_out",
-    "measure_changes", "misregister", "move_part", "move_whole", "plane_scene", "reef_model", "reef_scene",
-    "register_with_errors", "relief_model", "relief_scene", "repeat_scan", "room_model", "room_scene",
-    "scan_by_triangulation", "scan_stations", "settlement", "simulate_scan", "sphere_scene", "staircase_model",
-    "staircase_scene", "stand_around", "stand_at", "step_scene", "stove_stations", "stream_scan", "wave_scene",
-    "window_around", "without_errors", "write_campaign", "write_demo_campaign",
+    "measure_changes", "misregister", "move_part", "move_whole", "plan_campaign", "plane_scene", "reef_model",
+    "reef_scene", "register_with_errors", "relief_model", "relief_scene", "repeat_scan", "room_model", "room_scene",
+    "scan_by_triangulation", "scan_stations", "settlement", "simulate_scan", "sphere_scene", "spread_points",
+    "staircase_model", "staircase_scene", "stand_around", "stand_at", "step_scene", "stove_stations", "stream_scan",
+    "visible_change", "wave_scene", "window_around", "without_errors", "write_campaign", "write_demo_campaign",
 ]  # fmt: skip
