@@ -16,7 +16,7 @@ from monitor.comparison import EpochChange, follow
 from monitor.comparison.series import DAYS_PER_YEAR
 from monitor.record import Asked, Made, Place, comparison_product, once_step
 from monitor.registration import motion_significance
-from monitor.registration.network import EpochLink, EpochNetwork, adjust_network
+from monitor.registration.epoch_network import EpochLink, EpochNetwork, adjust_network
 from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
 from projects.store import Project
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from monitor.registration.network import BLUNDER, EpochLink, adjust_network
+from monitor.registration.epoch_network import BLUNDER, EpochLink, adjust_network
 from projects.errors import RegistrationError
 from projects.model import Floats, Registration
 from projects.transforms import apply, invert, perturb
