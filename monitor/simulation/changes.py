@@ -77,7 +77,7 @@ def _offset(field: Field, depth: Field) -> Field:
     return value
 
 
-def _distance_along_normal(field: Field, p: Floats, *, step: float = 2e-5, n_steps: int = 3) -> Floats:
+def _distance_along_normal(field: Field, p: Floats, *, step: float = 2e-5, n_steps: int = 2) -> Floats:
     """Return the signed distance of points (3, n) near a field's zero to where Newton's method leads them."""
     foot, side = p.copy(), np.sign(field(p))
     for _ in range(n_steps if p.shape[1] else 0):

@@ -34,7 +34,7 @@ def smooth_max(a: Floats, b: Floats, k: float) -> Floats:
     return -smooth_min(-a, -b, k)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # known by identity, as functions are
 class Part:
     """A piece of a solid: its field, a box (2, 3) that holds it, and the width of its blend with what came before.
 
@@ -48,7 +48,7 @@ class Part:
     cut: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solid:
     """Parts added to and cut from one another, in order."""
 

@@ -32,7 +32,7 @@ HEAD = 0.128  # m, height of the head: the unit of this file
 Points = Sequence[ArrayLike]
 
 
-def _turn(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Floats:
+def turn_by(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Floats:
     """Return the rotation by degrees about x, then y, then z."""
     rx, ry, rz = (rotation_from_vector(np.radians(a) * e) for a, e in zip((x, y, z), np.eye(3), strict=True))
     return rz @ ry @ rx
@@ -222,7 +222,7 @@ def _cascade(p: Floats) -> Floats:
 # Arms and what they hold -----------------------------------------------------------------------------------------
 
 
-def _hand(wrist: Floats, towards: Floats, palm: Floats, curl: float) -> Field:
+def carve_hand(wrist: Floats, towards: Floats, palm: Floats, curl: float) -> Field:
     """Return a hand: a palm from the wrist `towards` its fingers, facing `palm`, the fingers curled by `curl` rad."""
     forward = towards / np.linalg.norm(towards)
     inward = palm - forward * (palm @ forward)
@@ -261,11 +261,11 @@ def _right_arm() -> list[Part]:
         np.array([-1.36, -0.52, 7.26]),
     )
     upper, fore = capsule(shoulder, elbow, 0.20, 0.155), capsule(elbow, wrist, 0.15, 0.092)
-    muscle = ellipsoid(0.6 * elbow + 0.4 * wrist, (0.15, 0.15, 0.30), _turn(y=4, x=14))
+    muscle = ellipsoid(0.6 * elbow + 0.4 * wrist, (0.15, 0.15, 0.30), turn_by(y=4, x=14))
     arm = _part("raised arm", lambda p: smooth_min(smooth_min(upper(p), fore(p), 0.06), muscle(p), 0.1),
                 (shoulder, elbow, wrist), 0.25, blend=0.14)  # fmt: skip
     torch_x, torch_y = -1.36, -0.66
-    grip = _hand(wrist, np.array([0.02, -0.16, 0.30]), np.array([0.35, -0.95, -0.3]), 1.15)
+    grip = carve_hand(wrist, np.array([0.02, -0.16, 0.30]), np.array([0.35, -0.95, -0.3]), 1.15)
     hand = _part("torch hand", grip, (wrist, wrist + np.array([0.0, -0.2, 0.5])), 0.32, blend=0.04)
 
     def torch(p: Floats) -> Floats:
@@ -362,9 +362,9 @@ def _shield() -> list[Part]:
         face = -bulge - 0.075 - relief(u, v, edge)
         return 0.8 * smooth_max(smooth_max(face, bulge - 0.075, 0.02), edge, 0.035)
 
-    turned = placed(field, at=_SHIELD_AT, rotation=_turn(*_SHIELD_TURN))
+    turned = placed(field, at=_SHIELD_AT, rotation=turn_by(*_SHIELD_TURN))
     corners = np.array([[i, j, k] for i in (-0.82, 0.82) for j in (-0.2, 0.3) for k in (-1.64, 1.64)])
-    whole = corners @ _turn(*_SHIELD_TURN).T + _SHIELD_AT
+    whole = corners @ turn_by(*_SHIELD_TURN).T + _SHIELD_AT
     rock = ellipsoid((0.93, -0.90, 0.18), (0.34, 0.26, 0.24))
     return [
         _part("shield", turned, whole.tolist(), 0.05, blend=0.0),
@@ -375,16 +375,16 @@ def _shield() -> list[Part]:
 def shield_corner() -> Floats:
     """Return the middle of the shield's outer upper corner, in metres: the piece that is lost."""
     local = np.array([0.735, 0.0, 1.50])
-    return HEAD * (_turn(*_SHIELD_TURN) @ local + _SHIELD_AT) + [0.0, 0.0, HEIGHT]
+    return HEAD * (turn_by(*_SHIELD_TURN) @ local + _SHIELD_AT) + [0.0, 0.0, HEIGHT]
 
 
 def _left_arm() -> list[Part]:
     """The arm that rests on the shield, on the right seen from the front."""
     shoulder, elbow, wrist = np.array([0.76, 0.06, 6.36]), np.array([1.12, 0.20, 5.00]), np.array([0.98, -0.52, 3.98])
     upper, fore = capsule(shoulder, elbow, 0.19, 0.15), capsule(elbow, wrist, 0.145, 0.092)
-    muscle = ellipsoid(0.65 * elbow + 0.35 * wrist, (0.145, 0.145, 0.26), _turn(x=-35, y=-8))
+    muscle = ellipsoid(0.65 * elbow + 0.35 * wrist, (0.145, 0.145, 0.26), turn_by(x=-35, y=-8))
     arm = lambda p: smooth_min(smooth_min(upper(p), fore(p), 0.06), muscle(p), 0.1)  # noqa: E731
-    hand = _hand(wrist, np.array([-0.05, -0.30, -0.42]), np.array([0.0, 0.9, -0.5]), 0.45)
+    hand = carve_hand(wrist, np.array([-0.05, -0.30, -0.42]), np.array([0.0, 0.9, -0.5]), 0.45)
     return [
         _part("lowered arm", arm, (shoulder, elbow, wrist), 0.25, blend=0.12),
         _part("shield hand", hand, (wrist, wrist + np.array([0.0, -0.35, -0.5])), 0.30, blend=0.03),
@@ -399,7 +399,7 @@ _HEAD_AT = (0.02, -0.03, 6.86)
 _HEAD_TURN = (-3.0, 3.0, 14.0)
 
 
-def _face(p: Floats) -> Floats:
+def carve_face(p: Floats) -> Floats:
     """The face and skull; origin at the base of the skull, the face towards -y, its chin at z = 0.14."""
     x = np.abs(p[0])
     m = np.stack([x, p[1], p[2]])
@@ -484,7 +484,7 @@ def _crown(p: Floats) -> Floats:
 
 
 def _head() -> list[Part]:
-    rotation = _turn(*_HEAD_TURN)
+    rotation = turn_by(*_HEAD_TURN)
 
     def put(name: str, field: Field, points: Points, margin: float, blend: float) -> Part:
         turned = np.asarray(points) @ rotation.T + _HEAD_AT
@@ -504,7 +504,7 @@ def _head() -> list[Part]:
     return [
         _part("neck", neck, ((0.0, 0.1, 6.4), (0.0, 0.0, 7.3)), 0.25, blend=0.08),
         _part("throat", throat, ((0.10, -0.16, 6.62), (0.26, 0.12, 7.2)), 0.08, blend=0.12),
-        put("face", _face, corners, 0.03, 0.04),
+        put("face", carve_face, corners, 0.03, 0.04),
         put("hair", _hair, corners, 0.10, 0.012),
         put("knot", _knot, [(0.0, 0.53, 0.40)], 0.26, 0.03),
         _part("lock", locks[0], ((-0.40, 0.25, 7.2), (-0.25, -0.45, 6.1)), 0.12, blend=0.02),

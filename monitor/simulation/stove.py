@@ -36,13 +36,13 @@ NICHE = (0.165, 1.57, 1.93, 0.13)  # m: half width, sill, springing of the arch,
 
 
 def _arc(centre: tuple[float, float], radius: float, start: float, end: float) -> list[tuple[float, float]]:
-    angles = np.radians(np.linspace(start, end, 14))
+    angles = np.radians(np.linspace(start, end, 9))
     return [(centre[0] + radius * np.cos(a), centre[1] + radius * np.sin(a)) for a in angles]
 
 
 def _swell(heights: Sequence[float], widths: Sequence[float]) -> list[tuple[float, float]]:
     """Return a smooth stretch of the profile through half widths at heights."""
-    z = np.linspace(heights[0], heights[-1], 40)
+    z = np.linspace(heights[0], heights[-1], 20)
     return list(zip(CubicSpline(heights, widths)(z), z, strict=True))
 
 
@@ -62,7 +62,7 @@ def profile() -> Drawing:
     half += _swell([2.389, 2.46, 2.56, 2.66, 2.72], [0.430, 0.385, 0.345, 0.290, 0.245])
     half += [(0.0, 2.72)]
     mirrored = [(-u, v) for u, v in half[::-1]]
-    return draw_polygon(np.array(half + mirrored), (-0.02, 0.10), (0.80, 2.90), step=0.002)
+    return draw_polygon(np.array(half + mirrored), (-0.02, 0.10), (0.80, 2.90), step=0.003)
 
 
 def _across(p: Floats) -> Floats:
