@@ -13,12 +13,13 @@ from monitor.simulation import (
     plane_scene,
     simulate_scan,
     stand_at,
+    stream_scan,
     wave_scene,
     window_around,
     without_errors,
 )
 from monitor.simulation.beam import make_rays, measure_phase, sample_beam
-from monitor.simulation.scanner import cyclic_error, misregister, range_noise
+from monitor.simulation.scanner import BLOCK_PULSES, cyclic_error, misregister, range_noise
 from monitor.simulation.scenes import make_box
 from projects.errors import ParameterError
 from projects.transforms import apply
@@ -257,3 +258,43 @@ def turned_about_view(angle):
     turned = np.eye(4)
     turned[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     return turned
+
+
+def test_angular_noise_moves_what_is_met_and_not_the_direction_told():
+    shaky = dataclasses.replace(EXACT, angular_noise=2e-4)
+    scene = wall(5.0, tilt=1.0)
+    noisy, clean = (look(scene, i, half=0.02, n=150, n_subrays=1) for i in (shaky, EXACT))
+    np.testing.assert_allclose(
+        noisy.cloud.points / ranges_of(noisy)[:, None], clean.cloud.points / ranges_of(clean)[:, None], atol=1e-12
+    )
+    # On a plane turned by 1 rad the range changes by r tan(a) for an azimuth error; elevation errors fall out here.
+    slope = ranges_of(clean) * np.tan(np.arctan2(clean.cloud.points[:, 1], clean.cloud.points[:, 0]) - 1.0)
+    error = (ranges_of(noisy) - ranges_of(clean)) / slope
+    assert np.std(error) == pytest.approx(2e-4, rel=0.03)  # 22801 pulses: 0.5 %
+
+
+def test_the_line_of_sight_error_turns_high_points_aside_by_one_over_cosine():
+    off = simulate_scan(
+        wall(5.0, tilt=0.6), dataclasses.replace(EXACT, collimation_error=1e-3), np.eye(4),
+        Window(-0.01, 0.01, 0.5, 0.6), step=0.005, n_subrays=1,
+    )  # fmt: skip
+    azimuth, elevation = 0.005 * off.columns - 0.01, 0.5 + 0.005 * off.rows
+    true = 5.0 * np.cos(0.6) / (np.cos(elevation) * np.cos(azimuth + 1e-3 / np.cos(elevation) - 0.6))
+    assert np.quantile(np.abs(ranges_of(off) - true), 0.99) < 5e-6
+
+
+@pytest.mark.parametrize(("distance", "tilt"), [(3.0, 0.0), (9.0, 0.0), (5.0, 1.0)])
+def test_intensity_is_reflectance_times_the_cosine_at_any_range(distance, tilt):
+    scan = look(wall(distance, reflectance=0.5, tilt=tilt), EXACT, half=0.005, n=60)
+    assert np.mean(scan.cloud.intensity) == pytest.approx(0.5 * np.cos(tilt), rel=0.01)
+    assert np.std(scan.cloud.intensity) == pytest.approx(0.02 * 0.5 * np.cos(tilt), rel=0.15)
+
+
+def test_a_scan_of_any_size_streams_in_blocks_of_whole_columns():
+    # A full panorama at 2 pi / 40000 rad has 690 million pulses: the first block comes at once, and is small.
+    stream = stream_scan(wall(5.0), EXACT, np.eye(4), Window(-0.3, 2 * np.pi - 0.3, -1.2, 1.5), n_subrays=1)
+    first = next(stream)
+    n_rows = int((1.5 - np.radians(-65.0)) / EXACT.angular_step) + 1
+    assert len(first.cloud) + first.dropped["no return"] == BLOCK_PULSES // n_rows * n_rows
+    assert first.columns.max() == BLOCK_PULSES // n_rows - 1
+    stream.close()
