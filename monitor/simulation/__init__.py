@@ -16,7 +16,7 @@ from monitor.simulation.scanner import Window, misregister, simulate_scan, stand
 from monitor.simulation.scenes import Body, Scene, TrueTarget, Truth, plane_scene, sphere_scene, step_scene, wave_scene
 from monitor.simulation.staircase import settlement, staircase_model, staircase_scene
 from monitor.simulation.stations import Station, attic_stations, register_with_errors, stand_around, stove_stations
-from monitor.simulation.stove import stove_model, stove_scene
+from monitor.simulation.stove import rebuild_stove, stove_model, stove_scene
 from monitor.simulation.triangulation import TriangulationSensor, scan_by_triangulation
 from monitor.simulation.true_change import TrueChange, change_at, measure_changes
 
@@ -26,9 +26,9 @@ __all__ = [
     "Visibility", "Window", "attic_model", "attic_scene", "attic_stations", "box_part", "break_off", "build_scene",
     "carved_figure", "change_at", "change_model", "clean", "coat", "describe_truth", "drift_of_paper_003", "erode",
     "fill", "hollow_out", "measure_changes", "misregister", "move_part", "move_whole", "plan_campaign",
-    "plane_scene", "reef_model", "reef_scene", "register_with_errors", "relief_model", "relief_scene",
-    "repeat_scan", "room_model", "room_scene", "scan_by_triangulation", "scan_stations", "settlement",
-    "simulate_scan", "sphere_scene", "spread_points", "staircase_model", "staircase_scene", "stand_around",
-    "stand_at", "step_scene", "stove_model", "stove_scene", "stove_stations", "stream_scan", "visible_change",
-    "wave_scene", "window_around", "without_errors", "write_campaign", "write_demo_campaign",
+    "plane_scene", "rebuild_stove", "reef_model", "reef_scene", "register_with_errors", "relief_model",
+    "relief_scene", "repeat_scan", "room_model", "room_scene", "scan_by_triangulation", "scan_stations",
+    "settlement", "simulate_scan", "sphere_scene", "spread_points", "staircase_model", "staircase_scene",
+    "stand_around", "stand_at", "step_scene", "stove_model", "stove_scene", "stove_stations", "stream_scan",
+    "visible_change", "wave_scene", "window_around", "without_errors", "write_campaign", "write_demo_campaign",
 ]  # fmt: skip

@@ -14,13 +14,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from monitor.simulation.changes import Edit
+from monitor.simulation.changes import Edit, move_part
 from monitor.simulation.model import Model, ModelPart, build_scene
 from monitor.simulation.rocaille import Sheet, draw_scroll
 from monitor.simulation.scenes import Scene, make_box
 from monitor.simulation.shapes import Drawing, ball, draw_polygon, pipe, smoothstep, tube
 from monitor.simulation.solid import Field, Part, smooth_max, smooth_min
 from projects.model import Floats
+from projects.transforms import perturb
 
 HEIGHT = 3.02  # m
 DEPTH_LESS = 0.20  # m, by which the half depth is less than the half width
@@ -325,3 +326,36 @@ def stove_model(*, cell: float = 0.004) -> Model:
 def stove_scene(*, changes: Sequence[Edit] = (), cell: float = 0.004) -> Scene:
     """Return the Rocaille stove before a wall, as it stands after `changes`; see `stove_model` for its parts."""
     return build_scene(stove_model(cell=cell), changes)
+
+
+def rebuild_stove(model: Model, *, seed: int, typical: float = 0.006, largest: float = 0.035) -> tuple[Edit, ...]:
+    """Return the changes of a stove that was taken down and set up again: every piece a little off.
+
+    Paper 002, fig. 3: after the restoration pieces stood up to 35 mm from where they had been.
+
+    Parameters
+    ----------
+    model : of `stove_model`, or some of its pieces.
+    seed : of the shifts.
+    typical : m, median length of a piece's shift; lengths are spread as a Rayleigh distribution is, directions evenly.
+    largest : m, to which longer shifts are cut; one piece is shifted by all of it.
+
+    Returns
+    -------
+    One motion for each piece, with turns of up to a shift of `typical` over a piece's half length of 15 cm. Pieces may
+    reach into one another by it. The stove also stood elsewhere in the room: add `move_whole` as the last change.
+    """
+    rng = np.random.default_rng([seed, 35])
+    pieces = [part for part in model.parts if part.name.startswith("piece")]
+    length = np.minimum(rng.rayleigh(typical / np.sqrt(2.0 * np.log(2.0)), len(pieces)), largest)
+    length[rng.integers(len(pieces))] = largest
+    towards = rng.normal(size=(len(pieces), 3))
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    turns = rng.uniform(-typical / 0.15, typical / 0.15, (len(pieces), 3)) / np.sqrt(3.0)
+    return tuple(
+        move_part(
+            f"{part.name} set anew", part.name,
+            perturb(np.eye(4), part.bounds().mean(axis=0), np.concatenate([turns[k], length[k] * towards[k]])),
+        )
+        for k, part in enumerate(pieces)
+    )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from monitor.simulation import build_scene, erode, measure_changes, move_part, stove_model
+from monitor.simulation import build_scene, erode, measure_changes, move_part, rebuild_stove, stove_model
 from monitor.simulation.stove import COURSES, HEIGHT, front_relief
 from projects.transforms import apply
 
@@ -65,6 +65,17 @@ def test_one_piece_is_shifted_and_its_neighbours_stay(corner):
     (change,) = measure_changes(corner, [edit])
     assert change.kind == "moved"
     assert 0.015 < abs(change.extreme) <= 0.035 + 1e-6
+
+
+def test_a_stove_set_up_again_has_every_piece_off_and_one_by_35_mm():
+    model = stove_model(cell=CELL)
+    edits = rebuild_stove(model, seed=1)
+    assert len(edits) == 120
+    shift = [apply(e.T_after_before, model.part(e.part).bounds().mean(axis=0)[None])[0] for e in edits]
+    length = np.linalg.norm(shift - np.stack([model.part(e.part).bounds().mean(axis=0) for e in edits]), axis=1)
+    assert length.max() == pytest.approx(0.035, abs=1e-12)
+    assert np.median(length) == pytest.approx(0.006, rel=0.2)  # median of 120 of a Rayleigh distribution
+    assert (length > 0.0).all()
 
 
 @pytest.mark.slow
