@@ -208,9 +208,11 @@ def _measure_block(
         _sweep(rays, up, shares, instrument.smear * step, rng)
     hits = cast(target, rays, n_threads)
     t, powers = hits.t, return_powers(hits.t, rays, hits.normals, hits.face, target.reflectance, shares)
+    dazzled = np.zeros(n, dtype=bool)
     if target.gloss.any():
         cosines = np.abs(np.einsum("ijk,ijk->ij", rays[..., 3:], hits.normals))
         powers = add_highlights(powers, t, cosines, target.gloss[hits.body], shares)
+        dazzled = (powers * np.where(np.isfinite(t), t, 0.0) ** 2).sum(axis=1) > instrument.saturation
         mirrored = _mirror(target, rays, hits, n_threads)
         t, powers = np.concatenate([t, mirrored[0]], axis=1), np.concatenate([powers, mirrored[1]], axis=1)
     ranges, amplitude = measure_phase(t, powers, instrument.unit_length)
@@ -218,7 +220,7 @@ def _measure_block(
     measured = ranges + cyclic_error(instrument, ranges) + rng.normal(size=n) * range_noise(instrument, power)
     measured = measured + drift[:, 0]
     lost = (rng.uniform(size=n) < instrument.dropout) | (power < instrument.power_min)
-    lost |= amplitude * ranges**2 > instrument.saturation
+    lost |= dazzled
     lost |= ~((ranges >= instrument.range_min) & (ranges <= instrument.range_max))
     intensity = np.clip(amplitude * ranges**2 * (1.0 + 0.02 * rng.normal(size=n)), 0.0, 1.0)
     return np.where(lost, np.nan, measured), intensity

@@ -65,6 +65,7 @@ def test_a_cartouche_has_a_boss_of_forty_millimetres_and_the_walls_show_it(room)
     np.testing.assert_allclose(room.truth.curvature(at), [[0.04 / 0.16**2, 0.04 / 0.22**2]], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_wear_and_infill_of_a_wall_are_as_deep_as_told(room):
     at = np.array([-2.4, 0.5 * WIDTH + 0.008, 1.3])  # a panel's field
     changes = [erode("worn", at, radius=0.3, depth=0.005), fill("filled", [2.4, 0.5 * WIDTH - 0.012, 1.3],

@@ -134,10 +134,19 @@ def test_mixed_pixels_arise_at_a_silhouette_and_only_within_the_footprint():
     x, y, _ = scan.cloud.points.T
     mixed = (x > 2.0 + 1e-4) & (x < 2.1 - 1e-4)
     assert 0.05 < mixed.mean() < 0.6
+    assert len(scan.cloud) == 101**2  # none is lost, whatever the ranges it mixes
     reach = 3.1 * 0.25 * np.hypot(0.0033, 0.16e-3 * 2.0)  # the outermost sub-ray, 3.08 sigma from the axis
     assert np.abs(y[mixed]).max() <= reach * 1.05
     single = look(Scene("edge", (front, back)), EXACT, half=0.004, n=100, n_subrays=1).cloud.points[:, 0]
     assert np.minimum(np.abs(single - 2.0), np.abs(single - 2.1)).max() < 1e-4
+
+
+def test_mixed_pixels_of_very_different_ranges_do_not_dazzle():
+    front = make_box("front", np.array([0.7, 0.0, -1.0]), np.array([0.71, 1.0, 1.0]))
+    back = make_box("back", np.array([9.0, -9.0, -9.0]), np.array([9.2, 9.0, 9.0]))
+    glossy = Body("front", front.vertices, front.faces, 0.6, gloss=1e-6)
+    scan = look(Scene("edge", (glossy, back)), EXACT, half=0.004, n=100)
+    assert len(scan.cloud) > 0.98 * 101**2  # sub-rays cancel in phase, and fall below the least power, here and there
 
 
 def test_footprint_flattens_waves_as_a_gaussian_filter_does():

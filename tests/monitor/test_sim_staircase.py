@@ -103,6 +103,7 @@ def test_a_settlement_of_the_whole_and_a_lifted_step_are_told_exactly(staircase,
     np.testing.assert_allclose(change_at(tread, raised.truth), [0.05, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_worn_step_is_worn_by_its_depth(staircase):
     at = np.array([-20.0 + 4.5 * TREAD, 0.0, 5 * RISE])
     worn = staircase_scene(
