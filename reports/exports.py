@@ -110,6 +110,8 @@ def surface_columns(surface: Surface) -> dict[str, NDArray[Any]]:
             columns[name] = np.asarray(values, dtype=np.float32)
     if surface.n_support is not None:
         columns["n_support"] = surface.n_support
+    if surface.is_unresolved is not None:
+        columns["unresolved"] = surface.is_unresolved.astype(np.uint8)
     return columns
 
 

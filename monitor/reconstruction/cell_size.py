@@ -28,9 +28,9 @@ class Sampling(NamedTuple):
 def measure_sampling(cloud: PointCloud) -> Sampling:
     """Return median spacing and noise of a cloud that has normals, from probes spread evenly over its points.
 
-    Spacing is that of a square grid with as many points in the disc of the k-th neighbour; the neighbourhood grows
-    until it is four times as wide as the scatter in it, since noise fills a narrower ball. Noise is the scatter about
-    curved patches three spacings wide, or the points' own sigma where that is larger.
+    Spacing is that of a square grid with as many points of the same sheet in the disc of the k-th neighbour; the
+    neighbourhood grows until it is four times as wide as the scatter in it, since noise fills a narrower ball. Noise is
+    the scatter about curved patches three spacings wide, or the points' own sigma where that is larger.
     """
     assert cloud.normals is not None
     n = len(cloud)
@@ -39,15 +39,22 @@ def measure_sampling(cloud: PointCloud) -> Sampling:
     while True:
         distance, index = tree.query(cloud.points[probes], k=k + 1, workers=2)
         reach = float(np.median(distance[:, -1]))
+        n_around = _count_same_way(cloud.normals[index], cloud.normals[probes])
         scatter = _scatter_along(cloud.points[index], cloud.normals[probes])
         if reach >= 4.0 * scatter or k >= min(MOST_NEIGHBOURS, n - 1):
             break
         k, probes = min(2 * k, n - 1), probes[:: 2 if len(probes) > 2000 else 1]
-    spacing = float(reach * np.sqrt(np.pi / k))
+    spacing = float(np.median(distance[:, -1] * np.sqrt(np.pi / n_around)))
     samples = grid_samples(cloud.points, cloud.normals, 3.0 * spacing, scatter)
     noise = measure_noise(cloud.points[probes], cloud.normals[probes], samples, 3.0 * spacing)
     stated = np.nanmedian(cloud.sigma) if cloud.sigma is not None and np.isfinite(cloud.sigma).any() else 0.0
     return Sampling(spacing, float(max(noise if np.isfinite(noise) else scatter, stated)))
+
+
+def _count_same_way(neighbours: Floats, normals: Floats) -> Floats:
+    """Return how many of the normals (n, k + 1, 3) look the probe's way (n, 3), the probe itself not counted."""
+    same = np.einsum("ijk,ik->ij", neighbours, normals) > 0.0
+    return np.maximum(same.sum(axis=1) - 1.0, 1.0)
 
 
 def _scatter_along(neighbours: Floats, normals: Floats) -> float:

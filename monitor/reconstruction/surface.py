@@ -7,7 +7,7 @@ each vertex. After Nothegger, "Improving completeness of geometric models from t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import Sampling, choose_cell_size, measure_sampling
+from monitor.reconstruction.coverage import count_uncovered
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
@@ -27,6 +28,7 @@ from projects.model import Bools, Floats, Ints, PointCloud, Surface
 FEWEST_POINTS = 50
 SLIVER = 1e-3  # of a cell: edges and heights below it are welded or dropped
 FINEST = 1e-4  # of a cell: no vertex is claimed to be known better
+COS_OPPOSITE = -0.7  # corners of a face whose normals are farther apart (135 degrees) lie on two sheets
 N_TINT = 4  # samples that give a vertex its colour, intensity and roughness
 
 
@@ -112,10 +114,14 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     samples = cKDTree(points)
     faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
-    projection, faces = settle(
+    projection, faces, beside = settle(
         vertices, faces, points, cloud.normals, (cell_used, sampling.noise), settings, counts, automatic
     )
     surface = finish(projection, faces, samples, cloud, shift)
+    if beside.any():
+        surface = replace(surface, is_unresolved=beside)
+    counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise)
+    automatic["uncovered_share"] = counts["points_without_surface"] / len(cloud)
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
     return ReconstructionResult(surface, automatic, counts)
 
@@ -161,8 +167,11 @@ def trim(vertices: Floats, faces: Ints, samples: cKDTree, farthest: float) -> In
 def settle(
     vertices: Floats, faces: Ints, points: Floats, normals: Floats, sizes: tuple[float, float],
     settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any],
-) -> tuple[Projection, Ints]:  # fmt: skip
-    """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties."""
+) -> tuple[Projection, Ints, Bools]:  # fmt: skip
+    """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties.
+
+    Returns the vertices, the faces, and which vertices lie beside faces that were left out between two near sheets.
+    """
     cell, noise = sizes
     faces = weld(vertices, faces, SLIVER * cell)
     used, faces = compact(len(vertices), faces)
@@ -177,6 +186,11 @@ def settle(
     keep = projection.is_fitted[faces].all(axis=1)
     counts["faces_without_support"] = int(np.count_nonzero(~keep))
     faces = faces[keep]
+    between = joins_two_sheets(projection.normals, faces)
+    counts["faces_between_near_sheets"] = int(np.count_nonzero(between))
+    beside = np.zeros(len(used), bool)
+    beside[faces[between]] = True
+    faces = faces[~between]
     projection = hold_back(vertices[used], projection, faces, counts)
     before = len(faces)
     faces = clean(projection.vertices, faces, cell, settings.crumb_cells)
@@ -185,7 +199,18 @@ def settle(
     faces = drop_intersecting(projection.vertices, faces)
     counts["faces_intersecting"] = before - len(faces)
     used, faces = compact(len(projection.vertices), faces)
-    return projection.take(used), faces
+    return projection.take(used), faces, beside[used]
+
+
+def joins_two_sheets(normals: Floats, faces: Ints) -> Bools:
+    """Return which faces (m,) have corners whose points look opposite ways, within a cell: bridges between two sheets.
+
+    `normals` (n, 3) are those of the points that each vertex was fitted to.
+    """
+    corner = normals[faces]
+    cosine = np.einsum("ijk,ijk->ij", corner, np.roll(corner, 1, axis=1))
+    out: Bools = np.asarray(cosine.min(axis=1, initial=1.0) < COS_OPPOSITE)
+    return out
 
 
 def hold_back(raw: Floats, projection: Projection, faces: Ints, counts: dict[str, int]) -> Projection:

@@ -26,7 +26,8 @@ def write_ply_mesh(
     Parameters
     ----------
     path : where to write; an existing file is replaced when the new one is complete.
-    surface : vertices as `x y z` double, faces as `vertex_indices`.
+    surface : vertices as `x y z` double, faces as `vertex_indices`; where holes were closed, `invented` (uchar 0 or 1)
+        a face.
     properties : after x y z, in this order, under these names and with these dtypes (8, 16, 32-bit integers, float32,
         float64), each (n,). None: `surface_properties(surface)`.
     comments : lines of the header.
@@ -42,12 +43,17 @@ def write_ply_mesh(
     header = ["ply", "format binary_little_endian 1.0", *(f"comment {' '.join(c.split())}" for c in comments)]
     header += [f"element vertex {len(surface.vertices)}"]
     header += [f"property {PLY_TYPES[kind]} {name}" for name, kind in kinds.items()]
-    header += [f"element face {len(surface.faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    header += [f"element face {len(surface.faces)}", "property list uchar int vertex_indices"]
+    header += [] if surface.face_invented is None else ["property uchar invented"]
+    header += ["end_header", ""]
     vertices = np.empty(len(surface.vertices), [(name, f"<{kind}") for name, kind in kinds.items()])
     for name, values in columns.items():
         vertices[name] = values
-    faces = np.empty(len(surface.faces), [("n", "u1"), ("corners", "<i4", 3)])
+    kind: list[Any] = [("n", "u1"), ("corners", "<i4", 3)] + [("invented", "u1")] * (surface.face_invented is not None)
+    faces = np.empty(len(surface.faces), kind)
     faces["n"], faces["corners"] = 3, surface.faces
+    if surface.face_invented is not None:
+        faces["invented"] = surface.face_invented
     with complete_file(path) as unfinished, unfinished.open("wb") as out:
         out.write("\n".join(header).encode("ascii", "replace"))
         out.write(vertices.tobytes())

@@ -1,0 +1,84 @@
+"""Two sheets near each other: both are there, or what is between them is left open and said to be; never a bridge."""
+
+import numpy as np
+import pytest
+
+from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
+from monitor.reconstruction.cell_size import measure_sampling
+from monitor.reconstruction.coverage import count_uncovered
+from monitor.reconstruction.intersections import find_intersections
+from monitor.reconstruction.mesh import edge_table, face_areas_and_normals
+from projects.model import PointCloud, Surface
+
+SPACING, NOISE, EXTENT = 0.001, 0.0003, 0.030
+
+
+def two_sheets(thickness, rng, looks=1.0):
+    """Return points of a plate (looks 1) or of the walls of a crack (-1) in any orientation, and that orientation."""
+    g = np.arange(-0.5 * EXTENT, 0.5 * EXTENT + 1e-9, SPACING)
+    x, y = (a.ravel() for a in np.meshgrid(g, g))
+    points, normals = [], []
+    for side in (1.0, -1.0):
+        shake = SPACING * rng.uniform(-0.3, 0.3, size=(2, len(x)))
+        points.append(np.c_[x + shake[0], y + shake[1], 0.5 * side * thickness + NOISE * rng.normal(size=len(x))])
+        normals.append(np.tile([0.0, 0.0, side * looks], (len(x), 1)))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return PointCloud(np.concatenate(points) @ turn.T, normals=np.concatenate(normals) @ turn.T), turn
+
+
+def upright(surface, turn):
+    """Return the surface's vertices before the turn, which faces lie well inside, and which join both sides."""
+    vertices = surface.vertices @ turn
+    inside = (np.abs(vertices[:, :2]).max(axis=1) < 0.5 * EXTENT - 2 * SPACING)[surface.faces].any(axis=1)
+    above = vertices[:, 2][surface.faces] > 0.0
+    return vertices, inside, above.any(axis=1) & ~above.all(axis=1)
+
+
+@pytest.mark.parametrize("looks", [1.0, -1.0], ids=["plate", "crack"])
+@pytest.mark.parametrize("thickness", [0.012, 0.006, 0.004, 0.003, 0.002])
+def test_plate_or_crack_wider_than_a_cell_and_a_third_is_two_whole_sheets(rng, thickness, looks):
+    cloud, turn = two_sheets(thickness, rng, looks)
+    result = reconstruct_with_record(cloud, SurfaceSettings(cell_size=0.0015))
+    vertices, inside, joins = upright(result.surface, turn)
+    assert not joins.any()
+    area, normals = face_areas_and_normals(vertices, result.surface.faces)
+    assert area[inside].sum() == pytest.approx(2 * (EXTENT - 4 * SPACING) ** 2, rel=0.1)
+    assert ((normals[inside, 2] * vertices[result.surface.faces[inside, 0], 2] > 0.0) == (looks > 0)).all()
+    sure = np.abs(vertices[:, :2]).max(axis=1) < 0.5 * EXTENT - 3 * SPACING
+    assert np.abs(np.abs(vertices[sure, 2]) - 0.5 * thickness).mean() < 0.05e-3
+    assert result.counts["points_without_surface"] < 0.001 * len(cloud)
+
+
+@pytest.mark.parametrize("looks", [1.0, -1.0], ids=["plate", "crack"])
+def test_sheets_nearer_than_a_cell_are_left_open_and_counted(rng, looks):
+    cloud, turn = two_sheets(0.0008, rng, looks)
+    result = reconstruct_with_record(cloud, SurfaceSettings(cell_size=0.0015, crumb_cells=1.0))
+    _, inside, joins = upright(result.surface, turn)
+    assert not (joins & inside).any()
+    assert len(find_intersections(result.surface.vertices, result.surface.faces)) == 0
+    assert result.counts["faces_between_near_sheets"] > 10
+    assert result.counts["points_at_unresolved_sheets"] > 0.02 * len(cloud)
+    assert result.automatic["uncovered_share"] == result.counts["points_without_surface"] / len(cloud)
+    assert result.surface.is_unresolved.any()
+    edges, _, n_faces = edge_table(result.surface.faces)
+    on_boundary = np.zeros(len(result.surface.vertices), bool)
+    on_boundary[edges[n_faces == 1]] = True
+    assert on_boundary[result.surface.is_unresolved].all()
+
+
+def test_spacing_of_a_thin_plate_is_that_of_each_side(rng):
+    thin, _ = two_sheets(0.002, rng)
+    thick, _ = two_sheets(0.020, rng)
+    assert measure_sampling(thin).spacing == pytest.approx(measure_sampling(thick).spacing, rel=0.03)
+
+
+def test_point_without_surface_is_counted_by_what_is_near_it():
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    up = np.tile([0.0, 0, 1], (4, 1))
+    surface = Surface(square, np.array([[0, 1, 2], [0, 2, 3]]), normals=up)
+    over, back, far = [0.1, 0, 0.2], [0.1, 0, -0.2], [3.0, 0, 0]
+    cloud = PointCloud([*square, over, back, far], normals=[*up, [0, 0, 1.0], [0, 0, -1.0], [0, 0, 1.0]])
+    found = count_uncovered(surface, cloud, 0.5)
+    assert found == {"points_without_surface": 2, "points_at_unresolved_sheets": 1}
+    beside = Surface(square, surface.faces, normals=up, is_unresolved=[True, False, False, False])
+    assert count_uncovered(beside, cloud, 0.5)["points_at_unresolved_sheets"] == 3  # two more at that vertex
