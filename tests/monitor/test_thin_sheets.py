@@ -42,7 +42,8 @@ def test_plate_or_crack_wider_than_a_cell_and_a_third_is_two_whole_sheets(rng, t
     vertices, inside, joins = upright(result.surface, turn)
     assert not joins.any()
     area, normals = face_areas_and_normals(vertices, result.surface.faces)
-    assert area[inside].sum() == pytest.approx(2 * (EXTENT - 4 * SPACING) ** 2, rel=0.1)
+    edge = EXTENT - 4 * SPACING
+    assert 2 * edge**2 < area[inside].sum() < 2 * (edge + 2 * 0.0015) ** 2  # faces reach out by a cell at most
     assert ((normals[inside, 2] * vertices[result.surface.faces[inside, 0], 2] > 0.0) == (looks > 0)).all()
     sure = np.abs(vertices[:, :2]).max(axis=1) < 0.5 * EXTENT - 3 * SPACING
     assert np.abs(np.abs(vertices[sure, 2]) - 0.5 * thickness).mean() < 0.05e-3
