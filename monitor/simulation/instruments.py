@@ -90,11 +90,11 @@ def faro_ls880() -> Instrument:
 def faro_photon120() -> Instrument:
     """Return the Faro Photon 120 of papers 001 and 002.
 
-    Sources: 001 section 4.1: noise of 0.3 to 0.5 mm within 10 m; 001 section 4.2: 2 mm spacing at quarter resolution
-    within 5 m, hence a step of at least 0.4 mrad there, 0.1 mrad in full: taken as 40000 steps a turn (0.16 mrad, as
-    remembered). Remembered, the maker's data sheet was looked for and not found: beam 3.3 mm at exit and 0.16 mrad,
-    0.4 mm noise at 10 m on 90 %, 0.6 to 120 m (the name gives the 120). Assumed: the residual cyclic error (0.2 mm),
-    that this noise is half floor and half light, angular noise.
+    Sources: 001 section 4.1: noise of 0.3 to 0.5 mm within 10 m; 001 section 4.1, sculptures: 2 mm on average at
+    quarter resolution from at most 5 m, as 40000 steps a turn (as remembered) give from 3.2 m. Remembered, the
+    maker's data sheet was looked for and not found: beam 3.3 mm at exit and 0.16 mrad, 0.4 mm noise at 10 m on 90
+    %, 0.6 to 120 m (the name gives the 120). Assumed: the residual cyclic error (0.2 mm), that this noise is half
+    floor and half light, angular noise.
     """
     return Instrument(
         name="Faro Photon 120", beam_diameter=0.0033, beam_divergence=0.16e-3, noise_floor=0.28e-3, noise_10m=0.28e-3,

@@ -130,8 +130,8 @@ def relief_scene(*, cell: float = 0.0004, changes: Sequence[Edit] = ()) -> Scene
 
     Parameters
     ----------
-    cell : m, spacing of the heights; the mesh over them is the truth (at 0.4 mm within 0.02 mm of the heights' own
-        curved surface, on the steep edges 0.1 mm).
+    cell : m, spacing of the heights; the mesh over them is the truth. At 0.4 mm it lies within 0.02 mm (99 %) of the
+        curved surface of `relief_height` on flat parts, 0.05 mm on the brows and 0.13 mm on steep edges.
     changes : what happened to it, see `monitor.simulation.changes`.
 
     Returns
