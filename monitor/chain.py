@@ -24,6 +24,7 @@ from monitor.record import Asked, Made, Place, comparison_product, find_step, la
 from monitor.registration.adjustment import adjust_scans
 from monitor.registration.epochs import register_epochs
 from monitor.scans import read_within
+from monitor.second_opinion import ask_m3c2, gather_sights
 from monitor.settings import Settings, as_mapping
 from projects.errors import ParameterError, StoreError
 from projects.model import Floats, PointCloud, Scan, Step, Surface
@@ -78,7 +79,12 @@ def compare_epochs(
         notify(f"{compared_id}: registering to {reference_id}")
         motion, start = register_epochs(compared, reference, settings.icp)
         notify(f"{compared_id}: comparing with {reference_id}")
-        return Made(compare(reference, compared, motion, settings.compare, mode=mode, tolerance=tolerance), start)
+        sights = gather_sights(earlier), gather_sights(place)
+        found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights)
+        clouds = [p.project.latest(p.object_id, p.epoch_id, "filtered") for p in (earlier, place)]
+        if clouds[0] is None or clouds[1] is None:  # a finished mesh has no points
+            return Made(found, start)
+        return Made(found, {**start, "m3c2": ask_m3c2(found, earlier.get(clouds[0]), place.get(clouds[1]))})
 
     asked = Asked(comparison_product(reference_id), "comparison", parameters, (before, after))
     return once_step(place, asked, make)

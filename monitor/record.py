@@ -24,7 +24,7 @@ METHOD = {
     "filtered": 1,
     "surface": 1,
     "quality": 1,
-    "comparison": 1,
+    "comparison": 2,
     "series": 1,
 }
 

@@ -37,6 +37,7 @@ WHY_NOT = {
     NotAssessed.TOO_UNCERTAIN: "the measurement is too uncertain there",
     NotAssessed.NOT_SEEN: "the scanners of one epoch did not look there",
     NotAssessed.BEYOND_SEARCH: "the other epoch has no surface near by",
+    NotAssessed.LOOKED_THROUGH: "the other epoch’s scanner looked through it, over less than a region’s area",
 }
 
 

@@ -13,8 +13,10 @@ import numpy as np
 
 from monitor.comparison.detection import Detection, detect
 from monitor.comparison.distances import search_limit
-from monitor.comparison.mesh_tree import build_tree
-from monitor.comparison.regions import find_regions
+from monitor.comparison.enclosure import look_beyond
+from monitor.comparison.evidence import Sights, look_through
+from monitor.comparison.mesh_tree import MeshTree, build_tree
+from monitor.comparison.regions import find_regions, least_beyond
 from monitor.comparison.side import Side, drop_contradicted, measure_side, move_surface
 from monitor.comparison.summary import count_reasons, summarize
 from monitor.declare import check_settings, setting
@@ -60,7 +62,7 @@ class CompareSettings:
 
 def compare(reference: Surface, compared: Surface, registration: Registration | None = None,
             settings: CompareSettings | None = None, mode: str = "relative", tolerance: float | None = None,
-            ) -> Comparison:  # fmt: skip
+            sights: Sights | None = None) -> Comparison:  # fmt: skip
     """Compare two epochs of an object and say what has changed, how much and how sure.
 
     Parameters
@@ -70,6 +72,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     mode : "relative" removes the motion between the epochs, "absolute" leaves it in the differences (its uncertainty
         counts in both).
     tolerance : m, a client's own limit, reported beside the level of detection.
+    sights : what the stations of the reference and of the compared epoch saw, each in its own epoch's coordinates. With
+        them a missing surface is a loss only where a scan of the compared epoch looked through it, and not seen
+        elsewhere; left out, only what has a counterpart is changed.
 
     Returns
     -------
@@ -97,7 +102,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
             f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
         )
     moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
-    sides = measure_sides(reference, moved, registration, (limit, settings.max_normal_angle))
+    trees = build_trees(reference, moved, settings.max_normal_angle)
+    sides = measure_sides(reference, moved, trees, registration, (limit, settings.max_normal_angle))
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
              drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
     if not any(s.is_assessed.any() for s in sides):
@@ -107,7 +113,11 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
             "the epochs do not overlap, or not the same side of them: check their poses and units"
         )
     found = detect(sides, registration, settings.false_discovery_rate, settings.seed)
-    regions, numbers = find_regions(sides, found, registration, settings.false_discovery_rate)
+    beyond = look_beyond(sides, trees, limit)
+    if sights is not None:
+        back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
+        sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
+    regions, numbers = find_regions(sides, found, beyond, registration, settings.false_discovery_rate)
     on_reference, on_compared = (finish_side(s, f, r) for s, f, r in zip(sides, found.sides, numbers, strict=True))
     statistics = {**summarize(on_compared, sides[1], found, registration, tolerance), "search_limit_m": limit}
     return Comparison(on_compared, on_reference, regions, registration, mode, statistics)
@@ -138,11 +148,15 @@ def register_epochs(reference: Surface, compared: Surface) -> Registration:
     return register(compared, reference)
 
 
-def measure_sides(reference: Surface, moved: Surface, registration: Registration, limits: tuple[float, float],
-                  ) -> tuple[Side, Side]:  # fmt: skip
-    """Return the sides (reference, compared), measured against each other, with what the registration held stable."""
+def build_trees(reference: Surface, moved: Surface, max_angle: float) -> tuple[MeshTree, MeshTree]:
+    """Return the trees of both surfaces, in coordinates about the middle of the reference."""
     shift = 0.5 * (reference.vertices.min(axis=0) + reference.vertices.max(axis=0))
-    trees = build_tree(reference, shift, limits[1]), build_tree(moved, shift, limits[1])
+    return build_tree(reference, shift, max_angle), build_tree(moved, shift, max_angle)
+
+
+def measure_sides(reference: Surface, moved: Surface, trees: tuple[MeshTree, MeshTree], registration: Registration,
+                  limits: tuple[float, float]) -> tuple[Side, Side]:  # fmt: skip
+    """Return the sides (reference, compared), measured against each other, with what the registration held stable."""
     on_reference = measure_side(reference, moved, trees, -1.0, limits, registration)
     on_compared = measure_side(moved, reference, (trees[1], trees[0]), 1.0, limits, registration)
     on_reference, on_compared = (drop_contradicted(on_reference, on_compared),
@@ -169,7 +183,8 @@ def finish_side(side: Side, found: Detection, region: Ints) -> ComparedSurface:
     state = np.full(len(region), Assessment.NOT_ASSESSABLE, dtype=np.uint8)
     state[side.is_assessed] = Assessment.UNCHANGED
     state[region > 0] = Assessment.CHANGED
+    reasons = np.where((region > 0) & ~side.is_assessed, NotAssessed.LOOKED_THROUGH, side.reasons)
     lod95 = np.where(side.is_assessed, found.lod95, np.nan)
     return ComparedSurface(
-        side.surface, side.distances, lod95, state, region.astype(np.int32), side.reasons.astype(np.uint8)
+        side.surface, side.distances, lod95, state, region.astype(np.int32), reasons.astype(np.uint8)
     )

@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected, Detection
+from monitor.comparison.enclosure import Beyond
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
 from projects.model import Bools, Floats, Ints, Registration
@@ -23,6 +24,7 @@ from projects.model import Bools, Floats, Ints, Registration
 Pair = tuple[Side, Side]
 UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
 MOST_UNKNOWN = 0.2  # of a region's area: with more of its margin not assessable, its volume is not known
+WHOLE = ("lost", "added")  # without any perpendicular: gone or come as a whole
 WIDE = 20.0  # a layer: as wide as this many times its thickness
 
 
@@ -43,36 +45,51 @@ def spread_margin(side: Side, region: Ints, width: float) -> Ints:
     return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 
-def is_volume_known(side: Side, region: Ints, width: float, n_regions: int) -> Bools:
-    """Return for each region (n_regions,) whether at most `MOST_UNKNOWN` of its area beside it is not assessable.
+def is_volume_known(side: Side, region: Ints, change_beyond: Floats, width: float, n_regions: int) -> Bools:
+    """Return for each region (n_regions,) whether most of what lies beside it was seen in both epochs.
 
-    Beside is within `width` [m] along the surface. Where a piece broke off, part of what is gone has no counterpart on
-    the other surface: the volume between the surfaces is then not known from the rest.
+    Beside is within `width` [m] along the surface. `change_beyond` (n,) is NaN where a vertex that is not assessed lies
+    neither over nor under the other surface: what happened there was not seen, and may go on. At most `MOST_UNKNOWN` of
+    the region's area may be so.
     """
     around = spread_margin(side, region, width)
     own = np.bincount(region, side.areas, minlength=n_regions + 1)[1:]
-    unknown = np.bincount(around, np.where(side.is_assessed, 0.0, side.areas), minlength=n_regions + 1)[1:]
+    is_unknown = ~side.is_assessed & np.isnan(change_beyond) & (region == 0)
+    unknown = np.bincount(around, np.where(is_unknown, side.areas, 0.0), minlength=n_regions + 1)[1:]
     return unknown <= MOST_UNKNOWN * own
 
 
-def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints],
-                    margins: tuple[Ints, Ints], registration: Registration) -> list[Any]:  # fmt: skip
-    """Return the row of one region in the order of `REGION_COLUMNS`."""
-    views = [view_region(sides[k], found, k, np.flatnonzero(regions[k] == number),
-                         np.flatnonzero((margins[k] == number) & sides[k].is_assessed), registration)
+def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints], grown: tuple[Ints, Ints],
+                    margins: list[Ints], beyond: Beyond, registration: Registration) -> list[Any]:  # fmt: skip
+    """Return the row of one region in the order of `REGION_COLUMNS`.
+
+    `regions` are its assessed vertices; `grown` also those that lie outside or inside of the other surface without a
+    perpendicular: they count in area, extreme and place; `margins` with their margin.
+    """
+    masks = [((r == number) & s.is_assessed, g == number, m == number)
+             for r, g, m, s in zip(regions, grown, margins, sides, strict=True)]  # fmt: skip
+    views = [view_region(sides[k], found, k, masks[k], beyond, registration)
              for k in range(2) if (regions[k] == number).any()]  # fmt: skip
     area, sigma_area = combine([v.area for v in views], [v.sigma_area for v in views])
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
     mean, sigma_mean = combine([v.mean for v in views], [v.sigma_mean for v in views])
     extreme, sigma_extreme = max((v.extreme for v in views), key=lambda e: abs(e[0]))
     centroid = np.mean([v.centroid for v in views], axis=0)
-    kind = name_kind(mean, sigma_mean, float(np.mean([v.unevenness for v in views])), area)
+    unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
+    kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
     return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid]
 
 
 def combine(values: list[float], sigmas: list[float]) -> tuple[float, float]:
-    """Return the mean of what both sides say, and its sigma: theirs (the same errors) and half their disagreement."""
-    return float(np.mean(values)), float(np.hypot(np.mean(sigmas), 0.5 * np.ptp(values)))
+    """Return the mean of what both sides say, and its sigma: theirs (the same errors) and half their disagreement.
+
+    A side that says nothing is NaN and left out.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        return np.nan, np.nan
+    value, sigma = np.array(values)[known], np.array(sigmas)[known]
+    return float(np.mean(value)), float(np.hypot(np.mean(sigma), 0.5 * np.ptp(value)))
 
 
 def name_kind(mean: float, sigma_mean: float, spread: float, area: float) -> str:
@@ -81,6 +98,11 @@ def name_kind(mean: float, sigma_mean: float, spread: float, area: float) -> str
         return "unclear"
     is_layer = spread < UNIFORM * abs(mean) and np.sqrt(area) > WIDE * abs(mean)
     return ("cleaned" if is_layer else "lost") if mean < 0 else ("coated" if is_layer else "added")
+
+
+def settle_kind(kind: str, volume: float, sigma_volume: float) -> str:
+    """Return the kind, or lost or added where it was unclear and the volume is not within its sigma."""
+    return WHOLE[volume > 0.0] if kind == "unclear" and abs(volume) >= Z95 * sigma_volume else kind
 
 
 @dataclass(frozen=True)
@@ -98,29 +120,41 @@ class RegionView:
     unevenness: float
 
 
-def view_region(side: Side, found: Detected, which: int, vertices: Ints, margin: Ints,
-                registration: Registration) -> RegionView:  # fmt: skip
-    """Return the figures of a region from its vertices on one side, the volume from its margin too."""
+def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Bools, Bools],
+                beyond: Beyond, registration: Registration) -> RegionView:  # fmt: skip
+    """Return the figures of a region on one side; `masks` are its assessed vertices, these with what lies
+    beyond, and these with their margin.
+
+    The volume here is the sum of prisms over the assessed vertices and their margin.
+    """
     here, correlation = found.sides[which], found.noise.correlation
+    vertices, whole = np.flatnonzero(masks[0]), np.flatnonzero(masks[1])
+    margin = np.flatnonzero(masks[2] & side.is_assessed)
     weight, change = side.areas[vertices], side.distances[vertices]
-    mean = float(np.average(change, weights=weight))
-    noise2 = float(np.average(here.variance[vertices], weights=weight))
-    spread2 = float(np.average((change - mean) ** 2, weights=weight))
+    mean, spread2, noise2 = np.nan, np.nan, np.nan  # of a region without any perpendicular
+    if len(vertices):
+        mean = float(np.average(change, weights=weight))
+        noise2 = float(np.average(here.variance[vertices], weights=weight))
+        spread2 = float(np.average((change - mean) ** 2, weights=weight))
     return RegionView(
-        area=float(weight.sum()),
-        sigma_area=sigma_of_area(side, here, vertices, margin, correlation),
-        volume=float((side.areas[margin] * cosine_to_foot(side, margin)) @ side.distances[margin]),
+        area=float(side.areas[whole].sum()),
+        sigma_area=sigma_of_area(side, here, whole, margin, correlation),
+        volume=np.nan
+        if not len(margin)
+        else float((side.areas[margin] * cosine_to_foot(side, margin)) @ side.distances[margin]),
         sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, which, margin, registration),
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, which, vertices, registration),
-        extreme=find_extreme(side, here, vertices),
-        centroid=np.average(side.surface.vertices[vertices], axis=0, weights=weight),
-        unevenness=float(np.sqrt(max(spread2 - noise2, 0.0))),
+        extreme=find_extreme(side, here, vertices, whole, beyond.change[which]),
+        centroid=np.average(side.surface.vertices[whole], axis=0, weights=side.areas[whole]),
+        unevenness=float(np.sqrt(np.fmax(spread2 - noise2, 0.0))) if len(vertices) else np.nan,
     )
 
 
 def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, registration: Registration) -> float:
     """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, and the motion's."""
+    if not len(vertices):
+        return np.nan
     area = side.areas[vertices].sum()
     weight = side.areas[vertices] / area
     scale = max(e.scale for e in found.test.errors)
@@ -132,17 +166,22 @@ def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, regis
     return float(np.sqrt(within2 * kept[0] + common2))
 
 
-def find_extreme(side: Side, found: Detection, vertices: Ints) -> tuple[float, float]:
+def find_extreme(side: Side, found: Detection, vertices: Ints, whole: Ints, change_beyond: Floats,
+                 ) -> tuple[float, float]:  # fmt: skip
     """Return the largest change [m] and its sigma: the median around the place where the smoothed change is largest.
 
-    The neighbourhood is the seven nearest vertices: no single vertex decides.
+    The neighbourhood is the seven nearest vertices: no single vertex decides. Of vertices without a perpendicular
+    (`whole` beyond `vertices`) it is the distance to the nearest point of the other surface.
     """
-    points = side.surface.vertices[vertices]
-    peak = int(np.argmax(np.abs(found.smooth[vertices])))
+    value = np.where(side.is_assessed, side.distances, change_beyond)
+    smooth = np.where(side.is_assessed, found.smooth, change_beyond)
+    points = side.surface.vertices[whole]
+    peak = int(np.argmax(np.abs(np.nan_to_num(smooth[whole]))))
     distance = np.linalg.norm(points - points[peak], axis=1)
     nearest = np.sort(distance)[min(6, len(distance) - 1)]
-    around = vertices[distance <= nearest]
-    return float(np.median(side.distances[around])), float(np.median(found.lod95[around])) / Z95
+    around = whole[distance <= nearest]
+    known = vertices if len(vertices) else np.flatnonzero(side.is_assessed)
+    return float(np.nanmedian(value[around])), float(np.median(found.lod95[known])) / Z95
 
 
 def sigma_of_area(side: Side, found: Detection, vertices: Ints, margin: Ints, correlation: Correlation) -> float:

@@ -14,40 +14,94 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.detection import Detected, Detection, Tested
-from monitor.comparison.region_figures import describe_region, is_volume_known, spread_margin
+from monitor.comparison.enclosure import SIGNS, Beyond, grow_regions, measure_body, spread_over_assessed
+from monitor.comparison.region_figures import describe_region, is_volume_known, settle_kind, spread_margin
 from monitor.comparison.side import Side
 from monitor.comparison.units import sum_groups
-from projects.model import REGION_COLUMNS, Ints, Registration
+from projects.model import REGION_COLUMNS, Floats, Ints, Registration
 
 
-def find_regions(sides: tuple[Side, Side], found: Detected, registration: Registration, level: float,
+def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, registration: Registration, level: float,
                  ) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:  # fmt: skip
-    """Return the table of regions, largest first, and the region of each vertex of both sides (0: none)."""
-    parts = connect_sides(sides, found.sides)
+    """Return the table of regions, largest first, and the region of each vertex of both sides (0: none).
+
+    `beyond` tells of the vertices that are not assessed whether they lie outside or inside of the other surface: what
+    of them hangs together with a region counts in its volume.
+    """
+    parts = connect_sides(sides, found.sides, beyond)
     area = np.zeros(max(int(p.max(initial=-1)) for p in parts) + 1)
     for side, part in zip(sides, parts, strict=True):
         own = np.bincount(part[part >= 0], side.areas[part >= 0], minlength=len(area))
         area = np.maximum(area, own)
-    candidate = area >= least_area(sides, found)
-    kept = np.array([k for k in np.flatnonzero(candidate) if holds(int(k), sides, found.test, parts, level)],
-                    dtype=np.int64)  # fmt: skip
+    least = least_area(sides, found)
+    gone = area_looked_through(sides, beyond, parts, len(area))
+    candidates = np.flatnonzero(area >= least)
+    stands = [bool(gone[k] >= least) or holds(int(k), sides, found.test, parts, level) for k in candidates]
+    kept = candidates[np.array(stands, dtype=np.bool_)]
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     regions = [number[part] for part in parts]  # part -1 is the last entry: 0
+    signs = np.array(
+        [0.0, *(sign_of_region(k, sides, (regions[0], regions[1]), beyond) for k in range(1, len(kept) + 1))]
+    )
+    grown = grow_regions(sides, beyond, (regions[0], regions[1]), signs, least_beyond(sides, found))
     width = min(found.noise.correlation.length, found.test.size)
     margins = [spread_margin(s, r, width) for s, r in zip(sides, regions, strict=True)]
-    rows = [describe_region(k, sides, found, (regions[0], regions[1]), (margins[0], margins[1]), registration)
+    rows = [describe_region(k, sides, found, (regions[0], regions[1]), grown, margins, beyond,
+                            registration)
             for k in range(1, len(kept) + 1)]  # fmt: skip
     table = pd.DataFrame(rows, columns=list(REGION_COLUMNS))
-    known = np.logical_and(*(is_volume_known(s, r, found.test.size, len(kept))
-                             for s, r in zip(sides, regions, strict=True)))  # fmt: skip
-    table.loc[~known, ["volume_m3", "sigma_volume_m3"]] = np.nan
+    table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, grown, found, beyond, registration)
+    table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     rank = np.zeros(len(kept) + 1, dtype=np.int32)
     rank[order + 1] = np.arange(1, len(kept) + 1)
     table = table.iloc[order].reset_index(drop=True)
     table["region"] = np.arange(1, len(kept) + 1)
     return table, (rank[regions[0]], rank[regions[1]])
+
+
+def area_looked_through(sides: tuple[Side, Side], beyond: Beyond, parts: tuple[Ints, Ints], n_parts: int) -> Floats:
+    """Return the area [m2] of each part that a scan of the other epoch looked through, on the larger side."""
+    area = np.zeros(n_parts)
+    for side, part, through in zip(sides, parts, beyond.is_through, strict=True):
+        area = np.maximum(area, np.bincount(part[through], side.areas[through], minlength=n_parts))
+    return area
+
+
+def sign_of_region(number: int, sides: tuple[Side, Side], regions: tuple[Ints, Ints], beyond: Beyond) -> float:
+    """Return +1 for a gain, -1 for a loss."""
+    total = 0.0
+    for side, region, change in zip(sides, regions, beyond.change, strict=True):
+        here = region == number
+        value = np.where(side.is_assessed, side.distances, change)[here]
+        total += float(side.areas[here] @ np.nan_to_num(value))
+    return float(np.sign(total))
+
+
+def least_beyond(sides: tuple[Side, Side], found: Detected) -> float:
+    """Return the change [m] from which a vertex without a perpendicular counts: the median level of detection."""
+    return max(float(np.median(f.lod95[s.is_assessed])) for f, s in zip(found.sides, sides, strict=True)
+               if s.is_assessed.any())  # fmt: skip
+
+
+def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[Ints, Ints], found: Detected,
+                    beyond: Beyond, registration: Registration) -> Floats:  # fmt: skip
+    """Return volume and sigma [m3] of each region (r, 2): of the body between the surfaces, NaN where it is not known.
+
+    Where a body has too long a border to be closed, the sum of its prisms in the table stays.
+    """
+    width = min(found.noise.correlation.length, found.test.size)
+    margins = tuple(spread_over_assessed(s, g, width) for s, g in zip(sides, grown, strict=True))
+    known = np.logical_and(*(is_volume_known(s, g, b, found.test.size, len(table))
+                             for s, g, b in zip(sides, grown, beyond.change, strict=True)))  # fmt: skip
+    volumes = table[["volume_m3", "sigma_volume_m3"]].to_numpy(dtype=float, copy=True)
+    for k in range(len(table)):
+        body = measure_body(k + 1, sides, (margins[0], margins[1]), found, registration, beyond) if known[k] else None
+        if body is not None:
+            volumes[k] = body.volume, body.sigma
+    volumes[~known] = np.nan
+    return volumes
 
 
 def holds(number: int, sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints], level: float) -> bool:
@@ -74,14 +128,21 @@ def least_area(sides: tuple[Side, Side], found: Detected) -> float:
     return max(min(found.noise.correlation.area, found.test.size**2), 7.0 * spacing2)
 
 
-def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection]) -> tuple[Ints, Ints]:
-    """Return the connected part of each vertex of both sides, -1 where not changed; numbers are common to both."""
+def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], beyond: Beyond) -> tuple[Ints, Ints]:
+    """Return the connected part of each vertex of both sides, -1 where not changed; numbers are common to both.
+
+    Changed is also what was looked through: lost on the reference, gained on the compared surface.
+    """
     n_first = len(sides[0].areas)
     n = n_first + len(sides[1].areas)
-    changed = np.concatenate([f.is_changed for f in found])
-    sign = np.concatenate([np.sign(f.smooth) for f in found])
+    changed = np.concatenate([f.is_changed | t for f, t in zip(found, beyond.is_through, strict=True)])
+    sign = np.concatenate([np.where(t, s, np.sign(np.nan_to_num(f.smooth)))
+                           for f, t, s in zip(found, beyond.is_through, SIGNS, strict=True)])  # fmt: skip
     links = [sides[0].edges, sides[1].edges + n_first]
     links += [_foot_links(sides[0]) + np.array([0, n_first]), _foot_links(sides[1]) + np.array([n_first, 0])]
+    for k, (own, other) in enumerate(((0, n_first), (n_first, 0))):
+        at = np.flatnonzero(beyond.is_through[k] & (beyond.nearest[k] >= 0))
+        links.append(np.column_stack([at + own, beyond.nearest[k][at] + other]))
     pairs = np.vstack(links)
     pairs = pairs[changed[pairs].all(axis=1)]
     pairs = pairs[sign[pairs[:, 0]] == sign[pairs[:, 1]]]

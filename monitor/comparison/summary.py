@@ -19,7 +19,7 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
     Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones.
     """
     state, areas = on_compared.assessment, side.areas
-    assessed = state != Assessment.NOT_ASSESSABLE
+    assessed = (state != Assessment.NOT_ASSESSABLE) & np.isfinite(on_compared.distances)
     calm = on_compared.distances[state == Assessment.UNCHANGED]
     d, lod = on_compared.distances[assessed], on_compared.lod95[assessed]
     motion = motion_significance(registration)
@@ -30,7 +30,7 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         "rmse_m": _or_nan(lambda v: np.sqrt(np.mean(v**2)), calm),
         "lod95_median_m": _or_nan(np.median, lod),
         "n_vertices": len(state),
-        "n_not_assessable": int((~assessed).sum()),
+        "n_not_assessable": int((state == Assessment.NOT_ASSESSABLE).sum()),
         "n_unchanged": int((state == Assessment.UNCHANGED).sum()),
         "n_changed": int((state == Assessment.CHANGED).sum()),
         "share_above_lod95": _or_nan(np.mean, (np.abs(d) > lod).astype(float)),
@@ -38,9 +38,9 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         "motion_displacement_m": motion.displacement,
         "motion_angle_rad": motion.angle,
         "motion_is_significant": bool(motion.is_significant),
-        "assessed_area_share": float(areas[assessed].sum() / max(areas.sum(), 1e-300)),
+        "assessed_area_share": float(areas[state != Assessment.NOT_ASSESSABLE].sum() / max(areas.sum(), 1e-300)),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
-        "not_assessed": count_reasons(on_compared.reasons),
+        "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
         "floor_m": float(np.median(found.noise.floor_of(side))),
         "floors_m": [float(f) for f in found.noise.floors],
         "correlation_length_m": found.noise.correlation.length,

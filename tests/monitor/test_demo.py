@@ -47,11 +47,10 @@ def test_each_change_is_found_with_its_sign_and_size(answer: tuple[DemoCampaign,
         print(f"\n{change.name}: volume {1e6 * regions['volume_m3'].sum():.2f} cm3, truth {1e6 * change.volume:.2f}; "
               f"extreme {1e3 * largest['extreme_m']:.2f} mm, truth {1e3 * change.extreme:.2f}")  # fmt: skip
         assert np.sign(largest["mean_m"]) == np.sign(change.volume), change.name
-        if np.isnan(largest["volume_m3"]):  # a piece broke off: what is gone has no counterpart, and it is said
-            assert change.name == "broken corner of the shield"
-            assert 0.4 * abs(change.extreme) < abs(largest["extreme_m"]) <= 1.05 * abs(change.extreme)
-            continue
-        assert regions["volume_m3"].sum() == pytest.approx(change.volume, rel=0.25), change.name
+        # a quarter of the broken corner's surface was never measured; what closes the gap is in its sigma
+        is_piece = change.name == "broken corner of the shield"
+        assert regions["volume_m3"].sum() == pytest.approx(change.volume, rel=0.35 if is_piece else 0.25), change.name
+        assert abs(largest["volume_m3"] - change.volume) < 2.0 * largest["sigma_volume_m3"], change.name
         assert largest["extreme_m"] == pytest.approx(change.extreme, rel=0.25), change.name
 
 

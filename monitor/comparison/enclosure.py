@@ -1,0 +1,229 @@
+"""The body between two surfaces where a region changed: its volume and how sure; open, overhanging, not 2.5-D.
+
+Where a piece broke off, most of what is gone has no counterpart that looks the same way. Its surface before, and the
+fracture, are found by the side of the other surface on which they lie; both patches and a closing surface enclose what
+is gone (divergence theorem).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from monitor.comparison.closing import Closing, border_edges, close_gap, cone_volume
+from monitor.comparison.correlation import kept_variance
+from monitor.comparison.detection import Detected
+from monitor.comparison.mesh_tree import MeshTree
+from monitor.comparison.offsets import Offsets, signed_offsets
+from monitor.comparison.side import Side
+from projects.model import Bools, Floats, Ints, Registration
+
+SIGNS = (-1.0, 1.0)  # of (reference, compared): outside of the other surface is lost there, gained here
+PIECE = 5.0  # search limits: a piece that broke off may be deeper than any change along the perpendicular
+ROUNDS = 2  # of growing: a piece whose front and back do not hang together is reached through the fracture
+BULGE = 0.25  # of a gap's width: one sigma of how far the surface that was not seen may lie off the closing one
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """Both sides' vertices where the perpendicular says nothing.
+
+    `change` (n,) [m] is to the nearest point in any direction, positive = gained, NaN where the side is not known or
+    the vertex is assessed; `gaps` (n,) [m] its size, known or not; `nearest` (n,) the vertex of the other surface
+    nearest to it, -1 without; `is_free` (n,) whether it lies on a free edge; `limit` [m] of the search; `is_through`
+    (n,) whether a scan of the other epoch looked through it, which makes it gone or new: nowhere, if none is known.
+    """
+
+    change: tuple[Floats, Floats]
+    gaps: tuple[Floats, Floats]
+    nearest: tuple[Ints, Ints]
+    is_free: tuple[Bools, Bools]
+    limit: float
+    is_through: tuple[Bools, Bools]
+
+
+@dataclass(frozen=True)
+class Body:
+    """Volume [m3] between the surfaces, positive = gained, its sigma, and the area [m2] that closes the gap."""
+
+    volume: float
+    sigma: float
+    closing_area: float
+
+
+def look_beyond(sides: tuple[Side, Side], trees: tuple[MeshTree, MeshTree], limit: float) -> Beyond:
+    """Tell for all vertices that are not assessed on which side of the other surface they lie.
+
+    `limit` [m] is the search limit of the perpendiculars; a piece may be `PIECE` times as deep.
+    """
+    limit = PIECE * limit
+    change, gaps, nearest = [], [], []
+    for k, side in enumerate(sides):
+        which = np.flatnonzero(~side.is_assessed)
+        found = signed_offsets(side.surface.vertices[which], trees[1 - k], np.inf)
+        here = np.full(len(side.areas), np.nan)
+        here[which] = np.where(found.is_known & (np.abs(found.distances) <= limit), SIGNS[k] * found.distances, np.nan)
+        change.append(here)
+        gap = np.full(len(side.areas), np.nan)
+        gap[which] = np.abs(found.distances)
+        gaps.append(gap)
+        nearest.append(_nearest_vertices(side, which, found))
+    none = (np.zeros(len(change[0]), dtype=np.bool_), np.zeros(len(change[1]), dtype=np.bool_))
+    is_free = (trees[0].is_border, trees[1].is_border)
+    return Beyond((change[0], change[1]), (gaps[0], gaps[1]), (nearest[0], nearest[1]), is_free, limit, none)
+
+
+def _nearest_vertices(side: Side, which: Ints, found: Offsets) -> Ints:
+    """Return the vertex of the other surface nearest to each vertex in `which`, -1 for the others."""
+    out = np.full(len(side.areas), -1, dtype=np.int64)
+    has = found.faces >= 0
+    corners = side.other.faces[found.faces[has]]
+    gap = np.linalg.norm(side.other.vertices[corners] - side.surface.vertices[which[has]][:, None], axis=2)
+    out[which[has]] = corners[np.arange(len(corners)), gap.argmin(axis=1)]
+    return out
+
+
+def grow_regions(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, Ints], signs: Floats,
+                 least: float) -> tuple[Ints, Ints]:  # fmt: skip
+    """Return the regions (n,) of both sides with what lies beyond the perpendicular.
+
+    `signs` (r + 1,) of each region; `least` [m] of a change that counts. On the exposed side (before a loss, after a
+    gain) a region spreads along the surface over vertices outside of the other surface, at most as deep as a piece may
+    be. On the buried side it takes the vertices whose nearest point is of it, and what hangs together with them.
+    """
+    grown = [r.copy() for r in regions]
+    outside = [np.nan_to_num(c) * sign > least for c, sign in zip(beyond.change, SIGNS, strict=True)]
+    inside = [np.nan_to_num(c) * sign < -least for c, sign in zip(beyond.change, SIGNS, strict=True)]
+    for _ in range(ROUNDS):
+        for k, side in enumerate(sides):
+            _take_nearest(grown, beyond, k, outside[k], signs == SIGNS[k])
+            _take_connected(grown, side, k, outside[k], signs == SIGNS[k], beyond.limit)
+        for k, side in enumerate(sides):
+            _take_nearest(grown, beyond, k, inside[k], signs == -SIGNS[k])
+            under = inside[k] & np.append(outside[1 - k], False)[beyond.nearest[k]]
+            _take_connected(grown, side, k, under, signs == -SIGNS[k], beyond.limit)
+    return grown[0], grown[1]
+
+
+def _take_nearest(grown: list[Ints], beyond: Beyond, k: int, allowed: Bools, fitting: Bools) -> None:
+    """Give allowed vertices of side k that have no region that of the nearest vertex of the other side, if it fits."""
+    near = beyond.nearest[k]
+    label = np.where(near >= 0, grown[1 - k][near], 0)
+    taken = allowed & (grown[k] == 0) & (label > 0) & fitting[label]
+    grown[k][taken] = label[taken]
+
+
+def _take_connected(grown: list[Ints], side: Side, k: int, allowed: Bools, fitting: Bools, limit: float) -> None:
+    """Spread the fitting regions of side k over allowed vertices, at most `limit` [m] along the surface."""
+    is_seed = (grown[k] > 0) & fitting[grown[k]]
+    seeds = np.flatnonzero(is_seed)
+    if len(seeds):
+        source = _spread(side, seeds, allowed | is_seed, limit)
+        spread = np.flatnonzero((source >= 0) & (grown[k] == 0))
+        grown[k][spread] = grown[k][source[spread]]
+
+
+def _spread(side: Side, seeds: Ints, allowed: Bools, limit: float) -> Ints:
+    """Return the seed that each vertex is reached from over allowed vertices within `limit` [m]; -1 where from none."""
+    _, _, source = dijkstra(_graph(side, allowed), directed=False, indices=seeds, limit=limit, min_only=True,
+                            return_predecessors=True)  # fmt: skip
+    return np.where(source >= 0, source, -1)
+
+
+def _graph(side: Side, allowed: Bools) -> csr_matrix:
+    """Return the lengths [m] of the edges between allowed vertices."""
+    edges = side.edges[allowed[side.edges].all(axis=1)]
+    vertices = side.surface.vertices
+    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    return coo_matrix((np.maximum(length, 1e-300), edges.T), shape=(len(vertices), len(vertices))).tocsr()
+
+
+def spread_over_assessed(side: Side, region: Ints, width: float) -> Ints:
+    """Return the regions with their margin of `width` [m] along the surface, where the surface is assessed."""
+    inside = np.flatnonzero(region > 0)
+    if not len(inside):
+        return region.copy()
+    source = _spread(side, inside, side.is_assessed | (region > 0), width)
+    return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
+
+
+def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Ints], found: Detected,
+                 registration: Registration, beyond: Beyond) -> Body | None:  # fmt: skip
+    """Return the body that the patches of a region (`margins`: with their margin) enclose; None where none can be."""
+    masks = [m == number for m in margins]
+    faces = [s.surface.faces[m[s.surface.faces].all(axis=1)] for s, m in zip(sides, masks, strict=True)]
+    n_first = len(sides[0].areas)
+    points = np.vstack([sides[0].surface.vertices, sides[1].surface.vertices])
+    patches = np.vstack([faces[0][:, ::-1], faces[1] + n_first])
+    used, patches = np.unique(patches, return_inverse=True)
+    patches = patches.reshape(-1, 3)
+    if len(used) < 4:
+        return None
+    local = points[used] - points[used].mean(axis=0)
+    border = border_edges(patches)
+    closing = close_gap(local, border)
+    if closing is None:
+        return None
+    is_free = np.concatenate(beyond.is_free)[used]
+    volume = cone_volume(local[patches]) + cone_volume(closing.triangles, closing.weights)
+    noise = sigma_of_patches(sides, masks, found, registration)
+    return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_free, border))), float(_areas(closing).sum()))
+
+
+def sigma_of_gap(closing: Closing, is_free: Bools, border: Ints) -> float:
+    """Return one sigma [m3] of what the closing surface may miss where it crosses a gap between free edges.
+
+    A gap may bulge by a quarter of its width: so much does a surface with a right-angled edge in it, on average. The
+    width at a triangle is its height over the part of the `border` (e, 2) in it. Where the border lies in surface that
+    both epochs have, the closing surface is a strip within it and misses nothing. Gaps are taken to err together.
+    """
+    crosses = is_free[closing.corners].any(axis=1)
+    corners, triangles = closing.corners[crosses], closing.triangles[crosses]
+    length = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+    n = len(is_free) + 1
+    ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)
+    is_border = np.isin(ends[..., 0] * n + ends[..., 1], np.sort(border, axis=1) @ np.array([n, 1]))
+    base = np.where(is_border.any(axis=1), (length * is_border).sum(axis=1), length.min(axis=1))
+    area = _areas(closing)[crosses]
+    return BULGE * float(np.sum(area * 2.0 * area / np.maximum(base, 1e-300)))
+
+
+def _areas(closing: Closing) -> Floats:
+    """Return the area (k,) [m2] of each closing triangle, as often as it counts."""
+    edges = closing.triangles[:, 1:] - closing.triangles[:, :1]
+    return 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) * closing.weights
+
+
+def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detected, registration: Registration,
+                     ) -> float:  # fmt: skip
+    """Return one sigma [m3] of the volume from the noise of both patches, what their scans share, and the motion.
+
+    Where a vertex is assessed its variance is of the change, so both patches bear the same error, and half of it each
+    is taken; elsewhere a patch bears its own, half of the median change's.
+    """
+    scale = max(e.scale for e in found.test.errors)
+    both, alone, shared = 0.0, 0.0, 0.0
+    for side, mask, here in zip(sides, masks, found.sides, strict=True):
+        variance = here.variance * scale**2
+        typical = float(np.median(variance[side.is_assessed])) if side.is_assessed.any() else 0.0
+        matched, own = mask & side.is_assessed, mask & ~side.is_assessed
+        both += 0.5 * _sum_sigma(side.areas[matched], variance[matched], found)
+        alone += _sum_sigma(side.areas[own], np.full(int(own.sum()), 0.5 * typical), found) ** 2
+        shared += 0.5 * float(side.areas[mask] @ side.sigma_shared[mask])
+    mask, side = masks[1], sides[1]
+    arm = side.surface.vertices[mask] - registration.centre
+    row = side.areas[mask] @ np.hstack([np.cross(arm, side.normals[mask]), side.normals[mask]])
+    motion2 = max(float(row @ registration.covariance @ row), 0.0)
+    return float(np.sqrt(both**2 + alone + shared**2 + motion2))
+
+
+def _sum_sigma(areas: Floats, variance: Floats, found: Detected) -> float:
+    """Return one sigma [m3] of the sum of area times error over some vertices of one patch."""
+    if not len(areas):
+        return 0.0
+    total = float(areas.sum())
+    kept = kept_variance(np.array([total]), np.array([len(areas)]), found.noise.correlation)
+    return total * float(np.sqrt(np.average(variance, weights=areas) * kept[0]))

@@ -1,0 +1,71 @@
+"""Seen or not seen: where one epoch has no surface, what its scanners saw there decides what that means.
+
+In: both sides and what the stations of both epochs saw. Out: the sides with NOT_SEEN where nobody looked, and which
+vertices were looked through: what stood there is gone (seen from the reference), or is new (from the compared epoch).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from monitor.comparison.enclosure import SIGNS, Beyond
+from monitor.comparison.side import EXTRAPOLATED, Side
+from monitor.comparison.sight import Sighted, StationSight, look_at
+from projects.model import Bools, Floats, Ints, NotAssessed
+from projects.transforms import apply
+
+Sights = tuple[Sequence[StationSight], Sequence[StationSight]]
+ABSENT = (NotAssessed.NO_FACE, NotAssessed.FREE_EDGE, NotAssessed.SHEET_BETWEEN, NotAssessed.BEYOND_SEARCH)
+
+
+def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_compared_reference: Floats, least: float,
+                 ) -> tuple[tuple[Side, Side], Beyond]:  # fmt: skip
+    """Return the sides and what lies beyond the perpendicular, as far as the other epoch's scanners bear it out.
+
+    Looked through is a vertex without a counterpart, farther than `least` [m] from all of the other surface, that a
+    way from a station passes through. Where no station measured in its direction, or something hid it, it is NOT_SEEN,
+    and no surface tells that it is exposed.
+    """
+    new_sides, change, through = [], [], []
+    for k, side in enumerate(sides):
+        if not sights[1 - k]:
+            new_sides.append(side)
+            change.append(beyond.change[k])
+            through.append(beyond.is_through[k])
+            continue
+        which = np.flatnonzero(np.isin(side.reasons, ABSENT))
+        points = side.surface.vertices[which]
+        seen = np.full(len(side.areas), -1, dtype=np.int64)
+        seen[which] = look_at(sights[1 - k], points if k else apply(T_compared_reference, points), least)
+        is_through = (seen == Sighted.LOOKED_THROUGH) & is_apart(side, beyond.gaps[k], least)
+        new_sides.append(name_not_seen(side, seen))
+        change.append(bear_out(beyond, k, is_through, seen == Sighted.NOT_SEEN))
+        through.append(is_through)
+    borne_out = dataclasses.replace(beyond, change=(change[0], change[1]), is_through=(through[0], through[1]))
+    return (new_sides[0], new_sides[1]), borne_out
+
+
+def is_apart(side: Side, gaps: Floats, least: float) -> Bools:
+    """Return the vertices (n,) whose way to the other surface is longer than surfaces end beside each other by chance.
+
+    A surface's end is not known better than the spacing of its vertices, on either side.
+    """
+    spacing = float(np.sqrt(np.median(side.areas)))
+    return np.nan_to_num(gaps) > least + 2.0 * EXTRAPOLATED * spacing
+
+
+def bear_out(beyond: Beyond, k: int, is_through: Bools, not_seen: Bools) -> Floats:
+    """Return the change (n,) [m] of side k: exposed is what was looked through, and nothing that nobody saw."""
+    change = beyond.change[k].copy()
+    change[not_seen & (change * SIGNS[k] > 0.0)] = np.nan
+    change[is_through] = SIGNS[k] * beyond.gaps[k][is_through]
+    return change
+
+
+def name_not_seen(side: Side, seen: Ints) -> Side:
+    """Return the side with the reason NOT_SEEN where no station measured in that direction, or something hid it."""
+    reasons = np.where(seen == Sighted.NOT_SEEN, NotAssessed.NOT_SEEN, side.reasons).astype(side.reasons.dtype)
+    return dataclasses.replace(side, reasons=reasons)

@@ -1,0 +1,89 @@
+"""What else is known of a comparison than its two surfaces: what the stations saw, and what M3C2 says of the points.
+
+In come the epochs as the store keeps them; out come the ways of sight that tell removed from not seen, and the figures
+of the second opinion, which the comparison's record keeps beside its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from monitor.comparison.m3c2 import M3C2Result, m3c2
+from monitor.comparison.side import vertex_areas
+from monitor.comparison.sight import StationSight, gather_sight
+from monitor.record import Place
+from monitor.registration.covariance import propagate
+from projects.model import Assessment, Comparison, Floats, PointCloud
+from projects.transforms import apply
+
+MOST_CORES = 5000
+PER_CYLINDER = 30.0  # points of the sparser cloud: fewer, and a level of detection is not to be trusted (Lague et al.)
+
+
+def gather_sights(place: Place) -> list[StationSight]:
+    """Return what each station of an epoch saw, in the epoch's coordinates; none where nobody says where it stood."""
+    network = place.project.latest(place.object_id, place.epoch_id, "network")
+    if network is None:
+        return []
+    motions = place.get(network)["T_project_given"]
+    found = []
+    for header, motion in zip(place.project.scan_headers(place.object_id, place.epoch_id), motions, strict=True):
+        pose = motion @ header.pose
+        if np.isfinite(header.origin).all():
+            found.append(gather_sight(apply(pose, header.origin[None])[0], _points(place, header.index, pose)))
+    return [sight for sight in found if sight is not None]
+
+
+def _points(place: Place, index: int, pose: Floats) -> Iterator[Floats]:
+    """Yield the points of a raw scan, all of them, in the epoch's coordinates."""
+    for chunk in place.project.iterate_scan(place.object_id, place.epoch_id, index):
+        yield apply(pose, chunk.cloud.points)
+
+
+def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud) -> dict[str, Any]:
+    """Return what M3C2 says of the filtered points of both epochs, each in its own coordinates, at some vertices.
+
+    The cylinder holds about 30 points of the sparser cloud (Lague et al. 2013); the registration error is what the
+    comparison knows of its own: motion and disagreement of the scans, added linearly. Lengths in metres.
+    """
+    side, registration = comparison.on_compared, comparison.registration
+    assessed = np.flatnonzero(np.isfinite(side.distances))
+    cores = assessed[:: max(-(-len(assessed) // MOST_CORES), 1)]
+    if not len(cores) or side.surface.normals is None:
+        return {"n_core_points": 0}
+    fewest = min(len(reference), len(compared))
+    radius = float(np.sqrt(PER_CYLINDER * vertex_areas(side.surface).sum() / max(fewest, 1) / np.pi))
+    points, normals = side.surface.vertices[cores], side.surface.normals[cores]
+    motion = propagate(registration.covariance, registration.centre, points, normals)
+    shared = np.zeros(1) if side.surface.sigma_shared is None else side.surface.sigma_shared[cores]
+    error = float(np.hypot(np.median(motion), np.sqrt(2.0) * np.median(np.nan_to_num(shared))))  # of both epochs' scans
+    depth = float(comparison.statistics["search_limit_m"])
+    moved = apply(registration.T_target_source, compared.points) if comparison.mode == "relative" else compared.points
+    found = m3c2(reference.points, moved, points, normals=normals, cylinder_radius=radius, max_depth=depth,
+                 registration_error=error)  # fmt: skip
+    figures = _figures(found, side.distances[cores], side.assessment[cores])
+    return {"n_core_points": len(cores), "cylinder_radius_m": radius, "max_depth_m": depth,
+            "registration_error_m": error, **figures}  # fmt: skip
+
+
+def _figures(found: M3C2Result, distances: Floats, states: Any) -> dict[str, float]:
+    """Return shares of the core points that M3C2 could judge, and how its distances differ from ours."""
+    known = np.isfinite(found.distances)
+    significant, changed = found.is_significant[known], states[known] == Assessment.CHANGED
+
+    def share(which: Any) -> float:
+        return float(np.mean(significant[which])) if which.any() else float("nan")
+
+    return {
+        "known_share": float(known.mean()),
+        "share_significant": share(np.ones(len(significant), dtype=np.bool_)),
+        "share_significant_of_changed": share(changed),
+        "share_significant_of_unchanged": share(~changed),
+        "lod95_median_m": float(np.median(found.lod95[known])) if known.any() else float("nan"),
+        "difference_nmad_m": float(1.4826 * np.median(np.abs(found.distances - distances)[known]))
+        if known.any()
+        else float("nan"),
+    }

@@ -1,0 +1,125 @@
+"""Volumes between surfaces that are not 2.5-D: pieces broken off obliquely, overhangs, open patches, slits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from monitor.comparison import compare
+from monitor.comparison.closing import border_edges, close_gap, cone_volume
+from monitor.comparison.mesh_tree import build_tree
+from monitor.comparison.offsets import signed_offsets
+from monitor.simulation.solid import contour
+from projects.model import Registration, Surface
+
+NOISE = 2e-5  # m
+
+
+def enclosed(points: np.ndarray, faces: np.ndarray) -> float:
+    """Return the volume that faces and their closing surface enclose."""
+    closing = close_gap(points, border_edges(faces))
+    assert closing is not None
+    return cone_volume(points[faces]) + cone_volume(closing.triangles, closing.weights)
+
+
+def plane_cap(m: trimesh.Trimesh, height: float) -> np.ndarray:
+    return m.faces[(m.vertices[:, 2] > height)[m.faces].all(axis=1)]
+
+
+def test_a_hole_is_closed_by_a_flat_cap_and_the_origin_does_not_matter() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    snapped = ball.vertices.copy()
+    level = np.abs(snapped[:, 2] - 0.3) < 0.04  # a border that lies in a plane
+    snapped[level, 2] = 0.3
+    snapped[level, :2] *= np.sqrt(1 - 0.3**2) / np.linalg.norm(snapped[level, :2], axis=1)[:, None]
+    faces = ball.faces[(snapped[:, 2] >= 0.3)[ball.faces].all(axis=1)]
+    truth = np.pi * 0.7**2 * (3 - 0.7) / 3
+    assert enclosed(snapped, faces) == pytest.approx(truth, rel=0.01)  # a polyhedron of edges 0.07 in a ball of 1
+    assert enclosed(snapped + np.array([3.0, -4.0, 5.0]), faces) == pytest.approx(enclosed(snapped, faces), rel=1e-9)
+
+
+def test_a_strip_joins_borders_that_run_side_by_side(rng: np.random.Generator) -> None:
+    def bowl(n: int, shift: float, depth: float, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        x, y = np.meshgrid((np.arange(n) + shift) / n, (np.arange(n) + shift) / n, indexing="ij")
+        r = np.hypot(x - 0.5, y - 0.5)
+        z = -depth * np.where(r < 0.3, 0.5 * (1 + np.cos(np.pi * r / 0.3)), 0) + rng.normal(0, 1e-3, x.shape)
+        i, j = np.meshgrid(np.arange(n - 1), np.arange(n - 1), indexing="ij")
+        a = (i * n + j).ravel()
+        faces = np.vstack([np.column_stack([a, a + n, a + n + 1]), np.column_stack([a, a + n + 1, a + 1])])
+        return np.column_stack([x.ravel(), y.ravel(), z.ravel()]), faces[(r.ravel() < reach)[faces].all(axis=1)]
+
+    (before, down), (after, up) = bowl(80, 0.0, 0.0, 0.38), bowl(75, 0.4, 0.1, 0.36)
+    volume = enclosed(np.vstack([before, after]), np.vstack([down[:, ::-1], up + len(before)]))
+    assert volume == pytest.approx(-0.1 * np.pi * 0.3**2 * (0.5 - 2 / np.pi**2), rel=0.01)
+
+
+def test_a_slit_is_sewn_up_and_not_bridged_to_elsewhere() -> None:
+    box = trimesh.creation.box((1.0, 1.0, 1.0)).subdivide().subdivide().subdivide()
+    slit = (np.abs(box.triangles_center[:, 0]) < 0.1) & (box.triangles_center[:, 2] > 0.49)
+    assert slit.sum() > 20
+    assert enclosed(box.vertices, box.faces[~slit]) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_border_edges_that_are_no_delaunay_edges_still_close() -> None:
+    zigzag = np.array([[0, 0, 0], [10, 0, 0], [10, 1, 0], [5, 0.05, 0], [0, 1, 0]], dtype=float)
+    apex = np.array([[5.0, 0.5, 2.0]])
+    points = np.vstack([zigzag, apex])
+    faces = np.array([[k, (k + 1) % 5, 5] for k in range(5)])
+    shifted = enclosed(points + np.array([7.0, 8.0, 9.0]), faces)
+    area = 0.5 * float(np.linalg.norm(sum(np.cross(zigzag[k], zigzag[(k + 1) % 5]) for k in range(5))))
+    assert shifted == pytest.approx(enclosed(points, faces), rel=1e-9)
+    assert abs(shifted) == pytest.approx(area * 2.0 / 3.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("looks_away", [False, True])
+def test_the_side_is_known_over_a_surface_whichever_way_it_looks_but_not_beside_it(looks_away: bool) -> None:
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    tree = build_tree(Surface(vertices, faces[:, ::-1] if looks_away else faces), np.zeros(3), 1.0)
+    points = np.array([[0.5, 0.5, 0.1], [0.5, 0.5, -0.1], [1.05, 0.5, 0.1], [1.2, 0.5, 0.1], [0.5, 0.5, 0.6]])
+    found = signed_offsets(points, tree, 0.5)
+    sign = -1.0 if looks_away else 1.0
+    truth = sign * np.array([0.1, -0.1, np.hypot(0.05, 0.1), np.hypot(0.2, 0.1)])
+    np.testing.assert_allclose(found.distances[:4], truth)
+    np.testing.assert_array_equal(found.is_known, [True, True, True, False, False])
+    assert np.isnan(found.distances[4])
+    assert found.faces[4] == -1
+
+
+def block(rng: np.random.Generator, cut: np.ndarray | None, is_open: bool, noise: float = NOISE) -> Surface:
+    """Return a block of 0.12 x 0.1 x 0.08 m with rounded edges, beyond a plane cut off, its base perhaps open.
+
+    All are contoured on one grid: the chords over the edges are the same.
+    """
+    half = np.array([0.06, 0.05, 0.04])[:, None]
+
+    def field(p: np.ndarray) -> np.ndarray:
+        q = np.abs(p) - half + 0.006
+        body = np.linalg.norm(np.maximum(q, 0.0), axis=0) + np.minimum(q.max(axis=0), 0.0) - 0.006
+        return body if cut is None else np.maximum(body, cut[:3] @ p - cut[3])
+
+    vertices, faces = contour(field, np.array([[-0.07, -0.06, -0.05], [0.07, 0.06, 0.05]]), cell=0.002)
+    normals = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+    vertices = vertices + normals * rng.normal(0, noise, (len(vertices), 1))
+    return Surface(vertices, faces[(vertices[faces][:, :, 2] > -0.03).all(axis=1)] if is_open else faces)
+
+
+def known(surface: Surface) -> Registration:
+    return Registration(np.eye(4), np.diag([1e-6] * 3 + [1e-7] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                        is_stable=np.ones(len(surface.vertices), dtype=bool))  # fmt: skip
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_a_corner_broken_off_obliquely_has_its_volume(rng: np.random.Generator, is_open: bool) -> None:
+    n = np.array([0.62, -0.55, 0.56]) / np.linalg.norm([0.62, -0.55, 0.56])
+    cut = np.append(n, n @ [0.06, -0.05, 0.04] - 0.025)
+    before, after = block(rng, None, is_open), block(rng, cut, is_open)
+    closed = [block(np.random.default_rng(1), c, False) for c in (None, cut)]
+    truth = float(np.diff([trimesh.Trimesh(s.vertices, s.faces, process=False).volume for s in closed])[0])
+    for reference, compared, sign in ((before, after, 1.0), (after, before, -1.0)):
+        table = compare(reference, compared, known(compared)).regions
+        assert len(table) == 1
+        assert table.kind[0] == ("lost" if sign > 0 else "added")
+        assert table.volume_m3[0] == pytest.approx(sign * truth, rel=0.02)
+        assert 0.0 < table.sigma_volume_m3[0] < 0.02 * abs(truth)

@@ -1,0 +1,87 @@
+"""A finger is missing in one epoch: removed where a scan looked through its place, not seen where none did."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from monitor.comparison import compare
+from monitor.comparison.sight import StationSight, gather_sight
+from monitor.simulation.solid import contour
+from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
+
+NOISE = 2e-5  # m
+STATION = np.array([0.8, 0.0, 0.12])
+MOTION = np.array([0.05, -0.02, 0.01])  # m, of the compared epoch's coordinates against the reference's
+
+
+def plate(rng: np.random.Generator, with_finger: bool) -> Surface:
+    """Return a plate of 0.1 x 0.1 x 0.02 m, on it a finger 12 mm wide and 50 mm high."""
+
+    def field(p: np.ndarray) -> np.ndarray:
+        q = np.abs(p) - np.array([0.05, 0.05, 0.01])[:, None] + 0.004
+        slab = np.linalg.norm(np.maximum(q, 0.0), axis=0) + np.minimum(q.max(axis=0), 0.0) - 0.004
+        along = np.clip(p[2], 0.0, 0.054)
+        finger = np.sqrt(p[0] ** 2 + p[1] ** 2 + (p[2] - along) ** 2) - 0.006
+        return np.minimum(slab, finger) if with_finger else slab
+
+    vertices, faces = contour(field, np.array([[-0.06, -0.06, -0.02], [0.06, 0.06, 0.07]]), cell=0.002)
+    normals = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+    noisy = vertices + normals * rng.normal(0, NOISE, (len(vertices), 1))
+    return Surface(noisy, faces, sigma=np.full(len(vertices), NOISE))
+
+
+def look(distance: float) -> list[StationSight]:
+    """Return the sight of a station that measured a wall `distance` m away, across the whole view."""
+    angle = np.arange(-0.25, 0.25, 0.001)
+    a, e = (g.ravel() for g in np.meshgrid(angle, angle))
+    beams = np.column_stack([-np.ones(len(a)), np.tan(a), np.tan(e) - 0.12 / 0.8])
+    sight = gather_sight(STATION, [STATION + distance * beams])
+    assert sight is not None
+    return [sight]
+
+
+def shifted(sights: list[StationSight], by: np.ndarray) -> list[StationSight]:
+    return [StationSight(s.origin + by, s.cell, s.keys, s.nearest) for s in sights]
+
+
+def run(rng: np.random.Generator, fingers: tuple[bool, bool], walls: tuple[float, float] | None) -> Comparison:
+    """Compare two plates in relative mode, the compared one shifted by `MOTION`; stations see walls so far away."""
+    reference, there = plate(rng, fingers[0]), plate(rng, fingers[1])
+    compared = Surface(there.vertices + MOTION, there.faces, sigma=there.sigma)
+    T = np.eye(4)
+    T[:3, 3] = -MOTION
+    known = Registration(T, np.diag([1e-6] * 3 + [1e-7] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                         is_stable=np.ones(len(compared.vertices), dtype=bool))  # fmt: skip
+    sights = None if walls is None else (look(walls[0]), shifted(look(walls[1]), MOTION))
+    return compare(reference, compared, known, sights=sights)
+
+
+TRUTH = np.pi * 0.006**2 * (0.044 + 2.0 / 3.0 * 0.006)  # m3, of the finger above the plate
+
+
+@pytest.mark.parametrize(("fingers", "kind", "sign"), [((True, False), "lost", -1.0), ((False, True), "added", 1.0)])
+def test_a_finger_that_was_looked_through_is_gone_or_new(rng: np.random.Generator, fingers, kind, sign) -> None:
+    result = run(rng, fingers, (2.0, 2.0))
+    assert list(result.regions.kind) == [kind]
+    region = result.regions.iloc[0]
+    assert region.volume_m3 == pytest.approx(sign * TRUTH, rel=0.04)  # of a finger three cells wide
+    assert abs(region.extreme_m) == pytest.approx(0.050, abs=0.002)
+    side = result.on_reference if sign < 0 else result.on_compared
+    upper = side.surface.vertices[:, 2] > 0.03
+    assert (side.assessment[upper] == Assessment.CHANGED).mean() > 0.95
+    assert (side.reasons[upper] == NotAssessed.LOOKED_THROUGH).mean() > 0.9
+    assert np.isnan(side.distances[side.reasons == NotAssessed.LOOKED_THROUGH]).all()
+    assert np.isfinite(result.statistics["share_above_lod95"])
+
+
+@pytest.mark.parametrize("walls", [(2.0, 0.3), None])
+def test_a_finger_that_something_hid_is_not_called_gone(rng: np.random.Generator, walls) -> None:
+    result = run(rng, (True, False), walls)
+    assert (result.regions.z < 0.02).all()  # at its foot, where the plate was measured
+    upper = result.on_reference.surface.vertices[:, 2] > 0.03
+    assert (result.on_reference.assessment[upper] == Assessment.NOT_ASSESSABLE).all()
+    if walls is not None:
+        assert (result.on_reference.reasons[upper] == NotAssessed.NOT_SEEN).all()
+        assert result.statistics["not_assessed"]["looked_through"] == 0
