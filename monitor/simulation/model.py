@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from monitor.simulation.changes import Edit
+from monitor.simulation.manifold import split_touching_sheets
 from monitor.simulation.mesh_truth import truth_of_bodies
 from monitor.simulation.scenes import Body, Scene
 from monitor.simulation.shapes import box as box_field
@@ -258,6 +259,6 @@ def _mesh_once(
 ) -> tuple[Floats, Ints]:
     """Make a part's triangles; parts that do not change between epochs are made once and have the same triangles."""
     if mesher is None:
-        return contour(field, np.array(box), cell=cell)
+        return split_touching_sheets(*contour(field, np.array(box), cell=cell))
     made = mesher(field)
     return made.vertices, made.faces
