@@ -80,7 +80,7 @@ def test_a_stove_set_up_again_has_every_piece_off_and_one_by_35_mm():
 @pytest.mark.slow
 def test_wear_of_a_moulding_has_the_volume_between_its_meshes():
     model = stove_model(cell=CELL)
-    base = dataclasses.replace(model, parts=(model.part("piece 1.4"),))
+    base = dataclasses.replace(model, parts=(dataclasses.replace(model.part("piece 1.4"), cell=0.004),))
     at = base.parts[0].body().vertices
     centre = at[at[:, 1].argmin()]  # on the torus, in front
     edit = erode("worn torus", centre, radius=0.05, depth=0.003)
@@ -91,4 +91,4 @@ def test_wear_of_a_moulding_has_the_volume_between_its_meshes():
         volumes.append(trimesh.Trimesh(body.vertices, body.faces, process=False).volume)
     assert change.kind == "lost"
     assert -0.003 * np.sqrt(2.0) < change.extreme < -0.0029  # on the arris by a joint both faces are worn
-    assert change.volume == pytest.approx(volumes[1] - volumes[0], rel=0.08)  # triangles of 10 mm on a torus of 32 mm
+    assert change.volume == pytest.approx(volumes[1] - volumes[0], rel=0.04)  # triangles of 4 mm on a torus of 32 mm
