@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import Sampling, choose_cell_size, measure_sampling
 from monitor.reconstruction.coverage import count_uncovered
+from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
@@ -29,6 +30,7 @@ FEWEST_POINTS = 50
 SLIVER = 1e-3  # of a cell: edges and heights below it are welded or dropped
 FINEST = 1e-4  # of a cell: no vertex is claimed to be known better
 COS_OPPOSITE = -0.7  # corners of a face whose normals are farther apart (135 degrees) lie on two sheets
+ALONG_HOLES = 1.5  # cells: the longest edge of an invented face
 N_TINT = 4  # samples that give a vertex its colour, intensity and roughness
 
 
@@ -57,6 +59,12 @@ class SurfaceSettings:
     noise_share: float = setting(
         0.05, unit="", meaning="standard error of a vertex, in sigmas of noise, below which no wider fit is tried",
         low=0.001, high=1
+    )  # fmt: skip
+    close_holes: float = setting(
+        0.0, unit="m", meaning="holes up to this width are closed by invented faces; 0: none", low=0, high=1000
+    )  # fmt: skip
+    watertight: bool = setting(
+        False, unit="", meaning="whether all holes are closed by invented faces, the underside of an object too"
     )  # fmt: skip
     crumb_cells: float = setting(
         5.0, unit="cells", meaning="pieces smaller than a disc of this radius are dropped", low=0, high=1000
@@ -117,7 +125,12 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     projection, faces, beside = settle(
         vertices, faces, points, cloud.normals, (cell_used, sampling.noise), settings, counts, automatic
     )
+    n_measured = len(faces)
+    projection, faces = invent(projection, faces, ALONG_HOLES * cell_used, settings, counts)
+    beside = np.r_[beside, np.zeros(len(projection.vertices) - len(beside), bool)]
     surface = finish(projection, faces, samples, cloud, shift)
+    if len(faces) > n_measured:
+        surface = replace(surface, face_invented=np.arange(len(faces)) >= n_measured)
     if beside.any():
         surface = replace(surface, is_unresolved=beside)
     counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise)
@@ -239,6 +252,31 @@ def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Int
             "give denser points or set a smaller cell size"
         )
     return faces
+
+
+def invent(
+    projection: Projection, faces: Ints, longest_edge: float, settings: SurfaceSettings, counts: dict[str, int]
+) -> tuple[Projection, Ints]:
+    """Return vertices and faces with the holes closed that the settings ask for, the invented ones behind the others.
+
+    An invented vertex rests on nothing: its sigma is NaN and its support 0.
+    """
+    widest = np.inf if settings.watertight else settings.close_holes
+    if widest <= 0.0:
+        return projection, faces
+    closed = close_holes(projection.vertices, faces, widest, longest_edge)
+    n_old, n_new = len(projection.vertices), len(closed.vertices) - len(projection.vertices)
+    counts |= {"faces_invented": len(closed.faces) - len(faces), "holes_closed": closed.n_closed,
+               "holes_left_open": closed.n_left_open}  # fmt: skip
+    unknown = np.full(n_new, np.nan)
+    return Projection(
+        vertices=closed.vertices,
+        normals=np.r_[projection.normals, vertex_normals(closed.vertices, closed.faces)[n_old:]],
+        sigma=np.r_[projection.sigma, unknown],
+        scatter=np.r_[projection.scatter, unknown],
+        n_support=np.r_[projection.n_support, np.zeros(n_new, projection.n_support.dtype)],
+        is_fitted=np.r_[projection.is_fitted, np.zeros(n_new, bool)],
+    ), closed.faces
 
 
 def finish(projection: Projection, faces: Ints, samples: cKDTree, cloud: PointCloud, shift: Floats) -> Surface:

@@ -1,0 +1,108 @@
+"""Holes closed on demand: whole, told from what was measured, and left open where closing would cut the mesh."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from monitor.comparison import compare
+from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
+from monitor.reconstruction.holes import close_holes, free_loops
+from monitor.reconstruction.intersections import find_intersections
+from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
+from projects.formats import read_mesh, write_ply_mesh
+from projects.model import Assessment, PointCloud, Registration
+
+RADIUS = 0.06
+
+
+def sphere_without_caps(rng, n=6000, noise=0.0003):
+    """Return points of a sphere that lacks a wide cap below and a small one above."""
+    i = np.arange(n) + 0.5
+    z, turn = 1.0 - 2.0 * i / n, np.pi * (1.0 + 5.0**0.5) * i
+    s = np.sqrt(1.0 - z * z)
+    normals = np.c_[s * np.cos(turn), s * np.sin(turn), z]
+    seen = (z > -0.8) & (z < 0.98)
+    return PointCloud((RADIUS + noise * rng.normal(size=n)[seen, None]) * normals[seen], normals=normals[seen])
+
+
+def open_cylinder(n_around=500, n_up=4):
+    """Return a tube with two circles as its free loops."""
+    turn = 2 * np.pi * np.arange(n_around) / n_around
+    rings = [np.c_[np.cos(turn), np.sin(turn), np.full(n_around, 0.01 * k)] for k in range(n_up)]
+    i = np.arange(n_around)
+    low = [np.c_[i, (i + 1) % n_around] + k * n_around for k in range(n_up - 1)]
+    faces = [np.r_[np.c_[e, e[:, 1] + n_around], np.c_[e[:, 0], e[:, 1] + n_around, e[:, 0] + n_around]] for e in low]
+    return np.concatenate(rings), np.concatenate(faces)
+
+
+def is_closed(faces):
+    half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    return (edge_table(faces)[2] == 2).all() and len(np.unique(half, axis=0)) == len(half) and not bow_ties(faces).any()
+
+
+def test_loops_go_round_each_hole_once_against_the_faces():
+    _, faces = open_cylinder(12)
+    loops = free_loops(faces)
+    assert sorted(map(len, loops)) == [12, 12]
+    half = {(int(a), int(b)) for f in faces for a, b in zip(f, np.roll(f, -1), strict=True)}
+    for loop in loops:
+        ahead = set(zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True))
+        assert not ahead & half
+        assert {(b, a) for a, b in ahead} <= half
+
+
+def test_both_ends_of_a_tube_are_closed_flat_however_long_their_loops():
+    vertices, faces = open_cylinder()
+    closed = close_holes(vertices, faces, np.inf, 0.4)
+    assert (closed.n_closed, closed.n_left_open) == (2, 0)
+    assert is_closed(closed.faces)
+    area, normals = face_areas_and_normals(closed.vertices, closed.faces[len(faces) :])
+    assert area.sum() == pytest.approx(2 * 250 * np.sin(2 * np.pi / 500), rel=1e-6)  # two polygons of 500 corners
+    assert np.abs(normals[area > 1e-9, 2]).min() > 0.999
+    corner = closed.vertices[closed.faces]
+    volume = np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
+    assert volume == pytest.approx(0.03 * 250 * np.sin(2 * np.pi / 500), rel=1e-6)
+
+
+def test_hole_whose_closing_would_cut_the_mesh_stays_open_and_is_counted():
+    vertices, faces = open_cylinder(24)
+    spike = np.array([[0.0, 0.1, -0.485], [0.1, -0.1, -0.485], [0.0, 0.0, 0.515]])
+    closed = close_holes(np.r_[vertices, spike], np.r_[faces, [[72 + 24, 73 + 24, 74 + 24]]], 3.0, 0.3)
+    assert closed.n_left_open == 3  # both ends, and the spike's own edges, which only a second face on it would close
+    assert len(closed.faces) == len(faces) + 1
+
+
+def test_small_holes_are_closed_and_marked_and_wide_ones_stay(rng):
+    cloud = sphere_without_caps(rng)
+    open_ = reconstruct_with_record(cloud)
+    assert open_.surface.face_invented is None
+    result = reconstruct_with_record(cloud, SurfaceSettings(close_holes=0.04))
+    surface = result.surface
+    assert (result.counts["holes_closed"], result.counts["holes_left_open"]) == (1, 0)
+    assert len(free_loops(surface.faces)) == len(free_loops(open_.surface.faces)) - 1
+    n = len(open_.surface.faces)
+    assert (surface.faces[:n] == open_.surface.faces).all()
+    assert surface.face_invented.tolist() == [False] * n + [True] * result.counts["faces_invented"]
+    new = np.arange(len(surface.vertices)) >= len(open_.surface.vertices)
+    assert np.isnan(surface.sigma[new]).all()
+    assert (surface.n_support[new] == 0).all()
+    assert surface.vertices[new, 2].min() > 0.95 * RADIUS
+
+
+def test_watertight_surface_is_closed_and_its_invented_parts_are_not_assessed(rng, tmp_path):
+    cloud = sphere_without_caps(rng)
+    result = reconstruct_with_record(cloud, SurfaceSettings(watertight=True))
+    surface = result.surface
+    assert is_closed(surface.faces)
+    assert len(find_intersections(surface.vertices, surface.faces)) == 0
+    assert result.counts["holes_closed"] == 2
+    write_ply_mesh(tmp_path / "closed.ply", surface)
+    assert b"property uchar invented" in (tmp_path / "closed.ply").read_bytes()[:2000]
+    assert (read_mesh(tmp_path / "closed.ply").faces == surface.faces).all()
+    stay = Registration(np.eye(4), np.zeros((6, 6)), np.zeros(3), converged=True)
+    side = compare(surface, dataclasses.replace(surface), stay).on_compared
+    rests = np.zeros(len(surface.vertices), bool)
+    rests[surface.faces[~surface.face_invented]] = True
+    assert (side.assessment[~rests] == Assessment.NOT_ASSESSABLE).all()
+    assert (side.assessment[rests] == Assessment.UNCHANGED).mean() > 0.95
