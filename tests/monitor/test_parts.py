@@ -1,0 +1,81 @@
+"""Parts that moved are told from wear, each with its six parameters."""
+
+import numpy as np
+import pytest
+from bumpy_body import NOISE, noisy_cloud, unit
+from scipy.spatial.transform import Rotation
+
+from monitor.registration import register
+from monitor.registration.parts import find_parts, put_back
+from projects.model import Floats, PointCloud
+from projects.transforms import apply, perturb, rotate
+
+N = 24_000
+WAYS = {  # direction of the part's middle, half angle, rotation [rad] and shift [m]
+    "knob": (unit(np.array([[1.0, 0.2, 0.3]]))[0], 0.55, np.array([0.01, -0.02, 0.015]), np.array([1e-3, 2e-3, -1e-3])),
+    "cap": (unit(np.array([[-0.4, -1.0, 0.5]]))[0], 0.6, np.array([-0.015, 0.0, 0.01]), np.array([-2e-3, 0.0, 2e-3])),
+}
+
+
+def shift_part(cloud: PointCloud, name: str) -> tuple[PointCloud, np.ndarray, Floats]:
+    """Return the cloud with one part moved, which points that are, and the part's motion (4, 4)."""
+    towards, half, w, t = WAYS[name]
+    part = unit(cloud.points) @ towards > np.cos(half)
+    T = perturb(np.eye(4), cloud.points[part].mean(axis=0), np.concatenate([w, t]))
+    points, normals = cloud.points.copy(), cloud.normals.copy()
+    points[part], normals[part] = apply(T, points[part]), rotate(T, normals[part])
+    return PointCloud(points, normals), part, T
+
+
+@pytest.fixture(scope="module")
+def reference() -> PointCloud:
+    return noisy_cloud(N, np.random.default_rng(1))
+
+
+def test_two_parts_are_found_with_their_motions_and_nothing_else(reference: PointCloud) -> None:
+    later = noisy_cloud(N, np.random.default_rng(2))
+    later, knob, T_knob = shift_part(later, "knob")
+    later, cap, T_cap = shift_part(later, "cap")
+    found = find_parts(later, reference, register(later, reference))
+    assert len(found.parts) == 2
+    for members, T in ((knob, T_knob), (cap, T_cap)):
+        number = np.bincount(found.part_of[members]).argmax()
+        assert number > 0
+        assert np.mean(found.part_of[members] == number) > 0.85
+        assert np.mean(found.part_of[~members] == number) < 0.02
+        part = found.parts[number - 1]
+        truth = np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), apply(T, part.centre) - part.centre])
+        sigma = np.sqrt(np.diag(part.covariance))
+        assert (np.abs(part.motion - truth) < 4.0 * sigma + np.repeat([2e-4, 2e-5], 3)).all()
+        assert sigma[3:].max() < NOISE
+        back = apply(put_back(part), later.points[members])
+        left = back - apply(np.linalg.inv(T), later.points[members])
+        assert np.sqrt((left**2).sum(axis=1).mean()) < 2.5e-4
+
+
+def test_wear_and_growth_are_no_parts(reference: PointCloud) -> None:
+    towards = WAYS["knob"][0]
+
+    def wear(d: Floats) -> Floats:
+        angle = np.arccos(np.clip(d @ towards, -1.0, 1.0))
+        return np.where(angle < 0.5, -3e-3 * 0.5 * (1 + np.cos(np.pi * angle / 0.5)), 0.0)
+
+    worn = noisy_cloud(N, np.random.default_rng(3), wear)
+    assert find_parts(worn, reference, register(worn, reference)).parts == ()
+
+
+def test_unchanged_body_has_no_parts(reference: PointCloud) -> None:
+    again = noisy_cloud(N, np.random.default_rng(4))
+    found = find_parts(again, reference, register(again, reference))
+    assert found.parts == ()
+    assert not found.part_of.any()
+
+
+def test_flat_piece_pushed_in_is_not_called_a_motion_of_six_parameters(rng: np.random.Generator) -> None:
+    """A tile within a plane may have slid anywhere: only its depth is known."""
+    xy = rng.uniform(-0.3, 0.3, (2, N))
+    wavy = 0.02 * np.sin(15 * xy[0]) * np.cos(13 * xy[1]) * (np.abs(xy[0]) > 0.12)
+    flat = PointCloud(np.column_stack([*xy, wavy + rng.normal(0, NOISE, N)]))
+    pushed = flat.points - np.outer((np.abs(xy) < 0.06).all(axis=0) * 3e-3, [0.0, 0.0, 1.0])
+    found = find_parts(PointCloud(pushed), flat, register(PointCloud(pushed), flat))
+    assert found.parts == ()
