@@ -15,6 +15,7 @@ from numba import jit
 from projects.model import Floats, Ints
 
 OCCUPIED, IN_BAND = 1, 2
+BLOCK = 1 << 20  # points looked at together, so that the memory for it does not grow
 
 
 class Tiles(NamedTuple):
@@ -53,8 +54,11 @@ def cut_tiles(points: Floats, edge: int, reach: int) -> Tiles:
     key = (cube - low) @ weight
     order = np.argsort(key, kind="stable")
     steps = np.array(np.meshgrid([-reach, reach], [-reach, reach], [-reach, reach])).reshape(3, 8).T
-    touched = [np.unique((np.floor((points + step) / edge).astype(np.int64) - low) @ weight) for step in steps]
-    keys = np.unique(np.concatenate([*touched, key]))
+    keys = np.unique(key)
+    for first in range(0, len(points), BLOCK):
+        block = points[first : first + BLOCK]
+        for step in steps:
+            keys = np.union1d(keys, (np.floor((block + step) / edge).astype(np.int64) - low) @ weight)
     corners = np.stack(np.unravel_index(keys, tuple(shape)), axis=1) + low
     starts = np.append(np.searchsorted(key[order], keys), len(points)).astype(np.int64)
     return Tiles(np.ascontiguousarray(points[order]), order, corners * edge, starts, edge)

@@ -4,15 +4,18 @@ In: points and outward normals near the origin, a cell size. Out: a raw mesh tha
 borders because each node's value belongs to one tile and all others use it. After Nothegger, "Improving completeness
 of geometric models from terrestrial laser scanning data" (`001`), section 3; the tiles exchange border values as in
 the additive Schwarz method (Toselli & Widlund 2004), restricted to the owner. No result depends on the order in which
-tiles are worked on, nor on how many at a time.
+tiles are worked on, nor on how many at a time. What a tile hands on lies in files meanwhile: besides the points and the
+mesh, memory holds the tiles in work.
 """
 
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +32,8 @@ from monitor.reconstruction.poisson import (
     solve_field,
     splat_normals,
 )
+from monitor.reconstruction.spool import Spool
+from monitor.reconstruction.stitching import stitch
 from projects.model import Bools, Floats, Ints
 
 BAND = 3  # cells from an occupied cell to the end of the band
@@ -40,13 +45,6 @@ SWEEPS = 2  # the first knows no neighbours; after the second the tiles agree wi
 TILE = 128  # cells
 MOST_ITERATIONS = 1000
 ROUGHLY, EXACTLY = 1e-6, 1e-7  # rms residual in cells, of all sweeps but the last and of the last
-
-
-class Field(NamedTuple):
-    """What a tile owns: its nodes' lattice coordinates (n, 3) and their values (n,) in cells."""
-
-    nodes: Ints
-    values: Any
 
 
 class Band(NamedTuple):
@@ -83,14 +81,20 @@ def localized_mesh(
     lattice = Lattice(tiles, normals[tiles.order].astype(np.float32), (cell / spacing) ** 2)
     run = map_tiles or _map_threads
     numbers = range(len(tiles.corners))
-    fields: list[Field] | None = None
-    for sweep in range(sweeps):
-        tolerance = EXACTLY if sweep == sweeps - 1 else ROUGHLY
-        fields = list(run(partial(solve_tile, lattice, fields, tolerance), numbers))
-    assert fields is not None
-    pieces = list(run(partial(mesh_tile, lattice, fields), numbers))
-    vertices, faces = stitch(pieces)
-    return (vertices + low) * cell, faces
+    with tempfile.TemporaryDirectory(prefix="surface-tiles-") as folder:
+        fields: Spool | None = None
+        for sweep in range(sweeps):
+            tolerance = EXACTLY if sweep == sweeps - 1 else ROUGHLY
+            solved = Spool(Path(folder, f"sweep-{sweep}"))
+            list(run(partial(solve_tile, lattice, fields, solved, tolerance), numbers))
+            fields = solved
+        assert fields is not None
+        pieces = Spool(Path(folder, "pieces"))
+        counts = list(run(partial(mesh_tile, lattice, fields, pieces), numbers))
+        vertices, faces = stitch(pieces, tiles, np.array(counts).reshape(-1, 2))
+    vertices += low
+    vertices *= cell
+    return vertices, faces
 
 
 def _map_threads(function: Callable[[int], Any], numbers: Sequence[int]) -> list[Any]:
@@ -98,8 +102,11 @@ def _map_threads(function: Callable[[int], Any], numbers: Sequence[int]) -> list
         return list(pool.map(function, numbers))
 
 
-def solve_tile(lattice: Lattice, known: list[Field] | None, tolerance: float, tile: int) -> Field:
-    """Solve one tile with its halo; where its neighbours' values are `known`, they hold the rim of the halo."""
+def solve_tile(lattice: Lattice, known: Spool | None, solved: Spool, tolerance: float, tile: int) -> None:
+    """Solve one tile with its halo; where its neighbours' values are `known`, they hold the rim of the halo.
+
+    What the tile owns goes to `solved`: the numbers of its nodes within the tile, and their values in cells.
+    """
     corner, edge = lattice.tiles.corners[tile], lattice.tiles.edge
     low, high = corner - HALO, corner + edge + HALO
     band, rows = tile_band(lattice.tiles, tile, HALO + SPLAT_HALO, BAND)
@@ -113,24 +120,29 @@ def solve_tile(lattice: Lattice, known: list[Field] | None, tolerance: float, ti
     corners, weights, full = screening_rows(local, band.index, lattice.full_cell)
     is_fixed = np.zeros(len(start), np.bool_)
     if known is not None:
-        given = spread(band, known, lattice.tiles.neighbours(tile, HALO))
+        given = spread(band, known, lattice.tiles, lattice.tiles.neighbours(tile, HALO))
         is_known = np.isfinite(given)
         start = np.where(is_known, given, start)
         is_fixed = is_known & ~in_box(band.nodes, low + 1 - band.low, high - 1 - band.low)
     screening = (corners, weights, full * np.float32((2 * BAND + 1) / SCREENING_LENGTH**2))
     solve_field(start, divergence(mean, neighbours), neighbours, screening, is_fixed, tolerance, MOST_ITERATIONS)
     own = owned(band, corner, edge)
-    return Field((band.nodes[own] + band.low).astype(np.int32), start[own])
+    inside = (band.nodes[own] + band.low - corner).astype(np.int32)
+    solved.put(tile, (inside[:, 0] * edge + inside[:, 1]) * edge + inside[:, 2], start[own])
 
 
-def mesh_tile(lattice: Lattice, fields: list[Field], tile: int) -> tuple[Floats, Ints, Ints]:
-    """Contour the cells whose lowest node the tile owns: lattice vertices, lattice edges (k, 4), triangles."""
+def mesh_tile(lattice: Lattice, fields: Spool, pieces: Spool, tile: int) -> tuple[int, int]:
+    """Contour the cells whose lowest node the tile owns; return how many vertices and triangles they have.
+
+    `pieces` gets lattice vertices (k, 3), the lattice edge (k, 4) of each as node and axis, and triangles (m, 3).
+    """
     band, _ = tile_band(lattice.tiles, tile, REACH, TRIM)
-    values = spread(band, fields, lattice.tiles.neighbours(tile, REACH))
+    values = spread(band, fields, lattice.tiles, lattice.tiles.neighbours(tile, REACH))
     own = owned(band, lattice.tiles.corners[tile], lattice.tiles.edge)
     vertices, origin, triangles = contour_tile(values, band.index, band.nodes, own)
     edges = np.column_stack([band.nodes[origin[:, 0]] + band.low, origin[:, 1]])
-    return vertices + band.low, edges, triangles
+    pieces.put(tile, vertices + band.low, edges, triangles)
+    return len(vertices), len(triangles)
 
 
 def tile_band(tiles: Tiles, tile: int, margin: int, radius: float) -> tuple[Band, Ints]:
@@ -160,25 +172,14 @@ def owned(band: Band, corner: Ints, edge: int) -> Bools:
     return mask
 
 
-def spread(band: Band, fields: list[Field], tiles: list[int]) -> Any:
+def spread(band: Band, fields: Spool, tiles: Tiles, owners: list[int]) -> Any:
     """Return the owners' values at the band's nodes (n,) float32, NaN where no owner has one."""
     out = np.full(len(band.nodes), np.nan, np.float32)
-    shape = np.array(band.index.shape)
-    for j in tiles:
-        at = fields[j].nodes - band.low
+    shape, edge = np.array(band.index.shape), tiles.edge
+    for j in owners:
+        number, values = fields.get(j, 2)
+        at = np.stack(np.unravel_index(number, (edge, edge, edge)), axis=1) + (tiles.corners[j] - band.low)
         inside = in_box(at, np.zeros(3, np.int64), shape)
         row = band.index[at[inside, 0], at[inside, 1], at[inside, 2]]
-        out[row[row >= 0]] = fields[j].values[inside][row >= 0]
+        out[row[row >= 0]] = values[inside][row >= 0]
     return out
-
-
-def stitch(pieces: list[tuple[Floats, Ints, Ints]]) -> tuple[Floats, Ints]:
-    """Join the tiles' meshes: vertices on one lattice edge are one vertex, whichever tile made it."""
-    n = np.cumsum([0] + [len(p[0]) for p in pieces])
-    vertices = np.concatenate([p[0] for p in pieces])
-    edges = np.concatenate([p[1] for p in pieces]).astype(np.int64)
-    faces = np.concatenate([p[2] + n[k] for k, p in enumerate(pieces)])
-    size = edges.max(axis=0) + 1 if len(edges) else np.ones(4, np.int64)
-    key = ((edges[:, 0] * size[1] + edges[:, 1]) * size[2] + edges[:, 2]) * 3 + edges[:, 3]
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    return vertices[first], inverse.ravel()[faces]
