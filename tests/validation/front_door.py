@@ -24,13 +24,17 @@ class Epoch(NamedTuple):
     options: Sequence[str] = ()
 
 
+class Refused(RuntimeError):
+    """What `monitor` said where it would not."""
+
+
 def tell(*words: str | Path) -> None:
-    """Run one command of `monitor`; raise with what it said where it fails."""
+    """Run one command of `monitor`; `Refused` with what it said where it fails."""
     said = io.StringIO()
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
         code = run_monitor([str(word) for word in words])
     if code != 0:
-        raise RuntimeError(f"monitor {words[0]} ended with {code}: {said.getvalue().strip().splitlines()[-1]}")
+        raise Refused(f"`monitor {words[0]}`: {said.getvalue().strip().splitlines()[-1].removeprefix('monitor: ')}")
 
 
 def process(folder: Path, epochs: Sequence[Epoch], *, extent: Path | None = None, settings: str = "") -> Path:

@@ -57,26 +57,26 @@ def front(size: Size) -> Model:
 
 
 def implant(model: Model, scene: Scene, size: Size) -> tuple[Edit, ...]:
-    """Return the changes, each where a line from the front meets the stove."""
-    low, high = model.bounds()
+    """Return the changes, each about the middle of a piece's front."""
 
-    def at(u: float, v: float) -> tuple[Floats, Floats]:
-        guess = np.array([[low[0] + u * (high[0] - low[0]), low[1] - 0.05, low[2] + v * (high[2] - low[2])]])
+    def at(name: str) -> tuple[Floats, Floats]:
+        low, high = model.part(name).bounds()
+        middle = 0.5 * (low + high)
         assert scene.truth is not None
-        place = scene.truth.closest_point(guess)
+        place = scene.truth.closest_point(np.array([[middle[0], low[1] - 0.02, middle[2]]]))
         return place[0], scene.truth.normal(place)[0]
 
-    first = erode("worn patch", at(0.35, 0.35)[0], radius=0.035, depth=0.003)
+    first = erode("worn patch", at("piece 3.4")[0], radius=0.035, depth=0.003, part="piece 3.4")
     if size == "small":
         return (first,)
-    place, normal = at(0.68, 0.62)
+    place, normal = at("piece 5.4")
     return (
         first,
-        coat("crust", at(0.60, 0.25)[0], radius=0.025, height=0.002),
-        hollow_out("lost piece", at(0.40, 0.75)[0], (0.022, 0.012, 0.018)),
-        fill("filling", place + 0.004 * normal, normal, radius=0.015, depth=0.02),
-        erode("faint wear", at(0.25, 0.60)[0], radius=0.030, depth=0.001),
-        erode("chip", at(0.52, 0.50)[0], radius=0.006, depth=0.0015),
+        coat("crust", at("piece 3.5")[0], radius=0.025, height=0.002, part="piece 3.5"),
+        hollow_out("lost piece", at("piece 4.4")[0], (0.022, 0.012, 0.018), part="piece 4.4"),
+        fill("filling", place + 0.004 * normal, normal, radius=0.015, depth=0.02, part="piece 5.4"),
+        erode("faint wear", at("piece 4.5")[0], radius=0.030, depth=0.001, part="piece 4.5"),
+        erode("chip", at("piece 5.5")[0], radius=0.006, depth=0.0015, part="piece 5.5"),
     )
 
 
