@@ -16,7 +16,7 @@ from monitor.comparison.side import vertex_areas
 from monitor.comparison.sight import StationSight, gather_sight
 from monitor.record import Place
 from monitor.registration.covariance import propagate
-from projects.model import Assessment, Comparison, Floats, PointCloud
+from projects.model import Assessment, Comparison, Floats, NotAssessed, PointCloud
 from projects.transforms import apply
 
 MOST_CORES = 5000
@@ -50,7 +50,7 @@ def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud
     comparison knows of its own: motion and disagreement of the scans, added linearly. Lengths in metres.
     """
     side, registration = comparison.on_compared, comparison.registration
-    assessed = np.flatnonzero(np.isfinite(side.distances))
+    assessed = np.flatnonzero(side.reasons == NotAssessed.ASSESSED)
     cores = assessed[:: max(-(-len(assessed) // MOST_CORES), 1)]
     if not len(cores) or side.surface.normals is None:
         return {"n_core_points": 0}

@@ -42,7 +42,7 @@ class NotAssessed(IntEnum):
     TOO_UNCERTAIN = 4  # the level of detection cannot be stated or exceeds its limit
     NOT_SEEN = 5  # one epoch's scanners did not look there
     BEYOND_SEARCH = 6  # no face of the other surface at all within the search limit
-    LOOKED_THROUGH = 7  # changed: a scan of the other epoch looked through it; no perpendicular says how far
+    LOOKED_THROUGH = 7  # changed: a scan of the other epoch looked through it; no perpendicular
 
 
 class Roughness(IntEnum):
@@ -245,8 +245,9 @@ class ComparedSurface:
     """One side of a comparison: a surface in the reference epoch's coordinates and the change at each vertex.
 
     `distances` [m] are positive where material was gained, on both sides; `distances` and `lod95` [m] are NaN where
-    `assessment` is NOT_ASSESSABLE, and `reasons` (`NotAssessed`) says why. They are NaN too where a vertex is CHANGED
-    because a scan of the other epoch looked through it (reason LOOKED_THROUGH): it is gone, or new, as a whole.
+    `assessment` is NOT_ASSESSABLE, and `reasons` (`NotAssessed`) says why. Where a vertex is CHANGED because a
+    scan of the other epoch looked through it (reason LOOKED_THROUGH), it is gone, or new, as a whole: `distances` is
+    then that to the nearest point of the other surface in any direction, and `lod95` the median of the side.
     `region` is 0 outside of regions.
     """
 

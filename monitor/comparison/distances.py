@@ -15,6 +15,8 @@ from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER, find
 from monitor.comparison.mesh_tree import MeshTree, angle_weighted_normals, build_tree, morton_codes
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
+FAR_EDGES = 40.0  # a free edge farther than this many edges has no influence
+
 
 @dataclass(frozen=True)
 class Feet:
@@ -37,9 +39,13 @@ def search_limit(reference: Surface, compared: Surface, share: float) -> float:
     return share * min(float(np.linalg.norm(np.ptp(s.vertices, axis=0))) for s in (reference, compared))
 
 
-def unit_normals(surface: Surface) -> Floats:
-    """Return outward unit normals (n, 3): those of the surface, angle-weighted from its faces where it has none."""
-    from_faces = angle_weighted_normals(surface.vertices - surface.vertices.mean(axis=0), surface.faces)
+def unit_normals(surface: Surface, from_faces: Floats | None = None) -> Floats:
+    """Return outward unit normals (n, 3): those of the surface, angle-weighted from its faces where it has none.
+
+    `from_faces` (n, 3) are the angle-weighted ones, where they are known already.
+    """
+    if from_faces is None:
+        from_faces = angle_weighted_normals(surface.vertices - surface.vertices.mean(axis=0), surface.faces)
     if surface.normals is None:
         return from_faces
     length = np.linalg.norm(surface.normals, axis=1, keepdims=True)
@@ -65,13 +71,19 @@ def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: 
     pseudonormal, IEEE TVCG 11(3).
     """
     shift = 0.5 * (other.vertices.min(axis=0) + other.vertices.max(axis=0))
-    return distances_to_tree(surface, build_tree(other, shift, max_angle), other, limit, max_angle)
+    tree = build_tree(other, shift, max_angle)
+    return distances_to_tree(surface, unit_normals(surface), tree, other, (limit, max_angle))
 
 
-def distances_to_tree(surface: Surface, tree: MeshTree, other: Surface, limit: float, max_angle: float) -> Feet:
-    """Measure each vertex against a surface whose tree is made; see `normal_distances`."""
+def distances_to_tree(surface: Surface, normals: Floats, tree: MeshTree, other: Surface, limits: tuple[float, float],
+                      ) -> Feet:  # fmt: skip
+    """Measure each vertex against a surface whose tree is made; see `normal_distances`.
+
+    `normals` (n, 3) are the vertices' unit normals, `limits` the search limit [m] and the largest angle [rad].
+    """
+    limit, max_angle = limits
     points = np.ascontiguousarray(surface.vertices - tree.shift)
-    normals = np.ascontiguousarray(unit_normals(surface))
+    normals = np.ascontiguousarray(normals)
     order = np.argsort(morton_codes(points), kind="stable")
     face, weights, distances, outcome = find_feet(tree, points, normals, order, (limit, np.cos(max_angle)))
     reasons = np.full(len(points), NotAssessed.SHEET_BETWEEN, dtype=np.uint8)
@@ -84,17 +96,18 @@ def distances_to_tree(surface: Surface, tree: MeshTree, other: Surface, limit: f
     to_rim = np.full(len(points), np.nan)
     found = faces >= 0
     to_rim[found] = distance_to_rim(
-        tree, np.einsum("ni,nij->nj", weights[found], tree.vertices[tree.faces[face[found]]])
+        tree, np.einsum("ni,nij->nj", weights[found], tree.vertices[tree.faces[face[found]]]), limit
     )
     reasons[(reasons == NotAssessed.ASSESSED) & (to_rim < np.abs(distances))] = NotAssessed.FREE_EDGE
     reasons[(reasons == NotAssessed.ASSESSED) & _is_invented(other, faces)] = NotAssessed.NOT_SEEN
     return Feet(distances, faces, weights, reasons, to_rim)
 
 
-def distance_to_rim(tree: MeshTree, points: Floats) -> Floats:
-    """Return the distance (n,) [m] of points to the free edges of a surface, to a quarter edge; inf where it has none.
+def distance_to_rim(tree: MeshTree, points: Floats, limit: float) -> Floats:
+    """Return the distance (n,) [m] of points to the free edges of a surface, to a quarter edge.
 
-    Points are in the tree's coordinates; long free edges are taken in steps of the surface's median edge.
+    It is inf beyond the larger of `limit` [m] and `FAR_EDGES` median edges, and where there is no free edge. Points are
+    in the tree's coordinates; long free edges are taken in steps of half the surface's median edge.
     """
     face, side = np.nonzero(tree.neighbours < 0)
     if not len(face):
@@ -107,7 +120,8 @@ def distance_to_rim(tree: MeshTree, points: Floats) -> Floats:
     which = np.repeat(np.arange(len(face)), n_steps)
     t = (np.arange(len(which)) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps)) / n_steps[which]
     rim = start[which] + t[:, None] * (end - start)[which]
-    return np.asarray(cKDTree(rim).query(points, workers=-1)[0])
+    farthest = max(limit, 2.0 * FAR_EDGES * step)
+    return np.asarray(cKDTree(rim).query(points, distance_upper_bound=farthest, workers=-1)[0])
 
 
 def interpolate_at_feet(values: Floats, other: Surface, feet: Feet) -> Floats:

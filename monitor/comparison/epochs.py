@@ -16,6 +16,7 @@ from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import look_beyond
 from monitor.comparison.evidence import Sights, look_through
 from monitor.comparison.mesh_tree import MeshTree, build_tree
+from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import find_regions, least_beyond
 from monitor.comparison.side import Side, drop_contradicted, measure_side, move_surface
 from monitor.comparison.summary import count_reasons, summarize
@@ -25,6 +26,7 @@ from projects.model import (
     Assessment,
     ComparedSurface,
     Comparison,
+    Floats,
     Ints,
     NotAssessed,
     Registration,
@@ -118,8 +120,11 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
     regions, numbers = find_regions(sides, found, beyond, registration, settings.false_discovery_rate)
-    on_reference, on_compared = (finish_side(s, f, r) for s, f, r in zip(sides, found.sides, numbers, strict=True))
-    statistics = {**summarize(on_compared, sides[1], found, registration, tolerance), "search_limit_m": limit}
+    on_reference, on_compared = (
+        finish_side(s, f, r, b) for s, f, r, b in zip(sides, found.sides, numbers, beyond.change, strict=True)
+    )
+    statistics = {**summarize(on_compared, sides[1], found, registration, tolerance), "search_limit_m": limit,
+                  "region_shapes": describe_shapes(regions, sides, numbers)}  # fmt: skip
     return Comparison(on_compared, on_reference, regions, registration, mode, statistics)
 
 
@@ -178,13 +183,17 @@ def drop_uncertain(side: Side, largest: float) -> Side:
     return dataclasses.replace(side, reasons=reasons, distances=np.where(too_uncertain, np.nan, side.distances))
 
 
-def finish_side(side: Side, found: Detection, region: Ints) -> ComparedSurface:
-    """Return one side as the result holds it: changed is what belongs to a region."""
+def finish_side(side: Side, found: Detection, region: Ints, change_beyond: Floats) -> ComparedSurface:
+    """Return one side as the result holds it: changed is what belongs to a region.
+
+    `change_beyond` (n,) [m] stands in for the distance where a region's vertex was looked through.
+    """
+    is_through = (region > 0) & ~side.is_assessed
     state = np.full(len(region), Assessment.NOT_ASSESSABLE, dtype=np.uint8)
     state[side.is_assessed] = Assessment.UNCHANGED
     state[region > 0] = Assessment.CHANGED
-    reasons = np.where((region > 0) & ~side.is_assessed, NotAssessed.LOOKED_THROUGH, side.reasons)
     lod95 = np.where(side.is_assessed, found.lod95, np.nan)
-    return ComparedSurface(
-        side.surface, side.distances, lod95, state, region.astype(np.int32), reasons.astype(np.uint8)
-    )
+    lod95[is_through] = np.median(found.lod95[side.is_assessed]) if side.is_assessed.any() else np.nan
+    distances = np.where(is_through, change_beyond, side.distances)
+    reasons = np.where(is_through, NotAssessed.LOOKED_THROUGH, side.reasons).astype(np.uint8)
+    return ComparedSurface(side.surface, distances, lod95, state, region.astype(np.int32), reasons)

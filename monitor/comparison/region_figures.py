@@ -131,8 +131,9 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
     vertices, whole = np.flatnonzero(masks[0]), np.flatnonzero(masks[1])
     margin = np.flatnonzero(masks[2] & side.is_assessed)
     weight, change = side.areas[vertices], side.distances[vertices]
-    mean, spread2, noise2 = np.nan, np.nan, np.nan  # of a region without any perpendicular
-    if len(vertices):
+    spread2 = noise2 = np.nan
+    mean = float(np.average(np.nan_to_num(beyond.change[which][whole]), weights=side.areas[whole]))
+    if len(vertices):  # otherwise without any perpendicular: what the nearest points say
         mean = float(np.average(change, weights=weight))
         noise2 = float(np.average(here.variance[vertices], weights=weight))
         spread2 = float(np.average((change - mean) ** 2, weights=weight))

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.detection import Detected, Detection, Tested
 from monitor.comparison.enclosure import SIGNS, Beyond, grow_regions, measure_body, spread_over_assessed
+from monitor.comparison.moved import name_moved
 from monitor.comparison.region_figures import describe_region, is_volume_known, settle_kind, spread_margin
 from monitor.comparison.side import Side
 from monitor.comparison.units import sum_groups
@@ -53,6 +54,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table = pd.DataFrame(rows, columns=list(REGION_COLUMNS))
     table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, grown, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
+    table["kind"] = name_moved(table, sides, (regions[0], regions[1]))
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     rank = np.zeros(len(kept) + 1, dtype=np.int32)
     rank[order + 1] = np.arange(1, len(kept) + 1)

@@ -83,9 +83,9 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     the floor that the stable areas show. Near a free edge of either surface the surface goes on beyond its samples, so
     nothing is said there.
     """
-    feet = distances_to_tree(surface, trees[1], other, *limits)
-    to_rim = np.fmin(feet.to_rim, distance_to_rim(trees[0], trees[0].vertices))
-    normals = unit_normals(surface)
+    normals = unit_normals(surface, trees[0].vertex_normals)
+    feet = distances_to_tree(surface, normals, trees[1], other, limits)
+    to_rim = np.fmin(feet.to_rim, distance_to_rim(trees[0], trees[0].vertices, limits[0]))
     own = np.zeros(len(normals)) if surface.sigma is None else surface.sigma
     foot = np.zeros(len(normals)) if other.sigma is None else interpolate_at_feet(other.sigma, other, feet)
     sigma = np.hypot(own, foot)

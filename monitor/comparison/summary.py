@@ -19,7 +19,7 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
     Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones.
     """
     state, areas = on_compared.assessment, side.areas
-    assessed = (state != Assessment.NOT_ASSESSABLE) & np.isfinite(on_compared.distances)
+    assessed = on_compared.reasons == NotAssessed.ASSESSED
     calm = on_compared.distances[state == Assessment.UNCHANGED]
     d, lod = on_compared.distances[assessed], on_compared.lod95[assessed]
     motion = motion_significance(registration)

@@ -1,0 +1,148 @@
+"""Comparison of two surfaces, both ways with detection, against CloudCompare's cloud-to-mesh distance alone.
+
+    python tests/benchmarks/bench_comparison.py speed [VERTICES ...]     ours and CloudCompare in one run
+    python tests/benchmarks/bench_comparison.py memory [VERTICES ...]    peak memory, octets a vertex
+
+CloudCompare is run where it is installed (Debian: apt-get install cloudcompare; 2.11 for the figures in BENCHMARKS.md),
+otherwise Open3D's closest points are the peer. Each measurement is a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from monitor.comparison import compare
+from projects.formats import write_ply_mesh
+from projects.model import Registration, Surface
+
+SIZES = (100_000, 300_000, 1_000_000)
+NOISE = 2e-4  # m
+DENT = (0.01, 0.05)  # m: depth and radius
+
+
+def make_body(n_vertices: int, seed: int) -> Surface:
+    """Return a closed bumpy body of about 1 m with some `n_vertices` vertices, noise, a dent where seed is not 0."""
+    rng = np.random.default_rng(seed)
+    rows = max(int(np.sqrt(n_vertices / 2.0)), 4)
+    latitude = np.linspace(0.02, np.pi - 0.02, rows)
+    longitude = np.arange(2 * rows) * (np.pi / rows) + 0.37 * seed * np.pi / rows  # other places in the other epoch
+    t, p = np.meshgrid(latitude, longitude, indexing="ij")
+    d = np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=-1).reshape(-1, 3)
+    radius = 0.5 + 0.02 * np.sin(9 * d[:, 0]) * np.cos(7 * d[:, 1]) + 0.01 * np.sin(23 * d[:, 2])
+    away = np.linalg.norm(0.5 * d - [0.5, 0.0, 0.0], axis=1)
+    dent = np.where(away < DENT[1], 0.5 * DENT[0] * (1 + np.cos(np.pi * away / DENT[1])), 0.0) if seed else 0.0
+    v = d * (radius - dent + rng.normal(0, NOISE, len(d)))[:, None]
+    i, j = np.meshgrid(np.arange(rows - 1), np.arange(2 * rows), indexing="ij")
+    a, b = (i * 2 * rows + j).ravel(), (i * 2 * rows + (j + 1) % (2 * rows)).ravel()
+    faces = np.vstack([np.column_stack([a, a + 2 * rows, b]), np.column_stack([b, a + 2 * rows, b + 2 * rows])])
+    return Surface(v, faces, sigma=np.full(len(v), NOISE))
+
+
+def known(surface: Surface) -> Registration:
+    """Return an identity that is known well."""
+    n = len(surface.vertices)
+    return Registration(np.eye(4), np.diag([1e-6] * 3 + [1e-6] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                        is_stable=np.ones(n, dtype=bool))  # fmt: skip
+
+
+def run_ours(n_vertices: int) -> None:
+    """Compare once to compile, then once for the figures; write them to standard output."""
+    small = make_body(5000, 0), make_body(5000, 1)
+    compare(*small, known(small[1]))
+    reference, compared = make_body(n_vertices, 0), make_body(n_vertices, 1)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    wall, cpu = time.perf_counter(), time.process_time()
+    result = compare(reference, compared, known(compared))
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    truth = -DENT[0] * np.pi * DENT[1] ** 2 * (0.5 - 2.0 / np.pi**2)
+    assert len(result.regions) >= 1
+    assert abs(result.regions.volume_m3[0] / truth - 1.0) < 0.1  # of a bumpy body: relaxed
+    sys.stdout.write(f"FIGURES {len(compared.vertices)} {len(reference.faces)} {wall} {cpu} {before} {peak}\n")
+
+
+def run_open3d(n_vertices: int) -> None:
+    """Find the closest points of all vertices, one way."""
+    from projects.open3d_library import load_open3d
+
+    o3d = load_open3d()
+    reference, compared = make_body(n_vertices, 0), make_body(n_vertices, 1)
+    wall, cpu = time.perf_counter(), time.process_time()
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(reference.vertices.astype(np.float32), reference.faces.astype(np.uint32))
+    scene.compute_closest_points(compared.vertices.astype(np.float32))
+    sys.stdout.write(f"FIGURES 0 0 {time.perf_counter() - wall} {time.process_time() - cpu} 0 0\n")
+
+
+def measure(what: str, n_vertices: int) -> list[float]:
+    """Return the figures of one measurement in a process of its own."""
+    done = subprocess.run([sys.executable, __file__, what, str(n_vertices)], capture_output=True, text=True, check=True)
+    return [float(f) for f in re.search(r"FIGURES (.*)", done.stdout).group(1).split()]  # type: ignore[union-attr]
+
+
+def measure_cloudcompare(program: str, n_vertices: int) -> tuple[float, float]:
+    """Return what CloudCompare says its distances took, one way [s], and the CPU time of the whole run without the same
+    run that only loads and saves."""
+    reference, compared = make_body(n_vertices, 0), make_body(n_vertices, 1)
+    with tempfile.TemporaryDirectory() as folder:
+        mesh, points = Path(folder) / "mesh.ply", Path(folder) / "points.ply"
+        write_ply_mesh(mesh, reference, {})
+        write_ply_mesh(points, Surface(compared.vertices, compared.faces[:0]), {})
+        common = [program, "-SILENT", "-AUTO_SAVE", "OFF", "-O", str(points), "-O", str(mesh)]
+        environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen", "HOME": folder}
+        cpu = []
+        for extra in ([], ["-C2M_DIST"]):
+            start = resource.getrusage(resource.RUSAGE_CHILDREN)
+            out = subprocess.run([*common, *extra], capture_output=True, text=True, check=True, env=environment)
+            end = resource.getrusage(resource.RUSAGE_CHILDREN)
+            cpu.append(end.ru_utime + end.ru_stime - start.ru_utime - start.ru_stime)
+        said = re.search(r"\[ComputeDistances\] Time: ([\d.]+) s", out.stdout + out.stderr)
+        return float(said.group(1)) if said else float("nan"), cpu[1] - cpu[0]
+
+
+def compare_speed(sizes: list[int]) -> None:
+    """Print seconds of both, one way and both ways, and their ratio."""
+    program = shutil.which("CloudCompare")
+    for n in sizes:
+        _, faces, wall, cpu, _, _ = measure("ours", n)
+        name = "CloudCompare C2M" if program else "Open3D closest points"
+        peer, peer_cpu = measure_cloudcompare(program, n) if program else measure("open3d", n)[2:4]
+        sys.stdout.write(
+            f"{n} vertices, {faces:.0f} triangles: ours both ways with detection {wall:.2f} s (CPU {cpu:.2f}); {name} "
+            f"one way {peer:.2f} s (CPU {peer_cpu:.2f}); ratio of CPU {peer_cpu / cpu:.2f}\n"
+        )
+
+
+def compare_memory(sizes: list[int]) -> None:
+    """Print the peak memory of a comparison and what it comes to for 20 million vertices on either side."""
+    for n in sizes:
+        vertices, _, _, _, before, peak = measure("ours", n)
+        octets = 1024.0 * (peak - before) / (2.0 * vertices)
+        sys.stdout.write(f"{n} against {n} vertices: peak {peak / 2**20:.2f} GiB, {octets:.0f} octets a vertex on top "
+                         f"of the surfaces; 20 million each: {octets * 4e7 / 2**30:.1f} GiB\n")  # fmt: skip
+
+
+def main() -> None:
+    """Run what the command line asks."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("speed", "memory", "ours", "open3d"), nargs="?", default="speed")
+    parser.add_argument("sizes", type=int, nargs="*")
+    asked = parser.parse_args()
+    sizes = asked.sizes or list(SIZES)
+    {"speed": compare_speed, "memory": compare_memory, "ours": lambda s: run_ours(s[0]),
+     "open3d": lambda s: run_open3d(s[0])}[asked.what](sizes)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""Parts that moved against material that came or went; the size and direction of a region."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from monitor.comparison import compare
+from monitor.comparison.moved import is_explained
+from monitor.comparison.region_shapes import principal_axes
+from monitor.simulation.solid import contour
+from projects.model import Comparison, Registration, Surface
+from projects.transforms import rotation_from_vector
+
+NOISE = 2e-5  # m
+
+
+def plate_with_block(rng: np.random.Generator, shift: float, growth: float = 0.0) -> Surface:
+    """Return a plate of 0.1 m with a block of 30 x 30 x 16 mm on it, moved by `shift`, longer by `growth` [m]."""
+
+    def rounded(p: np.ndarray, half: list[float], edge: float) -> np.ndarray:
+        q = np.abs(p) - np.array(half)[:, None] + edge
+        return np.linalg.norm(np.maximum(q, 0.0), axis=0) + np.minimum(q.max(axis=0), 0.0) - edge
+
+    def field(p: np.ndarray) -> np.ndarray:
+        block = rounded(p - np.array([shift + 0.5 * growth, 0.0, 0.01])[:, None], [0.015 + 0.5 * growth, 0.015, 0.016],
+                        0.003)  # fmt: skip
+        return np.minimum(rounded(p, [0.05, 0.05, 0.01], 0.004), block)
+
+    vertices, faces = contour(field, np.array([[-0.06, -0.06, -0.02], [0.06, 0.06, 0.04]]), cell=0.0015)
+    normals = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+    noisy = vertices + normals * rng.normal(0, NOISE, (len(vertices), 1))
+    return Surface(noisy, faces, sigma=np.full(len(vertices), NOISE))
+
+
+def result_of(reference: Surface, compared: Surface) -> Comparison:
+    n = len(compared.vertices)
+    known = Registration(np.eye(4), np.diag([1e-6] * 3 + [1e-7] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                         is_stable=np.ones(n, dtype=bool))  # fmt: skip
+    return compare(reference, compared, known)
+
+
+def test_a_block_that_was_pushed_is_moved_and_one_that_grew_is_added(rng: np.random.Generator) -> None:
+    before = plate_with_block(rng, 0.0)
+    pushed = result_of(before, plate_with_block(rng, 0.002)).regions
+    assert list(pushed.kind[:2]) == ["moved", "moved"]
+    assert pushed.mean_m[0] * pushed.mean_m[1] < 0
+    grown = result_of(before, plate_with_block(rng, 0.0, 0.002)).regions
+    assert grown.kind[0] == "added"
+    assert "moved" not in set(grown.kind)
+
+
+def test_a_rigid_motion_is_told_from_another_change(rng: np.random.Generator) -> None:
+    points = rng.normal(size=(300, 3)) * 0.01 + 5.0
+    normals = rng.normal(size=(300, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    motion = (points - 5.0) @ (rotation_from_vector(np.array([0.02, 0.05, -0.03])) - np.eye(3)).T + [1e-3, 0.0, 2e-4]
+    change = np.einsum("ij,ij->i", normals, motion)
+    assert is_explained(points, normals, change + rng.normal(0, 1e-5, 300))
+    assert not is_explained(points, normals, np.abs(change))
+    assert not is_explained(points[:5], normals[:5], change[:5])
+
+
+def test_principal_directions_of_a_strip_are_its_own() -> None:
+    turn = rotation_from_vector(np.array([0.3, -0.4, 0.5]))
+    x, y = np.meshgrid(np.linspace(0, 0.08, 41), np.linspace(0, 0.03, 16))
+    axes, extents = principal_axes(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]) @ turn.T, np.ones(x.size))
+    np.testing.assert_allclose(extents, [0.08, 0.03, 0.0], atol=1e-12)
+    np.testing.assert_allclose(np.abs(axes @ turn), np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("depth", [0.002])
+def test_the_summary_names_each_region_with_its_size(rng: np.random.Generator, depth: float) -> None:
+    result = result_of(plate_with_block(rng, 0.0), plate_with_block(rng, 0.0, depth))
+    shape = result.statistics["region_shapes"][0]
+    assert shape["region"] == 1
+    assert shape["name"].startswith("added, ")
+    assert shape["length_m"] == pytest.approx(0.030, abs=0.005)  # the block's end: 30 mm by 22 mm
+    assert shape["width_m"] == pytest.approx(0.022, abs=0.005)
+    assert abs(shape["along"][1]) > 0.95
