@@ -1,29 +1,48 @@
 """All scans of one epoch onto each other, in one adjustment, from the poses that they were given.
 
-In: the filtered clouds of the scans in the project's frame. Out: a small motion for each scan, and how well each pair
-fits before and after. Every pair of overlapping scans takes part at once, so errors do not add up around the object
-(Akca and Gruen 2007; Dorninger and Nothegger 2009 call the rest "remaining discrepancies of the registration").
+In: the filtered clouds of the scans in the project's frame, the targets seen in them, and control points. Out: a small
+motion for each scan with its covariance, and how well pairs, targets and control fit. Every pair of overlapping scans
+takes part at once, so errors do not add up around the object (hybrid adjustment: Akca and Gruen 2007; Dorninger and
+Nothegger 2009 call the rest "remaining discrepancies of the registration").
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from monitor.declare import check_settings, setting
 from monitor.registration.matching import Matches, MatchLimits, Samples, make_samples, match
+from monitor.registration.network import (
+    Pairs,
+    Scales,
+    Solution,
+    TieScales,
+    pair_equations,
+    solve_network,
+)
+from monitor.registration.network_covariance import about, mean_motion, network_covariance
 from monitor.registration.sampling import cell_numbers, motion_rows, sample_source
 from monitor.registration.sides import Side, prepare_side
-from monitor.registration.weights import huber_weights, robust_scale, tukey_weights
+from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder
+from monitor.registration.ties import Ties, no_ties
+from monitor.registration.weights import robust_scale
 from projects.model import Floats, PointCloud
-from projects.transforms import invert, perturb
+from projects.transforms import apply, invert, perturb
 
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
 PATCH_IN_SPACINGS = 10.0  # errors of neighbouring points agree: a patch of this edge is one witness
 SETTLED = 0.01  # of the sigma of residuals: steps below this change nothing
+NEARLY_SETTLED = 0.1  # of the sigma of residuals: where pairs swap to and fro, steps come no lower
 BETTER = (2 / 3) ** 0.5  # of the misfit as given: the poses must explain a third of its variance, or they stay
+MOST_POINTS = 300_000  # of a scan that others are matched with: 40 scans then need two gigabytes
+SEARCH_MEDIANS, SEARCH_SHARE = 4.0, 0.1  # of the distances between scans as given; of the smallest scan's diagonal
+SHRINK = 0.7  # of the search radius, from step to step
+MANY_MORE = 1.5  # times as many points that find partners: the motions are right, whatever the misfit was
+N_TIE_STEPS = 4  # steps by targets alone, before surfaces are matched
+TURN_BACK = 0.7  # of the length of steps is kept where a step goes back
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +63,8 @@ class AdjustmentSettings:
 
 @dataclass(frozen=True)
 class PairFit:
-    """How two scans fit: shared points, and bias and robust sigma [m] of their distances, before and after."""
+    """How two scans fit: shared points, bias and robust sigma [m] of their distances, before and after, and
+    the `closure` [m]: by how much the pair by itself would still move."""
 
     first: int
     second: int
@@ -53,13 +73,18 @@ class PairFit:
     sigma_before: float
     bias_after: float
     sigma_after: float
+    closure: float = float("nan")
 
 
 @dataclass(frozen=True)
 class Adjustment:
-    """The motion T_project_given of each scan, identity where nothing could be bettered, and how pairs fit.
+    """The motion T_project_given of each scan, identity where nothing could be bettered, and how pairs and ties fit.
 
-    `applied` is False, with its `reason`, where the given poses stay.
+    `applied` is False, with its `reason`, where the given poses stay. `converged` is False, with its `reason`, where
+    nothing may be built on the result. `covariances` (n, 6, 6) are of each scan's motion about `centres` (n, 3) [m]
+    (rad, m; design section 3): relative to the mean of all scans, or, with control, in the project's frame; then
+    `covariance` (6, 6) is that of the epoch as a whole about `centre`, NaN otherwise. `ties` and `components` are the
+    residuals of targets and control points and the variance components (1: as stated).
     """
 
     motions: tuple[Floats, ...]
@@ -69,80 +94,169 @@ class Adjustment:
     sigma_before: float
     sigma_after: float
     n_iterations: int
+    converged: bool = True
+    covariances: Floats = field(default_factory=lambda: np.empty((0, 6, 6)))
+    centres: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    covariance: Floats = field(default_factory=lambda: np.full((6, 6), np.nan))
+    centre: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    ties: tuple[TieFit, ...] = ()
+    components: TieScales = field(default_factory=TieScales)
+
+    @property
+    def blunders(self) -> tuple[TieFit, ...]:
+        """Targets and control points that contradict the others and were left out."""
+        return tuple(t for t in self.ties if t.is_blunder)
 
 
 @dataclass(frozen=True)
 class _Network:
-    """The scans as sides and samples, and the pairs of them whose boxes meet."""
+    """The scans as sides and samples, less `shift`, the pairs of them whose boxes meet, and the ties."""
 
     sides: tuple[Side, ...]
     samples: tuple[Samples, ...]
     pairs: tuple[tuple[int, int], ...]
     spacing: float
     radius: float
+    finest_radius: float
+    shift: Floats
+    ties: Ties
+
+    @property
+    def lever(self) -> float:
+        """Root mean square distance [m] of the samples from the origin."""
+        return float(np.sqrt(np.mean([np.mean(np.sum(s.points**2, axis=1)) for s in self.samples])))
 
 
-def adjust_scans(clouds: Sequence[PointCloud], settings: AdjustmentSettings | None = None) -> Adjustment:
-    """Fit the scans of one epoch onto each other.
+@dataclass(frozen=True)
+class _State:
+    """Where the iteration stands: motions, places of the points tied [m], the last step, and whether it settled."""
+
+    motions: list[Floats]
+    places: Floats
+    ties: Ties
+    matches: Pairs
+    scales: Scales
+    components: TieScales
+    solution: Solution
+    n_iterations: int
+    reason: str
+
+
+def adjust_scans(
+    clouds: Iterable[PointCloud], settings: AdjustmentSettings | None = None, ties: Ties | None = None
+) -> Adjustment:
+    """Fit the scans of one epoch onto each other, onto their common targets and onto control points.
 
     Parameters
     ----------
     clouds : one a scan, in the project's frame, with normals; poses near enough that the scans overlap within
-        `settings.search_radius`.
+        `settings.search_radius`. They are read once, one at a time.
+    ties : targets and control points of `identify_targets`.
 
     Returns
     -------
     Adjustment
-        Motions about the project's origin. The mean of all stays where it was given: what is not seen between scans
-        (the whole, a scan without overlap, a slide along a plane) is not moved.
+        Motions about the project's origin. Without control the mean of all stays where it was given: what is not seen
+        between scans (the whole, a scan without overlap, a slide along a plane) is not moved.
 
     Notes
     -----
-    Minimizes sum rho(n' (T_i p - T_j q) / sigma) + sum |delta_i|^2 / prior^2 over point-to-plane pairs of all
-    overlapping scans, Huber first and Tukey when settled, by Gauss-Newton steps. Neighbouring residuals agree, so each
-    pair of scans counts as many witnesses as it has patches. The prior on each scan's motion is the misfit as given: it
-    holds what few patches hold, such as a ring of scans that could bend. A good network of poses is better than what
-    five scans can say of themselves, so the given poses stay unless they explain a third of the variance of the misfit.
+    Minimizes sum w rho(n' (T_i p - T_j q) / sigma) + sum v' C^-1 v + sum |delta_i|^2 / prior^2 over point-to-plane
+    pairs of all overlapping scans and over targets and control points, Huber first and Tukey when settled, by
+    Gauss-Newton steps. Neighbouring residuals agree, so each pair of scans counts as many witnesses as it has patches.
+    The stated variances of targets and of control are raised by what their residuals show, and those that contradict
+    the rest are left out (Baarda 1968). The prior on each scan's motion is the misfit as given: it holds what few
+    patches hold, such as a ring of scans that could bend. Without targets a good network of poses is better than what
+    five scans can say of themselves, so the given poses stay unless the motions explain a third of the misfit.
     """
-    settings = settings or AdjustmentSettings()
-    unmoved = tuple(np.eye(4) for _ in clouds)
-    if len(clouds) < 2 or not settings.enabled:
+    settings, ties = settings or AdjustmentSettings(), ties or no_ties()
+    network = _prepare(clouds, settings, ties)
+    n = len(network.sides)
+    unmoved = tuple(np.eye(4) for _ in range(n))
+    is_tied = len(ties) > 0
+    if not settings.enabled or not n or (n < 2 and not is_tied):
         return Adjustment(unmoved, (), False, "nothing to adjust", float("nan"), float("nan"), 0)
-    shift = np.mean([c.points.mean(axis=0) for c in clouds], axis=0)
-    network = _prepare(clouds, shift, settings)
-    before = _match_all(network, unmoved, fine=True)
-    if not before:
+    before = _match_all(network, unmoved, network.finest_radius, fine=True)
+    if not is_tied and not _match_all(network, unmoved, network.radius, fine=False):
         return Adjustment(unmoved, (), False, "no two scans overlap", float("nan"), float("nan"), 0)
-    motions, n_iterations = _iterate(network, settings.max_iterations)
-    after = _match_all(network, motions, fine=True)
+    state = _iterate(network, settings.max_iterations)
+    after = _match_all(network, state.motions, network.finest_radius, fine=True)
     pairs = _describe(before, after)
     sigma_before, sigma_after = _misfit(before), _misfit(after)
-    if not sigma_after <= BETTER * sigma_before:
-        reason = "the given poses fit as well"
-        return Adjustment(unmoved, pairs, False, reason, sigma_before, sigma_after, n_iterations)
-    moved = tuple(_about(T, shift) for T in motions)
-    return Adjustment(moved, pairs, True, "", sigma_before, sigma_after, n_iterations)
+    found = Adjustment(
+        unmoved, pairs, False, state.reason, sigma_before, sigma_after, state.n_iterations, not state.reason,
+        ties=describe_ties(state.solution, state.ties, network.ties, n), components=state.components,
+    )  # fmt: skip
+    if state.reason:
+        return found
+    n_before, n_after = (sum(len(m) for m in matches.values()) for matches in (before, after))
+    if not is_tied and sigma_after > BETTER * sigma_before and n_after <= MANY_MORE * n_before:
+        return replace(found, reason="the given poses fit as well")
+    moved = tuple(_about(T, network.shift) for T in state.motions)
+    return _with_covariances(replace(found, motions=moved, applied=True), replace(state, matches=after), network)
 
 
-def _prepare(clouds: Sequence[PointCloud], shift: Floats, settings: AdjustmentSettings) -> _Network:
-    """Return the network of scans, less `shift`."""
+def _with_covariances(found: Adjustment, state: _State, network: _Network) -> Adjustment:
+    """Return the adjustment with the covariance of each scan and, with control, of the whole."""
+    is_absolute = bool(state.ties.has_control.any())
+    full = network_covariance(state.matches, state.motions, state.scales, state.solution, is_absolute=is_absolute)
+    centres = np.array([apply(T, s.points.mean(axis=0)) for T, s in zip(state.motions, network.samples, strict=True)])
+    blocks = [full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(len(centres))]
+    each = np.array([about(block, centre) for block, centre in zip(blocks, centres, strict=True)])
+    found = replace(found, covariances=each, centres=centres + network.shift)
+    if not is_absolute:
+        return found
+    middle = centres.mean(axis=0)
+    return replace(found, covariance=about(mean_motion(full), middle), centre=middle + network.shift)
+
+
+def _prepare(clouds: Iterable[PointCloud], settings: AdjustmentSettings, ties: Ties) -> _Network:
+    """Return the network of scans about the middle of all, each cloud read once and thinned where it is large."""
     rng = np.random.default_rng(settings.seed)
-    sides = tuple(prepare_side(cloud, shift) for cloud in clouds)
+    sides: list[Side] = []
+    means: list[Floats] = []
+    first: Floats = np.zeros(3)
+    for cloud in clouds:
+        means.append(cloud.points.mean(axis=0))
+        first = means[0]
+        if len(cloud) > MOST_POINTS:
+            cloud = cloud.take(np.sort(rng.choice(len(cloud), MOST_POINTS, replace=False)))
+        sides.append(prepare_side(cloud, first))
+    if not sides:
+        return _Network((), (), (), np.nan, np.nan, np.nan, first, ties)
+    offset = np.mean(means, axis=0) - first
+    sides = [side.shifted(offset) for side in sides]
     chosen = [sample_source(side, settings.n_samples, rng) for side in sides]
     samples = tuple(make_samples(side, which) for side, which in zip(sides, chosen, strict=True))
     spacing = float(np.median([np.median(side.spacing_of(w)) for side, w in zip(sides, chosen, strict=True)]))
-    radius = settings.search_radius or 10.0 * spacing
+    finest = settings.search_radius or 10.0 * spacing
+    radius = settings.search_radius or max(finest, _first_radius(sides, samples))
     low = np.array([side.points.min(axis=0) - radius for side in sides])
     high = np.array([side.points.max(axis=0) for side in sides])
     n = len(sides)
     meet = [(i, j) for i in range(n) for j in range(n) if i != j and np.all((low[i] < high[j]) & (low[j] < high[i]))]
-    return _Network(sides, samples, tuple(meet), spacing, radius)
+    shift = first + offset
+    return _Network(tuple(sides), samples, tuple(meet), spacing, radius, finest, shift, ties.shifted(shift))
 
 
-def _match_all(network: _Network, motions: Sequence[Floats], *, fine: bool) -> dict[tuple[int, int], Matches]:
+def _first_radius(sides: Sequence[Side], samples: Sequence[Samples]) -> float:
+    """Return how far partners are looked for at first [m]: a few median distances to the nearest other scan as given,
+    at most a tenth of the smallest scan's diagonal."""
+    limit = SEARCH_SHARE * float(min(np.linalg.norm(np.ptp(side.points, axis=0)) for side in sides))
+    nearest = []
+    for i, own in enumerate(samples):
+        some = own.every(max(len(own.points) // 300, 1)).points
+        apart = [side.tree.query(some, distance_upper_bound=limit)[0] for j, side in enumerate(sides) if j != i]
+        nearest.append(np.min(apart, axis=0) if apart else np.empty(0))
+    distances = np.concatenate(nearest)
+    distances = distances[np.isfinite(distances)]
+    return float(min(SEARCH_MEDIANS * np.median(distances), limit)) if len(distances) else 0.0
+
+
+def _match_all(network: _Network, motions: Sequence[Floats], radius: float, *, fine: bool) -> Pairs:
     """Return the matches of every pair of scans that share enough points, in the frame of the second as given."""
-    aside = 1.5 * network.spacing if fine else network.radius
-    limits = MatchLimits(network.radius, aside, np.radians(30.0 if fine else 45.0))
+    aside = 1.5 * network.spacing if fine else radius
+    limits = MatchLimits(radius, aside, np.radians(30.0 if fine else 45.0))
     found = {}
     for i, j in network.pairs:
         matches = match(network.samples[i], network.sides[j], invert(motions[j]) @ motions[i], limits, True)
@@ -151,81 +265,131 @@ def _match_all(network: _Network, motions: Sequence[Floats], *, fine: bool) -> d
     return found
 
 
-def _iterate(network: _Network, max_iterations: int) -> tuple[list[Floats], int]:
-    """Return the motion of each scan and the number of steps taken."""
+def _iterate(network: _Network, max_iterations: int) -> _State:
+    """Return where the iteration ends: first by targets alone, then with surfaces, without blunders."""
     n = len(network.sides)
-    motions: list[Floats] = [np.eye(4) for _ in range(n)]
-    lever = np.sqrt(np.mean([np.mean(np.sum(s.points**2, axis=1)) for s in network.samples]))
-    prior, fine = float("nan"), False
-    patch = PATCH_IN_SPACINGS * network.spacing
+    motions, places = _start_by_ties(network, [np.eye(4) for _ in range(n)])
+    ties, components, radius = network.ties, TieScales(), network.radius
+    prior, fine, pace, last = float("nan"), False, 1.0, np.zeros((n, 6))
     for step in range(1, max_iterations + 1):
-        matches = _match_all(network, motions, fine=fine)
-        sigma = _misfit(matches)
-        prior = sigma if step == 1 else prior
-        delta = _solve(matches, motions, (sigma, prior, float(lever), patch), fine)
-        motions = [perturb(T, np.zeros(3), d) for T, d in zip(motions, delta, strict=True)]
-        length = float(np.abs(delta * np.repeat([lever, 1.0], 3)).max())
+        matches = _match_all(network, motions, radius, fine=fine)
+        sigma = _misfit(matches) if matches else _tie_sigma(network.ties)
+        prior = max(sigma, _given_misfit(network)) if step == 1 else prior
+        scales = _scales(network, matches, (sigma, prior), fine, motions)
+        solution = solve_network(pair_equations(matches, motions, scales), ties, places, motions, (scales, components))
+        way = solution.delta * np.repeat([scales.lever, 1.0], 3)
+        # where pairs swap to and fro the poses swing about a place without a zero: go there by ever shorter steps
+        pace *= TURN_BACK if fine and np.sum(way * last) < 0.0 else 1.0
+        last, length = way, float(np.abs(pace * way).max())
+        motions = [perturb(T, np.zeros(3), pace * d) for T, d in zip(motions, solution.delta, strict=True)]
+        places = places + solution.shift
+        state = _State(motions, places, ties, matches, scales, components, solution, step, "")
         if fine and length < SETTLED * sigma:
-            return motions, step
-        fine = fine or length < 0.3 * sigma
-    return motions, max_iterations
+            blunder = find_blunder(solution, ties)
+            if blunder is None:
+                return state
+            ties, pace = blunder, 1.0
+        elif fine or not matches:
+            components = estimate_components(solution, components)
+        shrunk = radius <= network.finest_radius
+        radius = max(SHRINK * radius, network.finest_radius)
+        fine = fine or not matches or (shrunk and length < 0.3 * sigma)
+    if length < NEARLY_SETTLED * sigma:
+        return state
+    return replace(state, reason=f"still moving by {1e6 * length:.0f} micrometres after {max_iterations} iterations")
 
 
-def _solve(
-    matches: dict[tuple[int, int], Matches],
-    motions: Sequence[Floats],
-    scales: tuple[float, float, float, float],
-    fine: bool,
-) -> Floats:
-    """Return the motions (n, 6) [rad, m] about the origin that lessen all residuals at once."""
-    sigma, prior, lever, patch = scales
-    n = len(motions)
-    unit = np.repeat([1.0 / lever, 1.0], 3)  # rotations as the way they move a point at the lever
-    normal = np.zeros((n, 6, n, 6))
-    right = np.zeros((n, 6))
-    for (i, j), pair in matches.items():
-        T = motions[j]
-        points, normals = pair.points @ T[:3, :3].T + T[:3, 3], pair.normals @ T[:3, :3].T
-        rows = motion_rows(points, normals, np.zeros(3)) * unit
-        weights = (tukey_weights if fine else huber_weights)(pair.residuals / sigma)
-        weights *= len(np.unique(cell_numbers(points, patch))) / len(points)
-        block = (rows * weights[:, None]).T @ rows
-        pull = rows.T @ (weights * pair.residuals)
-        normal[i, :, i] += block
-        normal[j, :, j] += block
-        normal[i, :, j] -= block
-        normal[j, :, i] -= block
-        right[i] -= pull
-        right[j] += pull
-    hold = (sigma / prior) ** 2
-    gone = np.array([_as_motion(T, lever) for T in motions])
-    matrix = normal.reshape(6 * n, 6 * n) + np.eye(6 * n) * hold
-    return np.asarray(np.linalg.solve(matrix, (right - hold * gone).ravel()).reshape(n, 6) * unit)
+def _start_by_ties(network: _Network, motions: list[Floats]) -> tuple[list[Floats], Floats]:
+    """Return motions and places of the points after a few steps by targets and control alone."""
+    ties = network.ties
+    places = _first_places(ties)
+    if not len(ties):
+        return motions, places
+    u = 6 * len(motions)
+    scales = Scales(1.0, max(_given_misfit(network), 1e-6), network.lever, 1.0, False)
+    for _ in range(N_TIE_STEPS):
+        step = solve_network((np.zeros((u, u)), np.zeros(u)), ties, places, motions, (scales, TieScales()))
+        motions = [perturb(T, np.zeros(3), d) for T, d in zip(motions, step.delta, strict=True)]
+        places = places + step.shift
+    return motions, places
 
 
-def _as_motion(T: Floats, lever: float) -> Floats:
-    """Return the motion (6,) that a transform has made so far, rotations as metres at the lever."""
-    R = T[:3, :3]
-    w = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return np.concatenate([w * lever, T[:3, 3]])
+def _first_places(ties: Ties) -> Floats:
+    """Return about where the points tied lie (m, 3) [m]: the mean of their targets as given."""
+    count = np.maximum(np.bincount(ties.point, minlength=len(ties.names)), 1)
+    return (
+        np.stack([np.bincount(ties.point, column, len(ties.names)) for column in ties.positions.T], axis=1)
+        / (count[:, None])
+    )
 
 
-def _misfit(matches: dict[tuple[int, int], Matches]) -> float:
+def _given_misfit(network: _Network) -> float:
+    """Return the root mean square [m] of what targets miss each other and control by, as given; 0 without any."""
+    ties = network.ties
+    if not len(ties):
+        return 0.0
+    places = np.where(ties.has_control[:, None], ties.control, _first_places(ties))
+    return float(np.sqrt(np.mean((ties.positions - places[ties.point]) ** 2)))
+
+
+def _tie_sigma(ties: Ties) -> float:
+    """Return a typical sigma [m] of targets, the scale of an adjustment without surfaces."""
+    return float(np.sqrt(np.median(np.trace(ties.covariances, axis1=1, axis2=2)) / 3.0))
+
+
+def _scales(
+    network: _Network, matches: Pairs, sigmas: tuple[float, float], fine: bool, motions: Sequence[Floats]
+) -> Scales:
+    """Return the scales of the weights; beside targets, patches of a pair have the variance that their means show."""
+    sigma, prior = sigmas
+    scales = Scales(sigma, prior, network.lever, PATCH_IN_SPACINGS * network.spacing, fine)
+    if not len(network.ties) or not matches:
+        return scales
+    means, counts = [], []
+    for (_, j), pair in matches.items():
+        numbers = np.unique(cell_numbers(apply(motions[j], pair.points), scales.patch), return_inverse=True)[1]
+        counts.append(np.bincount(numbers))
+        means.append(np.bincount(numbers, np.clip(pair.residuals, -3.0 * sigma, 3.0 * sigma)) / counts[-1])
+    spread2 = robust_scale(np.concatenate(means)) ** 2 / sigma**2
+    return replace(scales, pair_factor=max(spread2, 1.0 / float(np.mean(np.concatenate(counts)))))
+
+
+def _misfit(matches: Pairs) -> float:
     """Return the robust sigma [m] of all residuals about zero, each pair of scans counting by its points."""
-    return robust_scale(np.concatenate([m.residuals for m in matches.values()]))
+    return robust_scale(np.concatenate([m.residuals for m in matches.values()])) if matches else float("nan")
 
 
-def _describe(before: dict[tuple[int, int], Matches], after: dict[tuple[int, int], Matches]) -> tuple[PairFit, ...]:
+def _describe(before: Pairs, after: Pairs) -> tuple[PairFit, ...]:
     """Return how each pair of scans, counted once, fits before and after."""
     fits = []
-    for i, j in sorted({(min(p), max(p)) for p in before}):
+    for i, j in sorted({(min(p), max(p)) for p in (*before, *after)}):
         was, now = _residuals(before, i, j), _residuals(after, i, j)
         bias = [float(np.median(r)) if len(r) else float("nan") for r in (was, now)]
-        fits.append(PairFit(i, j, len(was), bias[0], robust_scale(was), bias[1], robust_scale(now)))
+        closure = _closure([m for key in ((i, j), (j, i)) if (m := after.get(key)) is not None])
+        n = max(len(was), len(now))
+        fits.append(PairFit(i, j, n, bias[0], robust_scale(was), bias[1], robust_scale(now), closure))
     return tuple(fits)
 
 
-def _residuals(matches: dict[tuple[int, int], Matches], i: int, j: int) -> Floats:
+def _closure(matches: Sequence[Matches]) -> float:
+    """Return by how much [m, root mean square over the points] the pair by itself would still move, NaN without."""
+    if not matches:
+        return float("nan")
+    ways = []
+    for pair in matches:
+        centre = pair.points.mean(axis=0)
+        lever = float(np.sqrt(np.mean(np.sum((pair.points - centre) ** 2, axis=1)))) + 1e-12
+        unit = np.repeat([1.0 / lever, 1.0], 3)
+        rows = motion_rows(pair.points, pair.normals, centre) * unit
+        motion = -np.linalg.pinv(rows, rcond=CLOSURE_HELD) @ pair.residuals
+        ways.append(float(np.sqrt(np.mean((rows @ motion) ** 2))))
+    return float(np.mean(ways))
+
+
+CLOSURE_HELD = 0.1  # of the best held motion: what a pair by itself hardly holds is not asked of it
+
+
+def _residuals(matches: Pairs, i: int, j: int) -> Floats:
     """Return the residuals [m] of a pair of scans from both sides, positive where scan i lies outside of scan j."""
     parts = [matches[i, j].residuals] if (i, j) in matches else []
     parts += [-matches[j, i].residuals] if (j, i) in matches else []

@@ -36,6 +36,10 @@ class Side:
     def __len__(self) -> int:
         return len(self.points)
 
+    def shifted(self, offset: Floats) -> Side:
+        """Return the side less `offset` (3,) [m]."""
+        return Side(self.points - offset, self._normals if self.is_oriented else None, self.sigma, self.index)
+
     @property
     def tree(self) -> cKDTree:
         """Search tree over the points, built when first asked for."""

@@ -1,0 +1,179 @@
+"""Targets and control points in one adjustment with surfaces: datum, weights, blunders, covariance, refusal."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from network_of_caps import (
+    known_points,
+    noisy_caps,
+    pose_errors,
+    seen_targets,
+    simulate_network,
+    small_motion,
+    target_places,
+)
+from scipy.stats import chi2
+from test_adjustment import displaced
+
+from monitor.registration.adjustment import Adjustment, AdjustmentSettings, adjust_scans
+from monitor.registration.network import (
+    Scales,
+    TieScales,
+    solve_network,
+    tie_equations,
+    tie_statistics,
+)
+from monitor.registration.ties import identify_targets
+from projects.model import ControlPoint, PointCloud, SurveyTarget
+from projects.transforms import apply, perturb
+
+FEW = AdjustmentSettings(n_samples=1500)
+
+
+def adjusted(rng: np.random.Generator, *, shift: np.ndarray | None = None, wrong: tuple[int, int] | None = None,
+             wrong_control: int | None = None) -> tuple[Adjustment, list[np.ndarray]]:  # fmt: skip
+    """Return an adjustment of three caps with six targets under control, and the pose errors. `wrong` is a target
+    (scan, point) that is 8 mm off, `wrong_control` a control point that is 15 mm off."""
+    clouds, errors, places = noisy_caps(rng, 3, None), pose_errors(rng, 3), target_places(6)
+    if shift is not None:
+        errors = [perturb(E, np.zeros(3), np.concatenate([np.zeros(3), shift])) for E in errors]
+    seen, control = seen_targets(rng, places, errors), list(known_points(rng, places))
+    if wrong is not None:
+        target = seen[wrong[0]][wrong[1]]
+        seen[wrong[0]][wrong[1]] = dataclasses.replace(target, centre=[*target.centre, 0.005, -0.005, 0.004])
+    if wrong_control is not None:
+        point = control[wrong_control]
+        control[wrong_control] = dataclasses.replace(point, position=[*point.position, 0.0, 0.009, 0.012])
+    given = [displaced(c, E) for c, E in zip(clouds, errors, strict=True)]
+    return adjust_scans(given, FEW, identify_targets(seen, control)), errors
+
+
+def worst_place(found: Adjustment, errors: list[np.ndarray]) -> float:
+    """Return the largest way [m] from the truth, of points half a metre from the middle."""
+    left = [small_motion(M @ E, np.zeros(3)) for M, E in zip(found.motions, errors, strict=True)]
+    return float(max(np.linalg.norm(e[3:]) + 0.5 * np.linalg.norm(e[:3]) for e in left))
+
+
+def test_control_points_bring_the_whole_to_its_place(rng: np.random.Generator) -> None:
+    found, errors = adjusted(rng, shift=np.array([0.03, -0.02, 0.01]))
+    assert found.applied
+    assert worst_place(found, errors) < 0.001  # control has 0.5 mm; as given the whole is 37 mm off
+    assert np.sqrt(np.trace(found.covariance[3:, 3:]) / 3) < 0.0005
+    assert found.blunders == ()
+
+
+def test_wrong_target_is_named_and_left_out(rng: np.random.Generator) -> None:
+    found, errors = adjusted(rng, wrong=(1, 4))
+    assert [(t.scan, t.name) for t in found.blunders] == [(1, "P4")]
+    assert worst_place(found, errors) < 0.001
+
+
+def test_wrong_control_point_is_named_and_left_out(rng: np.random.Generator) -> None:
+    found, errors = adjusted(rng, wrong_control=2)
+    assert [(t.scan, t.name) for t in found.blunders] == [(-1, "P2")]
+    assert worst_place(found, errors) < 0.001
+
+
+def test_targets_without_control_hold_scans_that_do_not_overlap(rng: np.random.Generator) -> None:
+    caps = noisy_caps(rng, 2, None)
+    errors, places = pose_errors(rng, 2), target_places(5)
+    facing = [c.take(c.points @ np.array([s, 0, 0]) > 0.25) for c, s in zip(caps, (1.0, -1.0), strict=True)]
+    given = [displaced(c, E) for c, E in zip(facing, errors, strict=True)]
+    found = adjust_scans(given, FEW, identify_targets(seen_targets(rng, places, errors)))
+    assert found.applied
+    left = [M @ E for M, E in zip(found.motions, errors, strict=True)]
+    apart = apply(left[0], places) - apply(left[1], places)
+    assert np.abs(apart).max() < 0.001  # targets have 0.2 mm; as given 5 mm
+    assert np.isnan(found.covariance).all()
+
+
+def test_too_small_sigmas_are_raised_by_their_variance_component(rng: np.random.Generator) -> None:
+    clouds, errors, places = noisy_caps(rng, 4, None), pose_errors(rng, 4), target_places(9)
+    seen = seen_targets(rng, places, errors)
+    stated = [[dataclasses.replace(t, covariance=t.covariance / 25.0) for t in scan] for scan in seen]
+    given = [displaced(c, E) for c, E in zip(clouds, errors, strict=True)]
+    honest, bold = (adjust_scans(given, FEW, identify_targets(s)).components.targets for s in (seen, stated))
+    assert honest == pytest.approx(1.0, abs=0.6)
+    assert 10.0 < bold < 45.0  # 25
+
+
+def test_the_truth_lies_in_the_ellipsoids_of_a_network_with_control() -> None:
+    each, whole = zip(*(simulate_network(seed, 0.03, is_absolute=True) for seed in range(4)), strict=True)
+    assert np.mean(np.array(each) < chi2.ppf(0.95, 6)) >= 0.8
+    assert 1.0 < np.mean(each) < 10.0  # 6
+    assert max(whole) < chi2.ppf(0.999, 6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_absolute", [False, True])
+def test_the_true_poses_lie_in_the_95_percent_ellipsoids_as_often_as_stated(is_absolute: bool) -> None:
+    each, _ = zip(*(simulate_network(seed, 0.03, is_absolute=is_absolute) for seed in range(60)), strict=True)
+    # 90 to 99 % are asked for in 200 simulations; of 60 times four, not independent, a standard deviation is 2 %
+    assert np.mean(np.array(each) < chi2.ppf(0.95, 6)) >= 0.88
+
+
+def test_targets_are_identified_by_invariants_however_far_the_poses_are_off(rng: np.random.Generator) -> None:
+    places = target_places(6)
+    errors = [np.eye(4), perturb(np.eye(4), np.zeros(3), np.array([0.5, 1.2, -0.3, 4.0, -2.0, 1.0]))]
+    control = tuple(ControlPoint(f"P{k}", p) for k, p in enumerate(places))
+    seen = seen_targets(rng, places, errors)
+    ties = identify_targets([seen[0], seen[1][::-1]], control)
+    named = [(int(s), ties.names[p]) for s, p in zip(ties.scan, ties.point, strict=True)]
+    assert sorted(named) == sorted((s, f"P{k}") for s in (0, 1) for k in range(6))
+
+
+def test_two_targets_beside_each_other_are_not_confused(rng: np.random.Generator) -> None:
+    places = np.array([[0.0, 0, 0], [0.08, 0, 0], [1.0, 0.3, 0.2]])
+    shifted = perturb(np.eye(4), np.zeros(3), np.array([0.0, 0, 0, 0.02, 0, 0]))
+    ties = identify_targets(seen_targets(rng, places, [np.eye(4), shifted]))
+    assert sorted(zip(ties.scan.tolist(), ties.point.tolist(), strict=True)) == [
+        (s, p) for s in (0, 1) for p in range(3)
+    ]
+
+
+def test_target_seen_once_ties_nothing(rng: np.random.Generator) -> None:
+    lonely = SurveyTarget("sphere", np.array([9.0, 0, 0]), np.eye(3) * 1e-8, 0.0725, 1e-4, 100, 1.0)
+    assert len(identify_targets([[lonely], []])) == 0
+
+
+def test_rows_of_ties_are_the_derivative_of_their_misclosures(rng: np.random.Generator) -> None:
+    places, errors = target_places(4), pose_errors(rng, 2, 0.3, 0.5)
+    ties = identify_targets(seen_targets(rng, places, [np.eye(4)] * 2), known_points(rng, places))
+    at = tie_equations(ties, errors, places, lever=2.0)
+    step = 1e-6
+    for u in range(at.rows.shape[2]):
+        moved, there = list(errors), places.copy()
+        if u < 12:
+            delta = np.zeros(6)
+            delta[u % 6] = step / (2.0 if u % 6 < 3 else 1.0)
+            moved[u // 6] = perturb(moved[u // 6], np.zeros(3), delta)
+        else:
+            there[(u - 12) // 3, (u - 12) % 3] += step
+        change = (tie_equations(ties, moved, there, lever=2.0).misclosures - at.misclosures) / step
+        assert np.abs(change - at.rows[:, :, u]).max() < 1e-5
+
+
+def test_redundancies_sum_up_to_the_surplus_of_observations(rng: np.random.Generator) -> None:
+    places = target_places(5)
+    ties = identify_targets(seen_targets(rng, places, [np.eye(4)] * 3), known_points(rng, places))
+    scales = Scales(1.0, 1e3, 1.0, 1.0, False)
+    solution = solve_network((np.zeros((18, 18)), np.zeros(18)), ties, places, [np.eye(4)] * 3, (scales, TieScales()))
+    redundancy = tie_statistics(solution)[1]
+    assert 3 * redundancy.sum() == pytest.approx(3 * 20 - (18 + 15), abs=1e-3)  # observations less unknowns
+
+
+def test_adjustment_that_does_not_settle_says_so(rng: np.random.Generator) -> None:
+    clouds, errors = noisy_caps(rng, 3, None), pose_errors(rng, 3)
+    given = [displaced(c, E) for c, E in zip(clouds, errors, strict=True)]
+    found = adjust_scans(given, dataclasses.replace(FEW, max_iterations=1))
+    assert not found.converged
+    assert not found.applied
+    assert "still moving" in found.reason
+    assert all(np.array_equal(M, np.eye(4)) for M in found.motions)
+
+
+def test_clouds_may_come_one_at_a_time(rng: np.random.Generator) -> None:
+    clouds: list[PointCloud] = noisy_caps(rng, 3, None)
+    one, other = adjust_scans(iter(clouds), FEW), adjust_scans(clouds, FEW)
+    assert one.sigma_after == other.sigma_after
