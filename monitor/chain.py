@@ -21,12 +21,13 @@ from monitor.quality import assess_scans, describe_distances, distances_to_surfa
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, comparison_product, find_step, latest_step, once_step, put_step
-from monitor.registration.adjustment import adjust_scans
 from monitor.registration.epochs import register_epochs
+from monitor.scan_network import adjust_epoch, frame_covariance
 from monitor.scans import read_within
 from monitor.second_opinion import ask_m3c2, gather_sights
 from monitor.settings import Settings, as_mapping
-from projects.errors import ParameterError, StoreError
+from monitor.target_search import search_targets
+from projects.errors import ParameterError
 from projects.model import Floats, PointCloud, Scan, Step, Surface
 from projects.store import Project
 from projects.transforms import apply, rotate
@@ -48,12 +49,14 @@ def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Noti
     """Bring one epoch up to date (design steps 1 to 10) and return its steps in order."""
     if place.project.epoch(place.object_id, place.epoch_id).is_mesh:
         return [_adopt_mesh(place, notify)]
-    scans = _filter_scans(place, settings, engine, notify)
-    network = _adjust(place, settings, scans, notify)
+    calibrations = calibrate_scans(place, settings.filter.calibration, engine, notify)
+    scans = _filter_scans(place, settings, calibrations, engine, notify)
+    targets = search_targets(place, settings.targets, calibrations, engine, notify)
+    network = adjust_epoch(place, settings.adjust, scans, targets, notify)
     filtered = _merge(place, settings, scans, network, notify)
     surface = _reconstruct(place, settings, (*scans, network), filtered, notify)
     quality = _assess_quality(place, (*scans, network), surface, notify)
-    return [*scans, network, filtered, surface, quality]
+    return [*scans, *targets, network, filtered, surface, quality]
 
 
 def compare_epochs(
@@ -80,7 +83,8 @@ def compare_epochs(
         motion, start = register_epochs(compared, reference, settings.icp)
         notify(f"{compared_id}: comparing with {reference_id}")
         sights = gather_sights(earlier), gather_sights(place)
-        found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights)
+        frames = _frames((earlier, place), motion.centre) if mode == "absolute" else None
+        found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames)
         clouds = [p.project.latest(p.object_id, p.epoch_id, "filtered") for p in (earlier, place)]
         if clouds[0] is None or clouds[1] is None:  # a finished mesh has no points
             return Made(found, start)
@@ -88,6 +92,13 @@ def compare_epochs(
 
     asked = Asked(comparison_product(reference_id), "comparison", parameters, (before, after))
     return once_step(place, asked, make)
+
+
+def _frames(places: Sequence[Place], centre: Floats) -> Floats | None:
+    """Return how far the frames of two epochs may differ, (6, 6) about `centre`; None where control holds not both."""
+    steps = [p.project.latest(p.object_id, p.epoch_id, "network") for p in places]
+    networks = [p.get(step) for p, step in zip(places, steps, strict=True) if step is not None]
+    return frame_covariance(networks, centre) if len(networks) == len(places) else None
 
 
 def default_mode(project: Project, object_id: str, reference_id: str, compared_id: str) -> str:
@@ -106,10 +117,11 @@ def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:
     return pairs
 
 
-def _filter_scans(place: Place, settings: Settings, engine: Engine, notify: Notify) -> list[Step]:
+def _filter_scans(
+    place: Place, settings: Settings, calibrations: list[Step | None], engine: Engine, notify: Notify
+) -> list[Step]:
     """Filter each scan by itself (design steps 0 to 6) and return one step a scan."""
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
-    calibrations = calibrate_scans(place, settings.filter.calibration, engine, notify)
     asked = _ask_scans(place, settings, [header.name for header in headers], calibrations)
     steps = [find_step(place, a) for a in asked]
     missing = [k for k, step in enumerate(steps) if step is None]
@@ -146,33 +158,6 @@ def filter_task(task: ScanTask) -> Made:
         return Made(PointCloud(np.empty((0, 3))), {"skipped": "no point within the extent"}, task.counts)
     result = filter_scan_with_record(task.scan, task.settings, task.calibration)
     return Made(result.cloud, result.automatic, {**task.counts, **result.counts})
-
-
-def _adjust(place: Place, settings: Settings, scans: list[Step], notify: Notify) -> Step:
-    """Fit the scans of the epoch onto each other (design step 7; Dorninger & Nothegger 2009)."""
-
-    def make() -> Made:
-        if len(scans) > 1:
-            notify(f"{place.epoch_id}: fitting {len(scans)} scans onto each other")
-        clouds = [place.get(step) for step in scans]
-        seen = [k for k, cloud in enumerate(clouds) if len(cloud)]
-        if not seen:
-            raise StoreError("no scan has a point within the object's extent; check the extent, the poses and the unit")
-        found = adjust_scans([clouds[k] for k in seen], settings.adjust)
-        motions = np.tile(np.eye(4), (len(clouds), 1, 1))
-        motions[seen] = found.motions
-        pairs = [{**as_mapping(p), "first": seen[p.first], "second": seen[p.second]} for p in found.pairs]
-        figures = {
-            "applied": found.applied,
-            "reason": found.reason,
-            "misfit_before_m": found.sigma_before,
-            "misfit_after_m": found.sigma_after,
-            "n_iterations": found.n_iterations,
-            "pairs": pairs,
-        }
-        return Made({"T_project_given": motions}, figures)
-
-    return once_step(place, Asked("network", "network", {"adjust": as_mapping(settings.adjust)}, tuple(scans)), make)
 
 
 def _adjusted_clouds(place: Place, scans: Sequence[Step], network: Step) -> list[PointCloud]:

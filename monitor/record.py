@@ -20,7 +20,8 @@ from projects.store import Project
 METHOD = {
     "calibration": 1,
     "scan": 1,
-    "network": 1,
+    "targets": 1,
+    "network": 2,
     "filtered": 1,
     "surface": 1,
     "quality": 1,

@@ -5,7 +5,7 @@ In come paths and options of `monitor add-epoch`, or a project and a scan's numb
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 
 from monitor.filtering.thinning import hash_points
+from monitor.registration.placing import place_scans
+from monitor.registration.targets import find_targets
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
 from projects.formats import PoseLine, ScanStream, question_unit, read_scans, require_known_names
-from projects.model import PointCloud, Scan
+from projects.model import ControlPoint, PointCloud, Scan
 from projects.store import Project
 from projects.transforms import apply
 
@@ -30,19 +32,21 @@ class UnitCheck:
 
 
 def open_scans(
-    files: Iterable[Path], poses: Mapping[str, PoseLine], unit: UnitCheck, repeated: bool = False
-) -> list[ScanStream]:
+    files: Iterable[Path], poses: Mapping[str, PoseLine], unit: UnitCheck, repeated: bool = False,
+    control: Sequence[ControlPoint] = (),
+) -> list[ScanStream]:  # fmt: skip
     """Return the scans of the files, each with a pose, ready to be streamed into the store.
 
-    A pose comes from the poses file, else from the scan's own file; a scan that stands alone (or repeated scans from
-    one station) may do without and then stands in the project's frame.
+    A pose comes from the poses file, else from the scan's own file, else, where there are several scans, from the
+    survey targets in them and the control points; a scan that stands alone (or repeated scans from one station) may do
+    without and then stands in the project's frame.
 
     Raises
     ------
     ParameterError
         For a missing file, a file given twice, a pose line that names none of the files.
     FormatError
-        For several scans without poses.
+        For several scans without poses that targets do not place.
     """
     streams: list[ScanStream] = []
     paths = _require_files(files)
@@ -51,10 +55,7 @@ def open_scans(
         streams.extend(read_scans(path, unit=unit.metres, pose_lines=poses))
     without = [s.name for s in streams if s.pose is None]
     if without and len(streams) > 1 and not repeated:
-        raise FormatError(
-            f"{len(without)} of {len(streams)} scans have no pose ({', '.join(without[:3])}"
-            f"{', ...' if len(without) > 3 else ''}); give --poses FILE with a line for each"
-        )
+        streams = _place_by_targets(streams, control)
     return [_complete(s) for s in streams]
 
 
@@ -63,6 +64,20 @@ def _complete(stream: ScanStream) -> ScanStream:
     pose = np.eye(4) if stream.pose is None else stream.pose
     origin = stream.origin if stream.is_origin_stated else np.full(3, np.nan)
     return replace(stream, pose=pose, origin=origin)
+
+
+def _place_by_targets(streams: list[ScanStream], control: Sequence[ControlPoint]) -> list[ScanStream]:
+    """Return the scans with the poses that their survey targets give, or raise where these do not suffice."""
+    targets = [find_targets(join_chunks(list(stream.chunks()))) for stream in streams]
+    placed = place_scans(targets, [stream.pose for stream in streams], control)
+    lost = [k for k, pose in enumerate(placed.poses) if not np.isfinite(pose).all()]
+    if lost:
+        names = ", ".join(streams[k].name for k in lost[:3]) + (", ..." if len(lost) > 3 else "")
+        raise FormatError(
+            f"{len(lost)} of {len(streams)} scans have no pose ({names}), and targets do not give it "
+            f"({len(targets[lost[0]])} found; {placed.reasons[lost[0]]}); give --poses FILE with a line for each"
+        )
+    return [replace(s, pose=pose) for s, pose in zip(streams, placed.poses, strict=True)]
 
 
 def _require_files(files: Iterable[Path]) -> list[Path]:

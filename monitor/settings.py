@@ -17,6 +17,7 @@ from monitor.filtering import FilterSettings
 from monitor.reconstruction import SurfaceSettings
 from monitor.registration import IcpSettings
 from monitor.registration.adjustment import AdjustmentSettings
+from monitor.registration.targets import TargetSettings
 from projects.errors import ParameterError
 
 AUTO = "auto"
@@ -27,6 +28,7 @@ class Settings:
     """Settings of the whole chain."""
 
     filter: FilterSettings = dataclasses.field(default_factory=FilterSettings)
+    targets: TargetSettings = dataclasses.field(default_factory=TargetSettings)
     adjust: AdjustmentSettings = dataclasses.field(default_factory=AdjustmentSettings)
     surface: SurfaceSettings = dataclasses.field(default_factory=SurfaceSettings)
     icp: IcpSettings = dataclasses.field(default_factory=IcpSettings)

@@ -110,7 +110,7 @@ def _poses(request: EpochRequest, unit: UnitCheck) -> Mapping[str, PoseLine]:
 
 def _add_scans(project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> EpochRecord:
     """Stream the scans into the store."""
-    streams = open_scans(request.files, _poses(request, unit), unit, repeated=request.repeated)
+    streams = open_scans(request.files, _poses(request, unit), unit, repeated=request.repeated, control=record.control)
     return project.add_epoch(record, with_questioned_unit(streams, unit))
 
 

@@ -64,7 +64,7 @@ class CompareSettings:
 
 def compare(reference: Surface, compared: Surface, registration: Registration | None = None,
             settings: CompareSettings | None = None, mode: str = "relative", tolerance: float | None = None,
-            sights: Sights | None = None) -> Comparison:  # fmt: skip
+            sights: Sights | None = None, *, frames: Floats | None = None) -> Comparison:  # fmt: skip
     """Compare two epochs of an object and say what has changed, how much and how sure.
 
     Parameters
@@ -73,6 +73,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     registration : of the compared surface onto the reference; estimated where left out.
     mode : "relative" removes the motion between the epochs, "absolute" leaves it in the differences (its uncertainty
         counts in both).
+    frames : (6, 6) rad and m, in absolute mode how far the frames of both epochs may differ, as their control holds
+        them, about the registration's centre. Then it is what the differences hold, and the motion has it besides its
+        own uncertainty. Left out: unknown, the uncertainty of the motion stands for it.
     tolerance : m, a client's own limit, reported beside the level of detection.
     sights : what the stations of the reference and of the compared epoch saw, each in its own epoch's coordinates. With
         them a missing surface is a loss only where a scan of the compared epoch looked through it, and not seen
@@ -103,9 +106,14 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         raise RegistrationError(
             f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
         )
+    if mode == "absolute" and frames is not None:
+        held = dataclasses.replace(registration, covariance=frames)
+        registration = dataclasses.replace(registration, covariance=registration.covariance + frames)
+    else:
+        held = registration
     moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
     trees = build_trees(reference, moved, settings.max_normal_angle)
-    sides = measure_sides(reference, moved, trees, registration, (limit, settings.max_normal_angle))
+    sides = measure_sides(reference, moved, trees, held, (limit, settings.max_normal_angle))
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
              drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
     if not any(s.is_assessed.any() for s in sides):
@@ -114,12 +122,12 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
             f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); "
             "the epochs do not overlap, or not the same side of them: check their poses and units"
         )
-    found = detect(sides, registration, settings.false_discovery_rate, settings.seed)
+    found = detect(sides, held, settings.false_discovery_rate, settings.seed)
     beyond = look_beyond(sides, trees, limit)
     if sights is not None:
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
-    regions, numbers = find_regions(sides, found, beyond, registration, settings.false_discovery_rate)
+    regions, numbers = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
     on_reference, on_compared = (
         finish_side(s, f, r, b) for s, f, r, b in zip(sides, found.sides, numbers, beyond.change, strict=True)
     )

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from monitor.declare import check_settings, setting
+from monitor.registration.covariance import about
 from monitor.registration.matching import Matches, MatchLimits, Samples, make_samples, match
 from monitor.registration.network import (
     Pairs,
@@ -23,7 +24,7 @@ from monitor.registration.network import (
     pair_equations,
     solve_network,
 )
-from monitor.registration.network_covariance import about, mean_motion, network_covariance
+from monitor.registration.network_covariance import mean_motion, network_covariance
 from monitor.registration.sampling import cell_numbers, motion_rows, sample_source
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder

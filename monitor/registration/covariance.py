@@ -19,6 +19,7 @@ from monitor.registration.sampling import motion_rows
 from monitor.registration.weights import tukey_slope, tukey_weights
 from projects.errors import ShapeError
 from projects.model import Floats, Ints
+from projects.transforms import cross_matrix
 
 N_PATCHES = 150  # enough to tell a range of a tenth of the object; 0.1 s
 LEAST_SCATTER = 1e-6  # of standardized residuals squared: two epochs of the same numbers have none
@@ -46,6 +47,16 @@ def propagate(covariance: Floats, centre: Floats, points: Floats, normals: Float
                          "(6, 6) and twice (n, 3) are needed")  # fmt: skip
     rows = motion_rows(np.asarray(points, dtype=float), np.asarray(normals, dtype=float), np.asarray(centre))
     return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, covariance, rows), 0.0))
+
+
+def about(covariance: Floats, offset: Floats) -> Floats:
+    """Return the covariance (6, 6) of a motion about a point as one about the point that lies `offset` (3,) [m] off.
+
+    With x -> c + exp([w]) (x - c) + t the part t about c + o is t + w x o.
+    """
+    J = np.eye(6)
+    J[3:, :3] = -cross_matrix(offset)
+    return np.asarray(J @ covariance @ J.T)
 
 
 def shape_information(matches: Matches, centre: Floats, weights: Floats) -> Floats:

@@ -18,7 +18,6 @@ from monitor.registration.patches import cut_patches
 from monitor.registration.sampling import cell_numbers, motion_rows
 from monitor.registration.weights import tukey_slope, tukey_weights
 from projects.model import Floats, Ints
-from projects.transforms import cross_matrix
 
 N_PATCHES = 120  # of one scan
 FEWEST_PATCHES = 12  # that tell a range of correlation
@@ -44,13 +43,6 @@ def network_covariance(
         full = free @ full @ free.T
     unit = np.tile(np.repeat([1.0 / scales.lever, 1.0], 3), n)
     return np.asarray(full * np.outer(unit, unit))
-
-
-def about(covariance: Floats, centre: Floats) -> Floats:
-    """Return the covariance (6, 6) of a motion about the origin as one about `centre` (3,) [m]."""
-    J = np.eye(6)
-    J[3:, :3] = -cross_matrix(centre)
-    return np.asarray(J @ covariance @ J.T)
 
 
 def mean_motion(covariance: Floats) -> Floats:

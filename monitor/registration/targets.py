@@ -22,7 +22,12 @@ USUAL_RADII = (0.05, 0.06985, 0.0725, 0.0762, 0.1)  # m: 100, 139.7, 145, 152.4 
 class TargetSettings:
     """Survey targets that are looked for in the scans."""
 
-    enabled: bool = setting(True, unit="", meaning="look for spheres and boards where an epoch has several scans")
+    search: str = setting(
+        "auto",
+        unit="",
+        meaning="look for spheres and boards; auto: where an epoch has control points",
+        choices=("auto", "always", "never"),
+    )
     sphere_radius: float | None = setting(
         None, unit="m", low=0.005, high=1.0, meaning="of the spheres; 50, 69.85, 72.5, 76.2 and 100 mm"
     )

@@ -24,6 +24,7 @@ from monitor.registration.network import (
     tie_equations,
     tie_statistics,
 )
+from monitor.registration.placing import place_scans
 from monitor.registration.ties import identify_targets
 from projects.model import ControlPoint, PointCloud, SurveyTarget
 from projects.transforms import apply, perturb
@@ -130,6 +131,28 @@ def test_two_targets_beside_each_other_are_not_confused(rng: np.random.Generator
     assert sorted(zip(ties.scan.tolist(), ties.point.tolist(), strict=True)) == [
         (s, p) for s in (0, 1) for p in range(3)
     ]
+
+
+def test_scans_without_poses_are_placed_one_after_the_other_by_shared_targets(rng: np.random.Generator) -> None:
+    places = rng.uniform([-8, -3, 0], [8, 3, 3], (12, 3))
+    truth = [perturb(np.eye(4), np.zeros(3), rng.normal(0, 2.0, 6)) for _ in range(3)]
+    inverse = [np.linalg.inv(T) for T in truth]
+    # the first sees the control points, the second shares none of them with it, the third nothing with the first
+    shares = (range(0, 7), range(3, 11), range(7, 12))
+    seen = [seen_targets(rng, places[list(s)], [E])[0] for s, E in zip(shares, inverse, strict=True)]
+    control = known_points(rng, places[:4])
+    found = place_scans(seen, [None, None, None], control)
+    assert found.reasons == ("", "", "")
+    for pose, T in zip(found.poses, truth, strict=True):
+        assert np.abs(apply(pose @ np.linalg.inv(T), places) - places).max() < 0.01
+
+
+def test_scan_that_shares_two_targets_only_is_not_placed(rng: np.random.Generator) -> None:
+    places = rng.uniform([-8, -3, 0], [8, 3, 3], (7, 3))
+    seen = seen_targets(rng, places, [np.eye(4)] * 2)
+    found = place_scans([seen[0][:5], seen[1][3:]], [np.eye(4), None])
+    assert np.isnan(found.poses[1]).all()
+    assert "agree" in found.reasons[1]
 
 
 def test_target_seen_once_ties_nothing(rng: np.random.Generator) -> None:

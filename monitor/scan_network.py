@@ -1,0 +1,134 @@
+"""The network step of the chain (design step 7): scans, their targets and the epoch's control in one adjustment.
+
+In: the steps of the filtered scans and of their targets. Out: the step that holds the motion of each scan, covariances
+and how everything fits; an adjustment that did not settle is refused with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from monitor.record import Asked, Made, Place, once_step
+from monitor.registration.adjustment import Adjustment, AdjustmentSettings, adjust_scans
+from monitor.registration.covariance import about
+from monitor.registration.snooping import TieFit
+from monitor.registration.ties import Ties, identify_targets
+from monitor.settings import as_mapping
+from monitor.target_search import targets_of
+from projects.errors import RegistrationError, StoreError
+from projects.model import Floats, Step, SurveyTarget
+from projects.transforms import apply
+
+
+def adjust_epoch(
+    place: Place, settings: AdjustmentSettings, scans: Sequence[Step], targets: Sequence[Step],
+    notify: Callable[[str], None],
+) -> Step:  # fmt: skip
+    """Fit the scans of an epoch onto each other and onto control (`papers/002`; Dorninger & Nothegger 2009)."""
+    control = place.project.epoch(place.object_id, place.epoch_id).control
+    parameters: dict[str, Any] = {"adjust": as_mapping(settings)}
+    if control:
+        parameters["control"] = [{"name": c.name, "position": c.position.tolist(), "sigma": c.sigma} for c in control]
+
+    def make() -> Made:
+        if len(scans) > 1:
+            notify(f"{place.epoch_id}: fitting {len(scans)} scans onto each other")
+        seen = [k for k, step in enumerate(scans) if len(place.get(step))]
+        if not seen:
+            raise StoreError("no scan has a point within the object's extent; check the extent, the poses and the unit")
+        found = adjust_scans((place.get(scans[k]) for k in seen), settings, _ties(place, targets, seen))
+        if not found.converged:
+            raise RegistrationError(
+                f"the scans could not be fitted onto each other: {found.reason}; check their poses, give better ones "
+                "with --poses, or keep them as given with the setting adjust.enabled = false"
+            )
+        return Made(_as_arrays(found, seen, len(scans)), _figures(found, seen))
+
+    return once_step(place, Asked("network", "network", parameters, (*scans, *targets)), make)
+
+
+def _ties(place: Place, targets: Sequence[Step], seen: Sequence[int]) -> Ties:
+    """Return the targets of the scans that saw the object, identified, in the project's frame."""
+    poses = [h.pose for h in place.project.scan_headers(place.object_id, place.epoch_id)]
+    found = [[in_project(t, poses[k]) for t in targets_of(place, targets[k])] for k in seen] if targets else []
+    control = place.project.epoch(place.object_id, place.epoch_id).control
+    return identify_targets(found, control if targets else ())
+
+
+def in_project(target: SurveyTarget, pose: Floats) -> SurveyTarget:
+    """Return a target of a scan's frame in the project's, under the pose T_project_scanner."""
+    R = pose[:3, :3]
+    return replace(target, centre=apply(pose, target.centre), covariance=R @ target.covariance @ R.T)
+
+
+def _as_arrays(found: Adjustment, seen: Sequence[int], n_scans: int) -> dict[str, Floats]:
+    """Return motions and covariances of all scans; of one that saw nothing the identity and NaN."""
+    motions, centres = np.tile(np.eye(4), (n_scans, 1, 1)), np.full((n_scans, 3), np.nan)
+    covariances = np.full((n_scans, 6, 6), np.nan)
+    motions[seen] = found.motions
+    if len(found.covariances):
+        covariances[seen], centres[seen] = found.covariances, found.centres
+    return {"T_project_given": motions, "covariances": covariances, "centres": centres,
+            "covariance": found.covariance, "centre": found.centre}  # fmt: skip
+
+
+def _figures(found: Adjustment, seen: Sequence[int]) -> dict[str, Any]:
+    """Return what is recorded with the step: fits of pairs, targets and control, variance components, blunders."""
+    figures: dict[str, Any] = {
+        "applied": found.applied,
+        "reason": found.reason,
+        "misfit_before_m": found.sigma_before,
+        "misfit_after_m": found.sigma_after,
+        "n_iterations": found.n_iterations,
+        "pairs": [{**as_mapping(p), "first": seen[p.first], "second": seen[p.second]} for p in found.pairs],
+    }
+    if not found.ties:
+        return figures
+    sigma = np.sqrt(np.diag(found.covariance))
+    return figures | {
+        "ties": [_tie(t, seen) for t in found.ties],
+        "n_targets": sum(t.scan >= 0 for t in found.ties),
+        "n_control": sum(t.scan < 0 for t in found.ties),
+        "blunders": [_place_name(t, seen) for t in found.blunders],
+        "target_rms_m": _rms([t for t in found.ties if t.scan >= 0 and not t.is_blunder]),
+        "control_rms_m": _rms([t for t in found.ties if t.scan < 0 and not t.is_blunder]),
+        "variance_component_targets": found.components.targets,
+        "variance_component_control": found.components.control,
+        "sigma_position_m": float(np.sqrt(np.mean(sigma[3:] ** 2))),
+        "sigma_rotation_rad": float(np.sqrt(np.mean(sigma[:3] ** 2))),
+    }
+
+
+def _tie(fit: TieFit, seen: Sequence[int]) -> dict[str, Any]:
+    """Return how one target or control point fits, as it is recorded."""
+    return {
+        "name": fit.name, "scan": seen[fit.scan] if fit.scan >= 0 else -1, "residual_m": fit.residual.tolist(),
+        "statistic": fit.statistic, "redundancy": fit.redundancy, "is_blunder": fit.is_blunder,
+        "is_control": fit.is_control,
+    }  # fmt: skip
+
+
+def _place_name(fit: TieFit, seen: Sequence[int]) -> str:
+    """Return which observation a blunder is, in words."""
+    return f"control point {fit.name}" if fit.scan < 0 else f"{fit.name} in scan {seen[fit.scan] + 1}"
+
+
+def _rms(fits: Sequence[TieFit]) -> float:
+    """Return the root mean square [m] of the lengths of residuals in space, NaN without any."""
+    return float(np.sqrt(np.mean([float(f.residual @ f.residual) for f in fits]))) if fits else float("nan")
+
+
+def frame_covariance(networks: Sequence[dict[str, Any]], centre: Floats) -> Floats | None:
+    """Return the covariance (6, 6) about `centre` (3,) [m] of what the frames of both epochs differ by, both held by
+    control; None where one is not."""
+    total = np.zeros((6, 6))
+    for network in networks:
+        covariance = np.asarray(network.get("covariance", np.nan), dtype=float)
+        if covariance.shape != (6, 6) or not np.isfinite(covariance).all():
+            return None
+        total += about(covariance, centre - np.asarray(network["centre"], dtype=float))
+    return total
