@@ -38,7 +38,7 @@ class TargetTask:
 def is_wanted(place: Place, settings: TargetSettings) -> bool:
     """Return whether targets are looked for: where the epoch has control points, or as the settings say."""
     has_control = bool(place.project.epoch(place.object_id, place.epoch_id).control)
-    return settings.search == "always" or (settings.search == "auto" and has_control)
+    return settings.search == "always" or (settings.search == "controlled" and has_control)
 
 
 def search_targets(

@@ -26,7 +26,7 @@ class TargetSettings:
         "auto",
         unit="",
         meaning="look for spheres and boards; auto: where an epoch has control points",
-        choices=("auto", "always", "never"),
+        choices=("controlled", "always", "never"),
     )
     sphere_radius: float | None = setting(
         None, unit="m", low=0.005, high=1.0, meaning="of the spheres; 50, 69.85, 72.5, 76.2 and 100 mm"
