@@ -23,11 +23,9 @@ class TargetSettings:
     """Survey targets that are looked for in the scans."""
 
     search: str = setting(
-        "auto",
-        unit="",
-        meaning="look for spheres and boards; auto: where an epoch has control points",
+        "controlled", unit="", meaning="look for spheres and boards; controlled: where an epoch has control points",
         choices=("controlled", "always", "never"),
-    )
+    )  # fmt: skip
     sphere_radius: float | None = setting(
         None, unit="m", low=0.005, high=1.0, meaning="of the spheres; 50, 69.85, 72.5, 76.2 and 100 mm"
     )
