@@ -12,6 +12,7 @@ import numpy as np
 
 from projects.model import Assessment, Comparison, NotAssessed, Step
 from reports.answer import NAN, WHY_NOT, print_significance, share_not_assessed
+from reports.control import control_table
 from reports.facts import Table
 from reports.quantities import DEGREES, MM, count, estimate, millimetres, percent, print_number
 from reports.wholemotion import describe_motion
@@ -27,6 +28,7 @@ def state_certainty(
         detection_table(comparison, false_discovery_rate),
         not_assessed_table(comparison),
         agreement_table(steps),
+        control_table(steps),
     ]
     return tuple(t for t in tables if t.rows)
 

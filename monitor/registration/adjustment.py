@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor.declare import check_settings, setting
 from monitor.registration.covariance import about
-from monitor.registration.matching import Matches, MatchLimits, Samples, make_samples, match
+from monitor.registration.matching import make_samples
 from monitor.registration.network import (
     Pairs,
     Scales,
@@ -25,21 +25,20 @@ from monitor.registration.network import (
     solve_network,
 )
 from monitor.registration.network_covariance import mean_motion, network_covariance
-from monitor.registration.sampling import cell_numbers, motion_rows, sample_source
+from monitor.registration.overlaps import Overlaps, PairFit, describe_pairs, first_radius, match_overlaps, misfit_of
+from monitor.registration.sampling import cell_numbers, sample_source
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder
 from monitor.registration.ties import Ties, no_ties
 from monitor.registration.weights import robust_scale
 from projects.model import Floats, PointCloud
-from projects.transforms import apply, invert, perturb
+from projects.transforms import apply, perturb
 
-FEWEST_PAIRS = 100  # points that two scans must share to be held together
 PATCH_IN_SPACINGS = 10.0  # errors of neighbouring points agree: a patch of this edge is one witness
 SETTLED = 0.01  # of the sigma of residuals: steps below this change nothing
 NEARLY_SETTLED = 0.1  # of the sigma of residuals: where pairs swap to and fro, steps come no lower
 BETTER = (2 / 3) ** 0.5  # of the misfit as given: the poses must explain a third of its variance, or they stay
 MOST_POINTS = 300_000  # of a scan that others are matched with: 40 scans then need two gigabytes
-SEARCH_MEDIANS, SEARCH_SHARE = 4.0, 0.1  # of the distances between scans as given; of the smallest scan's diagonal
 SHRINK = 0.7  # of the search radius, from step to step
 MANY_MORE = 1.5  # times as many points that find partners: the motions are right, whatever the misfit was
 N_TIE_STEPS = 4  # steps by targets alone, before surfaces are matched
@@ -60,21 +59,6 @@ class AdjustmentSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
-
-
-@dataclass(frozen=True)
-class PairFit:
-    """How two scans fit: shared points, bias and robust sigma [m] of their distances, before and after, and
-    the `closure` [m]: by how much the pair by itself would still move."""
-
-    first: int
-    second: int
-    n: int
-    bias_before: float
-    sigma_before: float
-    bias_after: float
-    sigma_after: float
-    closure: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -111,12 +95,9 @@ class Adjustment:
 
 @dataclass(frozen=True)
 class _Network:
-    """The scans as sides and samples, less `shift`, the pairs of them whose boxes meet, and the ties."""
+    """The scans, less `shift`, and the ties; partners are looked for within `radius`, at last `finest_radius` [m]."""
 
-    sides: tuple[Side, ...]
-    samples: tuple[Samples, ...]
-    pairs: tuple[tuple[int, int], ...]
-    spacing: float
+    overlaps: Overlaps
     radius: float
     finest_radius: float
     shift: Floats
@@ -125,7 +106,7 @@ class _Network:
     @property
     def lever(self) -> float:
         """Root mean square distance [m] of the samples from the origin."""
-        return float(np.sqrt(np.mean([np.mean(np.sum(s.points**2, axis=1)) for s in self.samples])))
+        return float(np.sqrt(np.mean([np.mean(np.sum(s.points**2, axis=1)) for s in self.overlaps.samples])))
 
 
 @dataclass(frozen=True)
@@ -172,18 +153,18 @@ def adjust_scans(
     """
     settings, ties = settings or AdjustmentSettings(), ties or no_ties()
     network = _prepare(clouds, settings, ties)
-    n = len(network.sides)
+    n = len(network.overlaps.sides)
     unmoved = tuple(np.eye(4) for _ in range(n))
     is_tied = len(ties) > 0
     if not settings.enabled or not n or (n < 2 and not is_tied):
         return Adjustment(unmoved, (), False, "nothing to adjust", float("nan"), float("nan"), 0)
-    before = _match_all(network, unmoved, network.finest_radius, fine=True)
-    if not is_tied and not _match_all(network, unmoved, network.radius, fine=False):
+    before = match_overlaps(network.overlaps, unmoved, network.finest_radius, fine=True)
+    if not is_tied and not match_overlaps(network.overlaps, unmoved, network.radius, fine=False):
         return Adjustment(unmoved, (), False, "no two scans overlap", float("nan"), float("nan"), 0)
     state = _iterate(network, settings.max_iterations)
-    after = _match_all(network, state.motions, network.finest_radius, fine=True)
-    pairs = _describe(before, after)
-    sigma_before, sigma_after = _misfit(before), _misfit(after)
+    after = match_overlaps(network.overlaps, state.motions, network.finest_radius, fine=True)
+    pairs = describe_pairs(before, after)
+    sigma_before, sigma_after = misfit_of(before), misfit_of(after)
     found = Adjustment(
         unmoved, pairs, False, state.reason, sigma_before, sigma_after, state.n_iterations, not state.reason,
         ties=describe_ties(state.solution, state.ties, network.ties, n), components=state.components,
@@ -201,7 +182,9 @@ def _with_covariances(found: Adjustment, state: _State, network: _Network) -> Ad
     """Return the adjustment with the covariance of each scan and, with control, of the whole."""
     is_absolute = bool(state.ties.has_control.any())
     full = network_covariance(state.matches, state.motions, state.scales, state.solution, is_absolute=is_absolute)
-    centres = np.array([apply(T, s.points.mean(axis=0)) for T, s in zip(state.motions, network.samples, strict=True)])
+    centres = np.array(
+        [apply(T, s.points.mean(axis=0)) for T, s in zip(state.motions, network.overlaps.samples, strict=True)]
+    )
     blocks = [full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(len(centres))]
     each = np.array([about(block, centre) for block, centre in zip(blocks, centres, strict=True)])
     found = replace(found, covariances=each, centres=centres + network.shift)
@@ -224,57 +207,32 @@ def _prepare(clouds: Iterable[PointCloud], settings: AdjustmentSettings, ties: T
             cloud = cloud.take(np.sort(rng.choice(len(cloud), MOST_POINTS, replace=False)))
         sides.append(prepare_side(cloud, first))
     if not sides:
-        return _Network((), (), (), np.nan, np.nan, np.nan, first, ties)
+        return _Network(Overlaps((), (), (), np.nan), np.nan, np.nan, first, ties)
     offset = np.mean(means, axis=0) - first
     sides = [side.shifted(offset) for side in sides]
     chosen = [sample_source(side, settings.n_samples, rng) for side in sides]
     samples = tuple(make_samples(side, which) for side, which in zip(sides, chosen, strict=True))
     spacing = float(np.median([np.median(side.spacing_of(w)) for side, w in zip(sides, chosen, strict=True)]))
     finest = settings.search_radius or 10.0 * spacing
-    radius = settings.search_radius or max(finest, _first_radius(sides, samples))
+    radius = settings.search_radius or max(finest, first_radius(sides, samples))
     low = np.array([side.points.min(axis=0) - radius for side in sides])
     high = np.array([side.points.max(axis=0) for side in sides])
     n = len(sides)
     meet = [(i, j) for i in range(n) for j in range(n) if i != j and np.all((low[i] < high[j]) & (low[j] < high[i]))]
     shift = first + offset
-    return _Network(tuple(sides), samples, tuple(meet), spacing, radius, finest, shift, ties.shifted(shift))
-
-
-def _first_radius(sides: Sequence[Side], samples: Sequence[Samples]) -> float:
-    """Return how far partners are looked for at first [m]: a few median distances to the nearest other scan as given,
-    at most a tenth of the smallest scan's diagonal."""
-    limit = SEARCH_SHARE * float(min(np.linalg.norm(np.ptp(side.points, axis=0)) for side in sides))
-    nearest = []
-    for i, own in enumerate(samples):
-        some = own.every(max(len(own.points) // 300, 1)).points
-        apart = [side.tree.query(some, distance_upper_bound=limit)[0] for j, side in enumerate(sides) if j != i]
-        nearest.append(np.min(apart, axis=0) if apart else np.empty(0))
-    distances = np.concatenate(nearest)
-    distances = distances[np.isfinite(distances)]
-    return float(min(SEARCH_MEDIANS * np.median(distances), limit)) if len(distances) else 0.0
-
-
-def _match_all(network: _Network, motions: Sequence[Floats], radius: float, *, fine: bool) -> Pairs:
-    """Return the matches of every pair of scans that share enough points, in the frame of the second as given."""
-    aside = 1.5 * network.spacing if fine else radius
-    limits = MatchLimits(radius, aside, np.radians(30.0 if fine else 45.0))
-    found = {}
-    for i, j in network.pairs:
-        matches = match(network.samples[i], network.sides[j], invert(motions[j]) @ motions[i], limits, True)
-        if len(matches) >= FEWEST_PAIRS:
-            found[i, j] = matches
-    return found
+    overlaps = Overlaps(tuple(sides), samples, tuple(meet), spacing)
+    return _Network(overlaps, radius, finest, shift, ties.shifted(shift))
 
 
 def _iterate(network: _Network, max_iterations: int) -> _State:
     """Return where the iteration ends: first by targets alone, then with surfaces, without blunders."""
-    n = len(network.sides)
+    n = len(network.overlaps.sides)
     motions, places = _start_by_ties(network, [np.eye(4) for _ in range(n)])
     ties, components, radius = network.ties, TieScales(), network.radius
     prior, fine, pace, last = float("nan"), False, 1.0, np.zeros((n, 6))
     for step in range(1, max_iterations + 1):
-        matches = _match_all(network, motions, radius, fine=fine)
-        sigma = _misfit(matches) if matches else _tie_sigma(network.ties)
+        matches = match_overlaps(network.overlaps, motions, radius, fine=fine)
+        sigma = misfit_of(matches) if matches else _tie_sigma(network.ties)
         prior = max(sigma, _given_misfit(network)) if step == 1 else prior
         scales = _scales(network, matches, (sigma, prior), fine, motions)
         solution = solve_network(pair_equations(matches, motions, scales), ties, places, motions, (scales, components))
@@ -343,7 +301,7 @@ def _scales(
 ) -> Scales:
     """Return the scales of the weights; beside targets, patches of a pair have the variance that their means show."""
     sigma, prior = sigmas
-    scales = Scales(sigma, prior, network.lever, PATCH_IN_SPACINGS * network.spacing, fine)
+    scales = Scales(sigma, prior, network.lever, PATCH_IN_SPACINGS * network.overlaps.spacing, fine)
     if not len(network.ties) or not matches:
         return scales
     means, counts = [], []
@@ -353,48 +311,6 @@ def _scales(
         means.append(np.bincount(numbers, np.clip(pair.residuals, -3.0 * sigma, 3.0 * sigma)) / counts[-1])
     spread2 = robust_scale(np.concatenate(means)) ** 2 / sigma**2
     return replace(scales, pair_factor=max(spread2, 1.0 / float(np.mean(np.concatenate(counts)))))
-
-
-def _misfit(matches: Pairs) -> float:
-    """Return the robust sigma [m] of all residuals about zero, each pair of scans counting by its points."""
-    return robust_scale(np.concatenate([m.residuals for m in matches.values()])) if matches else float("nan")
-
-
-def _describe(before: Pairs, after: Pairs) -> tuple[PairFit, ...]:
-    """Return how each pair of scans, counted once, fits before and after."""
-    fits = []
-    for i, j in sorted({(min(p), max(p)) for p in (*before, *after)}):
-        was, now = _residuals(before, i, j), _residuals(after, i, j)
-        bias = [float(np.median(r)) if len(r) else float("nan") for r in (was, now)]
-        closure = _closure([m for key in ((i, j), (j, i)) if (m := after.get(key)) is not None])
-        n = max(len(was), len(now))
-        fits.append(PairFit(i, j, n, bias[0], robust_scale(was), bias[1], robust_scale(now), closure))
-    return tuple(fits)
-
-
-def _closure(matches: Sequence[Matches]) -> float:
-    """Return by how much [m, root mean square over the points] the pair by itself would still move, NaN without."""
-    if not matches:
-        return float("nan")
-    ways = []
-    for pair in matches:
-        centre = pair.points.mean(axis=0)
-        lever = float(np.sqrt(np.mean(np.sum((pair.points - centre) ** 2, axis=1)))) + 1e-12
-        unit = np.repeat([1.0 / lever, 1.0], 3)
-        rows = motion_rows(pair.points, pair.normals, centre) * unit
-        motion = -np.linalg.pinv(rows, rcond=CLOSURE_HELD) @ pair.residuals
-        ways.append(float(np.sqrt(np.mean((rows @ motion) ** 2))))
-    return float(np.mean(ways))
-
-
-CLOSURE_HELD = 0.1  # of the best held motion: what a pair by itself hardly holds is not asked of it
-
-
-def _residuals(matches: Pairs, i: int, j: int) -> Floats:
-    """Return the residuals [m] of a pair of scans from both sides, positive where scan i lies outside of scan j."""
-    parts = [matches[i, j].residuals] if (i, j) in matches else []
-    parts += [-matches[j, i].residuals] if (j, i) in matches else []
-    return np.concatenate(parts) if parts else np.empty(0)
 
 
 def _about(T: Floats, shift: Floats) -> Floats:
