@@ -27,8 +27,9 @@ def wavy_sheet(n_tiles: int, tile: int) -> tuple[np.ndarray, np.ndarray]:
     y = rng.uniform(0.2 * CELL, width - 0.2 * CELL, len(x))
     turn, height = 2 * np.pi / (40 * CELL), 4 * CELL
     points = np.c_[x, y, 0.5 * width + height * np.sin(turn * x) * np.cos(turn * y) + NOISE * rng.normal(size=len(x))]
-    normals = np.c_[-height * turn * np.cos(turn * x) * np.cos(turn * y), height * turn * np.sin(turn * x) * np.sin(turn * y),
-                    np.ones(len(x))]  # fmt: skip
+    slope_x = height * turn * np.cos(turn * x) * np.cos(turn * y)
+    slope_y = -height * turn * np.sin(turn * x) * np.sin(turn * y)
+    normals = np.c_[-slope_x, -slope_y, np.ones(len(x))]
     return points, normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
