@@ -194,7 +194,7 @@ def export(
     ] = None,
     compared: Compared = None,
     formats: Annotated[
-        str, typer.Option("--format", metavar="LIST", help="Of ply,glb,obj,stl,laz,e57,csv; with commas.")
+        str, typer.Option("--format", metavar="LIST", help="Of ply,glb,obj,stl,laz,e57,csv,screen; with commas.")
     ] = "ply",
 ) -> None:
     """Write surfaces and difference models as files."""

@@ -7,15 +7,19 @@ from pathlib import Path
 import typer
 
 from monitor.cli.progress import show_progress
+from monitor.reconstruction.screen import decimate_for_screen
 from monitor.record import Place, comparison_product, latest_step
 from projects.errors import ParameterError, StoreError
-from projects.model import Comparison, Step
+from projects.formats import write_screen_glb
+from projects.model import Comparison, Step, Surface
 from projects.store import Project
 from reports.document import gather_facts
 from reports.exports import FORMATS, export_comparison, export_series, export_surface
 from reports.html import write_report
 
 Pair = tuple[str | None, str | None]
+SCREEN = "screen"  # a GLB for viewers: few faces and a normal map
+SCREEN_FACES = 100_000
 
 
 def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: str) -> list[Path]:
@@ -30,17 +34,29 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
             notify(f"{epoch_id}: writing the surface")
             place = Place(project, object_id, epoch_id)
             surface = place.get(latest_step(place, "surface"))
-            written += export_surface(out, object_id, epoch_id, surface, wanted)
+            plain = tuple(f for f in wanted if f != SCREEN)
+            written += export_surface(out, object_id, epoch_id, surface, plain)
+            if SCREEN in wanted:
+                notify(f"{epoch_id}: making a light model for the screen")
+                written.append(_export_screen(out / f"{object_id}_{epoch_id}_screen.glb", surface))
         for reference_id, compared_id in comparisons:
             notify(f"{compared_id}: writing the comparison with {reference_id}")
             step = require_comparison(project, object_id, reference_id, compared_id)
             comparison = project.get(object_id, compared_id, step.product, step.step_id)
             ids = (object_id, reference_id, compared_id)
-            written += export_comparison(out, ids, comparison, step, wanted)
-            written += _export_series(project, out, ids, comparison, wanted)
+            plain = tuple(f for f in wanted if f != SCREEN)
+            written += export_comparison(out, ids, comparison, step, plain)
+            written += _export_series(project, out, ids, comparison, plain)
     for file in written:
         typer.echo(str(file))
     return written
+
+
+def _export_screen(path: Path, surface: Surface) -> Path:
+    """Write a surface as a light mesh with a normal map."""
+    model = decimate_for_screen(surface, SCREEN_FACES)
+    write_screen_glb(path, model.surface, model.uv, model.tangents, model.normal_map)
+    return path
 
 
 def _export_series(
@@ -58,9 +74,9 @@ def _export_series(
 def parse_formats(text: str) -> tuple[str, ...]:
     """Return the formats of `--format`, each known."""
     wanted = tuple(dict.fromkeys(f.strip().lower() for f in text.split(",") if f.strip()))
-    unknown = [f for f in wanted if f not in FORMATS]
+    unknown = [f for f in wanted if f not in (*FORMATS, SCREEN)]
     if unknown or not wanted:
-        raise ParameterError(f"--format {text}: allowed are {', '.join(FORMATS)}, with commas between them")
+        raise ParameterError(f"--format {text}: allowed are {', '.join((*FORMATS, SCREEN))}, with commas between them")
     return wanted
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from projects.formats.ptx_writer import write_ptx as write_ptx
     from projects.formats.scans import ScanStream as ScanStream
     from projects.formats.scans import read_scans as read_scans
+    from projects.formats.screen_glb import write_screen_glb as write_screen_glb
     from projects.formats.sniffing import sniff_format as sniff_format
     from projects.formats.table_writer import write_csv as write_csv
     from projects.formats.units import metres_per_unit as metres_per_unit
@@ -50,6 +51,7 @@ _HOME = {
     "write_obj": "mesh_writers",
     "write_ply_mesh": "mesh_writers",
     "write_ptx": "ptx_writer",
+    "write_screen_glb": "screen_glb",
     "write_stl": "mesh_writers",
 }
 

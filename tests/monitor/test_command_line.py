@@ -69,7 +69,7 @@ def test_the_dent_is_found_and_told_as_lost(made: Path) -> None:
 
 def test_export_names_and_properties_are_those_of_the_contract(made: Path, tmp_path: Path) -> None:
     out = str(tmp_path)
-    formats = "ply,glb,obj,stl,laz,e57,csv"
+    formats = "ply,glb,obj,stl,laz,e57,csv,screen"
     assert run(["export", str(made / "project"), "relief", "e1", "e2", "--out", out, "--format", formats]) == 0
     stem = "relief_e1_e2"
     names = {f"{stem}_on-{side}.{f}" for side in ("compared", "reference") for f in formats.split(",")}
