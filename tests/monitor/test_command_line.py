@@ -69,7 +69,7 @@ def test_the_dent_is_found_and_told_as_lost(made: Path) -> None:
 
 def test_export_names_and_properties_are_those_of_the_contract(made: Path, tmp_path: Path) -> None:
     out = str(tmp_path)
-    formats = "ply,glb,obj,stl,laz,e57,csv,screen"
+    formats = "ply,glb,obj,stl,laz,e57,csv"
     assert run(["export", str(made / "project"), "relief", "e1", "e2", "--out", out, "--format", formats]) == 0
     stem = "relief_e1_e2"
     names = {f"{stem}_on-{side}.{f}" for side in ("compared", "reference") for f in formats.split(",")}
@@ -87,8 +87,11 @@ def test_export_names_and_properties_are_those_of_the_contract(made: Path, tmp_p
 
 
 def test_export_of_one_epoch_is_its_surface(made: Path, tmp_path: Path) -> None:
-    assert run(["export", str(made / "project"), "relief", "e1", "--out", str(tmp_path)]) == 0
-    assert [p.name for p in tmp_path.iterdir()] == ["relief_e1_surface.ply"]
+    given = ["export", str(made / "project"), "relief", "e1", "--out"]
+    assert run([*given, str(tmp_path / "plain")]) == 0
+    assert [p.name for p in (tmp_path / "plain").iterdir()] == ["relief_e1_surface.ply"]
+    assert run([*given, str(tmp_path / "light"), "--format", "screen"]) == 0
+    assert [p.name for p in (tmp_path / "light").iterdir()] == ["relief_e1_screen.glb"]
 
 
 def test_a_second_process_makes_nothing_new(made: Path) -> None:
