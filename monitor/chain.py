@@ -22,6 +22,7 @@ from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, comparison_product, find_step, latest_step, once_step, put_step
 from monitor.registration.epochs import register_epochs
+from monitor.repeats import filter_repeats, is_averaged
 from monitor.scan_network import adjust_epoch, frame_covariance
 from monitor.scans import read_within
 from monitor.second_opinion import ask_m3c2, gather_sights
@@ -120,8 +121,10 @@ def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:
 def _filter_scans(
     place: Place, settings: Settings, calibrations: list[Step | None], engine: Engine, notify: Notify
 ) -> list[Step]:
-    """Filter each scan by itself (design steps 0 to 6) and return one step a scan."""
+    """Filter each scan by itself (design steps 0 to 6), repeated ones their mean; return one step each."""
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
+    if is_averaged(place, settings.filter):
+        return [filter_repeats(place, settings.filter, calibrations, engine, notify)]
     asked = _ask_scans(place, settings, [header.name for header in headers], calibrations)
     steps = [find_step(place, a) for a in asked]
     missing = [k for k, step in enumerate(steps) if step is None]

@@ -30,7 +30,10 @@ def gather_sights(place: Place) -> list[StationSight]:
         return []
     motions = place.get(network)["T_project_given"]
     found = []
-    for header, motion in zip(place.project.scan_headers(place.object_id, place.epoch_id), motions, strict=True):
+    headers = place.project.scan_headers(place.object_id, place.epoch_id)
+    for header, motion in zip(
+        headers[: len(motions)], motions, strict=True
+    ):  # repeated scans have one motion and sight
         pose = motion @ header.pose
         if np.isfinite(header.origin).all():
             found.append(gather_sight(apply(pose, header.origin[None])[0], _points(place, header.index, pose)))

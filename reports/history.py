@@ -23,6 +23,8 @@ DROPPED = {
     "outside_extent": "outside the object’s extent", "speck": "specks in the air", "outlier": "outliers",
     "mixed_pixel": "mixed pixels at silhouettes", "grazing": "seen at a grazing angle",
     "too_few": "scans with too few points", "merged": "merged by thinning",
+    "no_counterpart": "measured by one of the repeated scans only", "split": "repeated, and saw two surfaces",
+    "disagreeing": "repeated, and unlike the other ranges there", "averaged": "averaged with other repeats",
 }  # fmt: skip
 NOT_DROPPED = ("read", "in", "out")
 
@@ -72,7 +74,8 @@ def _instrument(epoch: EpochHistory) -> str:
 def _measured_as(epoch: EpochHistory) -> str:
     if epoch.record.is_mesh:
         return "a finished mesh"
-    n = len([s for s in epoch.steps if kind_of(s) == "scan"]) or len(epoch.record.sources)
+    filtered = [] if epoch.record.repeated else [s for s in epoch.steps if kind_of(s) == "scan"]
+    n = len(filtered) or len(epoch.record.sources)
     scans = f"{n} scan" if n == 1 else f"{n} scans"
     return f"{scans}, repeated from one station" if epoch.record.repeated else scans
 

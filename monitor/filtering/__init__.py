@@ -1,5 +1,6 @@
 """From raw scans to a thinned cloud: robust normals, outliers, silhouettes, roughness, thinning to the mode, merge."""
 
+from monitor.filtering.averaging import AveragedScan, AveragingSettings, average_scans
 from monitor.filtering.calibration import Calibration, CalibrationSettings, calibrate_range, correct_range
 from monitor.filtering.merging import merge_scans
 from monitor.filtering.normals import NormalSettings, estimate_normals
@@ -8,6 +9,8 @@ from monitor.filtering.silhouettes import SilhouetteSettings
 from monitor.filtering.thinning import ThinningSettings
 
 __all__ = [
+    "AveragedScan",
+    "AveragingSettings",
     "Calibration",
     "CalibrationSettings",
     "FilterResult",
@@ -15,6 +18,7 @@ __all__ = [
     "NormalSettings",
     "SilhouetteSettings",
     "ThinningSettings",
+    "average_scans",
     "calibrate_range",
     "correct_range",
     "estimate_normals",

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order
 from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_finite
@@ -27,6 +28,7 @@ class FilterSettings:
     """The filtering chain: one part for each step."""
 
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    averaging: AveragingSettings = field(default_factory=AveragingSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
     thinning: ThinningSettings = field(default_factory=ThinningSettings)

@@ -1,0 +1,201 @@
+"""Repeated scans of one station averaged to one, robustly and cell by cell of the instrument's grid (paper 003).
+
+In: scans of one station in their own frames; out: one scan whose points know of how many measurements they are and how
+far these spread. The instrument's drift between the repeats is found against their common mean, and removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from monitor.declare import check_settings, setting
+from monitor.filtering.cells import Cells, gather_cells
+from monitor.filtering.drift import Drift, drift_at, estimate_drift
+from projects.model import Bools, Floats, Scan
+
+RUN = 32  # neighbouring cells whose noise is looked at together
+BLOCK = 65_536  # cells averaged at once; a multiple of RUN
+CUT = 3.0  # sigmas of the noise around: farther from the median is not averaged
+SPLIT_SHARE = 0.2  # of the measurements on either side of a gap: a cell that saw two surfaces
+PRIOR = 10.0  # few measurements say little of their spread: the noise around counts as the spread of ten more
+
+
+@dataclass(frozen=True, kw_only=True)
+class AveragingSettings:
+    """Repeated scans of one station (`--repeated`), averaged to one before filtering."""
+
+    enabled: bool = setting(
+        True, unit="", meaning="average repeated scans cell by cell; else they are merged as others"
+    )
+    significance: float = setting(
+        0.01, unit="1", meaning="drift between the scans is removed where chance gives it more rarely than this",
+        low=1e-9, high=1.0,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class AveragedScan:
+    """One scan from many.
+
+    `scan` has `n_merged`, `spread` [m] of the ranges of a cell and `sigma` [m] of their mean. `counts` holds the
+    measurements by what became of them, `automatic` the drift and the noise [m, rad].
+    """
+
+    scan: Scan
+    counts: Mapping[str, int]
+    automatic: Mapping[str, Any]
+    drift: Drift = field(repr=False)
+
+
+@dataclass(frozen=True)
+class _Averages:
+    """What is known of cells (m,): mean range [m], how many ranges, their spread [m], and whether they split in two."""
+
+    ranges: Floats
+    n_kept: Floats
+    spread: Floats
+    is_split: Bools
+
+
+def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = None) -> AveragedScan:
+    """Average repeated scans of one station.
+
+    Ranges are averaged cell by cell along the mean direction of the cell: by row and column where the scans are grids
+    that name the same directions, else by nearest direction. Of a cell's ranges those within three sigmas of their
+    median are averaged, sigma being the noise of the cells around. A cell whose ranges fall apart into two groups with
+    a gap that noise does not have saw two surfaces (mixed pixel) and is left out.
+
+    Parameters
+    ----------
+    scans : of one station; `origin` must be known. The first one's frame and pose are the result's.
+    settings : the significance that a drift must have to be removed.
+
+    Returns
+    -------
+    AveragedScan
+        Its points come in an order that does not depend on that of the scans' points.
+
+    Raises
+    ------
+    ParameterError
+        If no scan is given, a scanner's position is unknown, or the scans do not stand at one station.
+
+    References
+    ----------
+    Richter (paper 003), sections 1.3, 3 and 4.2.
+    """
+    settings = settings or AveragingSettings()
+    cells = gather_cells(scans)
+    drift = estimate_drift(cells.ranges, cells.directions, settings.significance)
+    averages = _average_all(cells, drift)
+    keep = (averages.n_kept > 0) & ~averages.is_split
+    spread, n_kept = averages.spread[keep], averages.n_kept[keep]
+    cloud = replace(
+        cells.cloud.take(keep),
+        points=scans[0].origin + averages.ranges[keep, None] * cells.directions[keep],
+        n_merged=n_kept.astype(np.int32), spread=spread, sigma=spread / np.sqrt(n_kept),
+    )  # fmt: skip
+    at_cell = (cells.rows[keep], cells.columns[keep]) if cells.is_grid else (None, None)
+    scan = replace(scans[0], cloud=cloud, rows=at_cell[0], columns=at_cell[1])
+    return AveragedScan(scan, _count(cells, averages, keep), _describe(cells, averages, drift, keep), drift)
+
+
+def _average_all(cells: Cells, drift: Drift) -> _Averages:
+    """Average all cells block by block."""
+    parts = []
+    for first in range(0, cells.ranges.shape[1], BLOCK):
+        block = slice(first, first + BLOCK)
+        ranges = cells.ranges[:, block] - drift_at(drift, cells.directions[block], cells.ranges[:, block])
+        parts.append(average_ranges(ranges))
+    names = ("ranges", "n_kept", "spread", "is_split")
+    return _Averages(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+
+def average_ranges(ranges: Floats) -> _Averages:
+    """Average ranges (k, m) [m] of k scans over m cells in the order of neighbours; NaN where a scan has none."""
+    ordered = np.sort(ranges, axis=0)  # NaN last
+    n = np.isfinite(ordered).sum(axis=0)
+    noise = noise_around(ordered, n)
+    column = np.arange(len(n))
+    median = 0.5 * (ordered[np.maximum(n - 1, 0) // 2, column] + ordered[n // 2, column])
+    with np.errstate(invalid="ignore"):
+        keep = np.abs(ordered - median) <= CUT * noise
+    n_kept = keep.sum(axis=0)
+    mean = np.where(keep, ordered - median, 0.0).sum(axis=0) / np.maximum(n_kept, 1) + median
+    own2 = np.where(keep, (ordered - mean) ** 2, 0.0).sum(axis=0)
+    spread = np.sqrt((own2 + PRIOR * noise**2) / (np.maximum(n_kept - 1, 0) + PRIOR))
+    return _Averages(mean, n_kept.astype(float), spread, _splits(ordered, n, noise))
+
+
+def noise_around(ordered: Floats, n: Floats) -> Floats:
+    """Return the noise (m,) [m] around each cell: the median of the variances of the cells of its run.
+
+    The median of variances of n normal values is the noise variance times the median of chi-square over its degrees
+    of freedom. A run without two ranges in any cell has the noise of all others.
+    """
+    degrees = np.maximum(n - 1, 1)
+    with np.errstate(invalid="ignore"):
+        mean = np.nansum(ordered, axis=0) / np.maximum(n, 1)
+        variance = np.nansum((ordered - mean) ** 2, axis=0) / degrees
+    variance = np.where(n > 1, variance * degrees / chi2.ppf(0.5, degrees), np.nan)
+    n_runs = -(-len(n) // RUN)
+    padded = np.full(n_runs * RUN, np.nan)
+    padded[: len(n)] = variance
+    with np.errstate(all="ignore"):
+        runs = _nan_median(padded.reshape(n_runs, RUN))
+    everywhere = float(np.median(variance[n > 1])) if (n > 1).any() else 0.0
+    runs = np.where(np.isfinite(runs), runs, everywhere)
+    return np.sqrt(np.maximum(np.repeat(runs, RUN)[: len(n)], 1e-18))
+
+
+def _nan_median(values: Floats) -> Floats:
+    """Return the median (r,) of each row's known values, NaN where there is none."""
+    ordered = np.sort(values, axis=1)
+    n, row = np.isfinite(ordered).sum(axis=1), np.arange(len(values))
+    return 0.5 * (ordered[row, np.maximum(n - 1, 0) // 2] + ordered[row, n // 2])
+
+
+def _splits(ordered: Floats, n: Floats, noise: Floats) -> Bools:
+    """Return the cells (m,) whose ranges leave a gap of three sigmas of the noise with a fifth of them on each side."""
+    if len(ordered) < 2:
+        return np.zeros(len(n), dtype=bool)
+    side = np.maximum(np.ceil(SPLIT_SHARE * n), 2)
+    below = np.arange(1, len(ordered))[:, None]
+    with np.errstate(invalid="ignore"):
+        wide = np.diff(ordered, axis=0) > CUT * noise
+    return (wide & (below >= side) & (n - below >= side)).any(axis=0)
+
+
+def _count(cells: Cells, averages: _Averages, keep: Bools) -> dict[str, int]:
+    """Return what became of the measurements: read = the others together."""
+    n = np.isfinite(cells.ranges).sum(axis=0)
+    n_kept = int(averages.n_kept[keep].sum())
+    return {
+        "in": int(n.sum()) + cells.n_unmatched,
+        "no_counterpart": cells.n_unmatched,
+        "split": int(n[averages.is_split].sum()),
+        "disagreeing": int(n[~averages.is_split].sum()) - n_kept,
+        "averaged": n_kept - int(keep.sum()),
+        "out": int(keep.sum()),
+    }
+
+
+def _describe(cells: Cells, averages: _Averages, drift: Drift, keep: Bools) -> dict[str, Any]:
+    """Return the figures of the record."""
+    n_kept, spread = averages.n_kept[keep], averages.spread[keep]
+    return {
+        "n_scans": len(cells.ranges),
+        "by": "row and column" if cells.is_grid else "nearest direction",
+        "n_averaged_median": float(np.median(n_kept)) if len(n_kept) else float("nan"),
+        "noise_of_one_scan": float(np.median(spread)) if len(n_kept) else float("nan"),
+        "noise_of_the_mean": float(np.median(spread / np.sqrt(n_kept))) if len(n_kept) else float("nan"),
+        "drift": drift.as_mapping(),
+    }

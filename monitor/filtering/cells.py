@@ -1,0 +1,179 @@
+"""Repeated scans of one station brought together: which of their points measured in the same direction.
+
+In: scans of one station; out: `Cells`, one for each direction, with the range that each scan measured there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from monitor.filtering.nearest import canonical_order
+from projects.errors import ParameterError
+from projects.model import Floats, Ints, PointCloud, Scan
+from projects.transforms import apply, invert
+
+ONE_STATION = 0.005  # m between the stated positions of the scanner: more is not one station
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Directions in the order of neighbours and what k scans measured there.
+
+    Attributes
+    ----------
+    ranges : (k, m) m, NaN where a scan has nothing.
+    directions : (m, 3) unit vectors from the scanner, mean over the scans, in the frame of the first.
+    rows, columns : (m,) place in the grid, -1 where the scans are none.
+    cloud : intensity and colours, means over the scans.
+    n_unmatched : points of no cell.
+    """
+
+    ranges: Floats
+    directions: Floats
+    rows: Ints
+    columns: Ints
+    cloud: PointCloud
+    n_unmatched: int
+    is_grid: bool
+
+
+def gather_cells(scans: Sequence[Scan]) -> Cells:
+    """Bring repeated scans together, by row and column where these name the same directions, else by direction."""
+    beams = _beams_of(scans)
+    cells = _by_grid(scans, beams)
+    if cells is None:
+        cells = _by_direction(beams)
+    cell_of, n_cells, rows, columns = cells
+    ranges = np.full((len(scans), n_cells), np.nan)
+    directions, n_unmatched = np.zeros((n_cells, 3)), 0
+    extras = _Sums(scans, n_cells)
+    for k, (scan, beam, cell) in enumerate(zip(scans, beams, cell_of, strict=True)):
+        found = np.flatnonzero(cell >= 0)
+        n_unmatched += len(cell) - len(found)
+        length = np.linalg.norm(beam[found], axis=1)
+        ranges[k, cell[found]] = length
+        directions[cell[found]] += beam[found] / length[:, None]
+        extras.add(scan, cell, found)
+    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-300)
+    order = canonical_order(directions)
+    is_grid = rows is not None
+    none = np.full(n_cells, -1, dtype=np.int32)
+    rows, columns = (none, none) if rows is None or columns is None else (rows[order], columns[order])
+    cloud = extras.cloud().take(order)
+    return Cells(ranges[:, order], directions[order], rows, columns, cloud, n_unmatched, is_grid)
+
+
+class _Sums:
+    """Sums of intensity and colours of the cells, where all scans have them."""
+
+    def __init__(self, scans: Sequence[Scan], n_cells: int) -> None:
+        self._n = np.zeros(n_cells)
+        self._intensity = None if any(s.cloud.intensity is None for s in scans) else np.zeros(n_cells)
+        self._colors = None if any(s.cloud.colors is None for s in scans) else np.zeros((n_cells, 3))
+
+    def add(self, scan: Scan, cell: Ints, found: Ints) -> None:
+        """Add the points `found` of a scan to their cells, no two of them to one."""
+        self._n[cell[found]] += 1
+        if self._intensity is not None and scan.cloud.intensity is not None:
+            self._intensity[cell[found]] += scan.cloud.intensity[found]
+        if self._colors is not None and scan.cloud.colors is not None:
+            self._colors[cell[found]] += scan.cloud.colors[found]
+
+    def cloud(self) -> PointCloud:
+        """Return the means; the points themselves are not known yet."""
+        n = np.maximum(self._n, 1.0)
+        return PointCloud(
+            np.zeros((len(n), 3)),
+            intensity=None if self._intensity is None else (self._intensity / n).astype(np.float32),
+            colors=None if self._colors is None else np.rint(self._colors / n[:, None]).astype(np.uint8),
+        )
+
+
+def _beams_of(scans: Sequence[Scan]) -> list[Floats]:
+    """Return the vectors (n, 3) from the scanner to the points of each scan, all in the frame of the first."""
+    if not scans:
+        raise ParameterError("no scan was given to average; at least one is needed")
+    if not all(np.isfinite(s.origin).all() for s in scans):
+        unknown = next(s.name for s in scans if not np.isfinite(s.origin).all())
+        raise ParameterError(f"scan {unknown!r}: where the scanner stood is not known; repeated scans need it")
+    first = scans[0]
+    beams: list[Floats] = []
+    for scan in scans:
+        apart = float(np.linalg.norm(apply(scan.pose, scan.origin[None]) - apply(first.pose, first.origin[None])))
+        if apart > ONE_STATION:
+            raise ParameterError(
+                f"scan {scan.name!r} stands {1e3 * apart:.1f} mm from {first.name!r}; repeated scans come from one "
+                f"station (at most {1e3 * ONE_STATION:g} mm): add them without --repeated"
+            )
+        same = np.array_equal(scan.pose, first.pose)
+        points = scan.cloud.points if same else apply(invert(first.pose) @ scan.pose, scan.cloud.points)
+        beams.append(points - first.origin)
+    return beams
+
+
+def _by_grid(scans: Sequence[Scan], beams: list[Floats]) -> tuple[list[Ints], int, Ints | None, Ints | None] | None:
+    """Return the cells of the points by row and column, or None where these do not name the same directions."""
+    if any(s.rows is None or s.columns is None or (s.rows < 0).any() or (s.columns < 0).any() for s in scans):
+        return None
+    keys = [s.rows.astype(np.int64) << 32 | s.columns for s in scans if s.rows is not None and s.columns is not None]
+    known = np.unique(np.concatenate(keys))
+    if not len(known):
+        return None
+    cell_of = [
+        _only_nearest(np.searchsorted(known, key), (b**2).sum(axis=1)) for key, b in zip(keys, beams, strict=True)
+    ]
+    if not _names_same_directions(cell_of, beams, known):
+        return None
+    return cell_of, len(known), (known >> 32).astype(np.int32), (known & 0xFFFFFFFF).astype(np.int32)
+
+
+def _only_nearest(cell: Ints, distance2: Floats) -> Ints:
+    """Return the cells (n,) with -1 for all points of a cell but that of least `distance2` (n,)."""
+    order = np.lexsort((distance2, cell))
+    again = np.zeros(len(cell), dtype=bool)
+    again[order[1:]] = np.diff(cell[order]) == 0
+    return np.where(again, -1, cell)
+
+
+def _names_same_directions(cell_of: list[Ints], beams: list[Floats], known: Ints) -> bool:
+    """Return whether the directions of a cell differ from scan to scan by less than half a step of the grid."""
+    table = np.full((len(known), 3), np.nan)
+    table[cell_of[0][cell_of[0] >= 0]] = _unit(beams[0][cell_of[0] >= 0])
+    beside = np.diff(known) == 1
+    if not beside.any():
+        return True
+    step = float(np.nanmedian(np.linalg.norm(np.diff(table, axis=0)[beside], axis=1)))
+    for cell, beam in zip(cell_of[1:], beams[1:], strict=True):
+        found = cell >= 0
+        apart = np.linalg.norm(table[cell[found]] - _unit(beam[found]), axis=1)
+        if not np.nanmedian(apart) < 0.5 * step:
+            return False
+    return True
+
+
+def _unit(vectors: Floats) -> Floats:
+    """Return vectors (n, 3) of length one."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def _by_direction(beams: list[Floats]) -> tuple[list[Ints], int, None, None]:
+    """Return the cells of the points by nearest direction of the scan with most points.
+
+    A point belongs to a cell within half the diagonal of the square that the direction has to itself.
+    """
+    reference = _unit(max(beams, key=len))
+    tree = cKDTree(reference)
+    spacing = tree.query(reference, 2)[0][:, 1] if len(reference) > 1 else np.full(len(reference), np.inf)
+    reach = float(np.sqrt(0.5) * np.median(spacing[spacing > 0.0])) if (spacing > 0.0).any() else 0.0
+    cell_of = []
+    for beam in beams:
+        distance, cell = tree.query(_unit(beam), distance_upper_bound=max(reach, 1e-12) * (1.0 + 1e-9))
+        cell = np.where(np.isfinite(distance), cell, -1)
+        inside = np.flatnonzero(cell >= 0)
+        cell[inside] = _only_nearest(cell[inside], distance[inside])
+        cell_of.append(cell)
+    return cell_of, len(reference), None, None

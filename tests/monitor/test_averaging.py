@@ -1,0 +1,181 @@
+"""Repeated scans averaged to one: noise, drift, mixed pixels, with and without a grid, and through the chain."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from monitor.cli import run
+from monitor.filtering import average_scans
+from monitor.filtering.averaging import average_ranges
+from monitor.simulation import INSTRUMENTS, Scene, Window, simulate_scan, without_errors
+from monitor.simulation.repeated import Drift, repeat_scan
+from monitor.simulation.scenes import make_box
+from projects import Project
+from projects.errors import ParameterError
+from projects.formats import write_e57
+from projects.model import PointCloud
+
+EXACT = without_errors(INSTRUMENTS["faro-photon120"])
+NOISY = dataclasses.replace(EXACT, noise_floor=1e-3)
+# Two walls that meet in an edge and one oblique one: slopes in azimuth and elevation for the angles to show in.
+ROOM = Scene(
+    "room",
+    (
+        make_box("wall", np.array([3.0, -2.0, -2.0]), np.array([3.1, 2.0, 2.0]), reflectance=0.9),
+        make_box("shelf", np.array([2.0, -2.0, -0.60]), np.array([3.0, 2.0, -0.55]), reflectance=0.9),
+        make_box("pier", np.array([2.0, 0.55, -2.0]), np.array([3.0, 0.6, 2.0]), reflectance=0.9),
+    ),
+)
+WINDOW = Window(0.0, 0.28, -0.26, -0.02)
+
+
+def repeat(n_scans, instrument=NOISY, step=0.002, **options):
+    return list(repeat_scan(ROOM, instrument, np.eye(4), WINDOW, n_scans=n_scans, step=step, n_subrays=1, **options))
+
+
+def lengths(scan):
+    return np.linalg.norm(scan.cloud.points, axis=1)
+
+
+def by_cell(scan):
+    """Return ranges in the order of row and column."""
+    return lengths(scan)[np.lexsort((scan.columns, scan.rows))]
+
+
+def test_the_mean_of_sixteen_has_a_quarter_of_the_noise_and_says_so():
+    clean = repeat(1, EXACT)[0]
+    found = average_scans(repeat(16))
+    assert len(found.scan.cloud) > 0.995 * len(clean.cloud)
+    table = dict(zip(zip(clean.rows, clean.columns, strict=True), lengths(clean), strict=True))
+    cells = zip(found.scan.rows, found.scan.columns, strict=True)
+    error = lengths(found.scan) - np.array([table[cell] for cell in cells])
+    assert np.std(error) == pytest.approx(1e-3 / 4.0, rel=0.03)  # 17 000 cells: half a percent one sigma
+    assert np.sqrt(np.mean((error / found.scan.cloud.sigma) ** 2)) == pytest.approx(1.0, abs=0.06)
+    assert np.median(found.scan.cloud.n_merged) == 16
+    assert found.automatic["noise_of_one_scan"] == pytest.approx(1e-3, rel=0.03)
+    assert not found.drift.removes_range
+    assert not found.drift.removes_angles
+
+
+def test_every_measurement_is_accounted_for():
+    scans = repeat(5)
+    scans[2] = scans[2].take(np.arange(len(scans[2].cloud)) % 7 > 0)
+    counts = dict(average_scans(scans).counts)
+    assert counts.pop("in") == sum(len(s.cloud) for s in scans)
+    assert sum(counts.values()) == sum(len(s.cloud) for s in scans)
+
+
+def test_drift_of_range_and_angles_is_found_and_removed():
+    """Against what was simulated, within four of the stated sigmas, which are small against it."""
+    drift = Drift(range_rate=0.2e-3, azimuth_rate=1.5e-4, elevation_rate=-1.0e-4)
+    found = average_scans(repeat(8, drift=drift)).drift
+    steady = np.arange(8) - 3.5
+    assert found.removes_range
+    assert found.removes_angles
+    assert np.all(np.abs(found.range - 0.2e-3 * steady) < 4.0 * found.sigma_range)
+    assert np.all(np.abs(found.azimuth - 1.5e-4 * steady) < 4.0 * found.sigma_azimuth + 0.03 * 5e-4)
+    assert np.all(np.abs(found.elevation + 1.0e-4 * steady) < 4.0 * found.sigma_elevation + 0.03 * 4e-4)
+    assert found.sigma_range.max() < 0.05e-3
+    assert max(found.sigma_azimuth.max(), found.sigma_elevation.max()) < 1e-4
+    assert abs(found.rate - 0.2e-3) < 4.0 * found.sigma_rate < 0.1e-3
+
+
+def test_removing_the_drift_leaves_the_noise_of_one_scan_in_the_spread():
+    drifting = average_scans(repeat(8, drift=Drift(range_rate=0.5e-3)))
+    assert drifting.automatic["noise_of_one_scan"] == pytest.approx(1e-3, rel=0.04)  # with the drift left in: 1.5 mm
+
+
+def test_no_drift_is_called_one_as_rarely_as_asked():
+    """24 pairs of scans without any: at a hundredth, two or more false calls have a chance of 2 %."""
+    chances = [average_scans(repeat(4, seed=seed, step=0.004)).drift for seed in range(24)]
+    assert sum(d.p_range < 0.01 for d in chances) <= 2
+    assert sum(d.p_angles < 0.01 for d in chances) <= 2
+    assert np.mean([d.p_range < 0.5 for d in chances]) == pytest.approx(0.5, abs=0.3)
+
+
+@pytest.mark.parametrize("n", [4, 10, 20])
+def test_noise_alone_seldom_splits_a_cell_and_two_surfaces_do(rng, n):
+    ranges = 3.0 + rng.normal(0, 1e-3, (n, 20_000))
+    assert average_ranges(ranges).is_split.mean() < 0.005
+    ranges[: n // 2, ::40] += 10e-3
+    split = average_ranges(ranges).is_split
+    assert split[::40].mean() > 0.99
+    assert split.mean() < 0.025 + 0.005
+
+
+def test_single_gross_errors_do_not_move_the_mean(rng):
+    """Two of 15 ranges are 10 to 30 mm off in every third cell: the plain mean would be off by 2.7 mm there."""
+    ranges = 3.0 + rng.normal(0, 1e-3, (15, 9000))
+    ranges[[2, 7], ::3] += rng.uniform(10e-3, 30e-3, (2, 3000))
+    found = average_ranges(ranges)
+    hit = np.arange(9000) % 3 == 0
+    kept = ~found.is_split
+    assert kept[hit].mean() > 0.95
+    assert abs(np.mean(found.ranges[hit & kept] - 3.0)) < 0.05e-3
+    assert np.median(found.n_kept[hit & kept]) == 13
+
+
+def test_without_a_grid_the_nearest_directions_are_averaged(rng):
+    scans = [dataclasses.replace(s.take(rng.permutation(len(s.cloud))), rows=None, columns=None) for s in repeat(9)]
+    found = average_scans(scans)
+    assert found.automatic["by"] == "nearest direction"
+    on_grid = average_scans(repeat(9))
+    assert len(found.scan.cloud) == len(on_grid.scan.cloud)
+    np.testing.assert_allclose(np.sort(lengths(found.scan)), np.sort(lengths(on_grid.scan)), atol=2e-4)
+
+
+def test_rows_that_name_other_directions_are_not_trusted():
+    scans = repeat(3)
+    cut = scans[1].take(scans[1].columns >= 20)
+    shifted = dataclasses.replace(cut, columns=cut.columns - 20)
+    found = average_scans([scans[0], shifted, scans[2]])
+    assert found.automatic["by"] == "nearest direction"
+    assert abs(np.median(by_cell(average_scans(scans).scan)) - np.median(lengths(found.scan))) < 2e-3
+
+
+def test_the_order_of_the_points_changes_nothing(rng):
+    scans = repeat(3, step=0.004)
+    here = average_scans(scans).scan
+    there = average_scans([s.take(rng.permutation(len(s.cloud))) for s in scans]).scan
+    for f in dataclasses.fields(PointCloud):
+        a, b = getattr(here.cloud, f.name), getattr(there.cloud, f.name)
+        assert (a is None and b is None) or np.array_equal(a, b), f.name
+    assert np.array_equal(here.rows, there.rows)
+
+
+def test_scans_of_two_stations_and_of_none_are_refused():
+    first = simulate_scan(ROOM, EXACT, np.eye(4), WINDOW, step=0.01)
+    moved = np.eye(4)
+    moved[0, 3] = 0.02
+    with pytest.raises(ParameterError, match=r"20\.0 mm from"):
+        average_scans([first, dataclasses.replace(first, pose=moved)])
+    with pytest.raises(ParameterError, match="where the scanner stood"):
+        average_scans([first, dataclasses.replace(first, origin=np.full(3, np.nan))])
+    with pytest.raises(ParameterError, match="no scan"):
+        average_scans([])
+
+
+def test_repeated_files_become_one_filtered_scan_through_the_command_line(tmp_path):
+    """Six files, one step `scan000` of all their points, whose noise is that of the mean of six."""
+    files = []
+    for k, scan in enumerate(repeat(6, step=0.003)):
+        files.append(str(tmp_path / f"scan-{k}.e57"))
+        write_e57(tmp_path / f"scan-{k}.e57", [scan])
+    project = str(tmp_path / "project")
+    for words in (
+        ["init", project],
+        ["add-object", project, "room"],
+        ["add-epoch", project, "room", "2024", "--date", "2024-05-01", "--repeated", *files],
+        ["process", project, "room", "2024"],
+    ):
+        assert run(words) == 0
+    kept = Project.open(tmp_path / "project")
+    steps = {s.product: s for s in kept.steps("room", "2024")}
+    assert [name for name in steps if name.startswith("scan")] == ["scan000"]
+    step = steps["scan000"]
+    lost = sum(step.counts[reason] for reason in ("no_counterpart", "split", "disagreeing", "averaged"))
+    assert step.counts["read"] == lost + step.counts["in"]
+    assert step.counts["averaged"] > 4.9 * step.counts["in"]
+    assert step.automatic["noise_before"] == pytest.approx(1e-3 / np.sqrt(6), rel=0.25)
+    assert step.automatic["averaging"]["n_scans"] == 6
