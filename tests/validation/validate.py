@@ -3,7 +3,8 @@
     validate.py                  run the experiments in full, one after the other, and write VALIDATION.md;
                                  those that may take more than an hour only where they are named
     validate.py table_1 stove    run those only; the others keep their last result
-    validate.py --small NAME...  run in small and print; nothing is kept
+    validate.py --small NAME...  run in small and print; nothing is kept, but with --keep, and then only where there
+                                 is no full result
     validate.py --write          write VALIDATION.md from the results there are
 
 An experiment is a file of `experiments/` with `TITLE`, `run(size) -> list[Row]` and, where wanted, `NOTES` (a
@@ -106,7 +107,7 @@ def with_origin(name: str, size: str, result: dict[str, Any]) -> dict[str, Any]:
     return {
         "experiment": name,
         "size": size,
-        "command": f"python tests/validation/validate.py {name}",
+        "command": f"python tests/validation/validate.py {'--small ' if size == 'small' else ''}{name}",
         "date": datetime.date.today().isoformat(),
         "commit": described.stdout.strip() or "unknown",
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}",
@@ -118,6 +119,13 @@ def with_origin(name: str, size: str, result: dict[str, Any]) -> dict[str, Any]:
 def names_in_an_hour() -> list[str]:
     """Return the experiments that run where none is named."""
     return [name for name in names_of_experiments() if getattr(load(name), "LIMIT", DEFAULT_LIMIT) <= LONG_LIMIT]
+
+
+def has_full_result(name: str) -> bool:
+    """Return whether a result in full is kept that did not fail."""
+    path = RESULTS / f"{name}.json"
+    kept = json.loads(path.read_text()) if path.is_file() else {}
+    return kept.get("size") == "full" and "error" not in kept
 
 
 def run_all(names: Sequence[str], size: str, keep: bool) -> int:
@@ -135,7 +143,7 @@ def run_all(names: Sequence[str], size: str, keep: bool) -> int:
             beside = "; ".join(f"{k}: {v}" for k, v in row.get("others", {}).items())
             print(f"  {row['verdict']:8} {row['what']}: {row['ours']}   (asked {row.get('asked', '-')}) {beside}")
         print(f"  {result.get('seconds', '-')} s, CPU {result.get('cpu_seconds', '-')} s", flush=True)
-        if keep:
+        if keep and (size == "full" or not has_full_result(name)):
             RESULTS.mkdir(exist_ok=True)
             (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
     return n_failed
@@ -146,6 +154,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", help="experiments; all that take less than an hour where none is named")
     parser.add_argument("--small", action="store_true", help="run in small, print, keep nothing")
+    parser.add_argument("--keep", action="store_true", help="keep also what ran in small")
     parser.add_argument("--write", action="store_true", help="only write VALIDATION.md from the results kept")
     parser.add_argument("--list", action="store_true", help="list the experiments")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
@@ -164,8 +173,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     n_failed = 0
     if not given.write:
-        n_failed = run_all(given.names or names_in_an_hour(), "small" if given.small else "full", not given.small)
-    if not given.small:
+        size, keep = ("small", given.keep) if given.small else ("full", True)
+        n_failed = run_all(given.names or names_in_an_hour(), size, keep)
+    if given.keep or not given.small:
         write_page(ROOT / "VALIDATION.md", HERE / "template.md", RESULTS, {n: load(n) for n in names_of_experiments()})
     return 1 if n_failed else 0
 

@@ -54,7 +54,8 @@ def section(name: str, result: Mapping[str, Any] | None, experiment: Any) -> str
 def origin(result: Mapping[str, Any]) -> str:
     """Return one line: command, time taken, date, commit."""
     took = f"{result['seconds']:.0f} s (CPU {result['cpu_seconds']:.0f} s), " if "seconds" in result else ""
-    return f"`{result['command']}`, {took}{result['date']}, {result['commit']}."
+    size = ", **in small**: too coarse for the bars, until it has run in full" if result.get("size") == "small" else ""
+    return f"`{result['command']}`, {took}{result['date']}, {result['commit']}{size}."
 
 
 def table(rows: list[Mapping[str, Any]]) -> list[str]:
@@ -89,6 +90,7 @@ def summary(kept: Mapping[str, Mapping[str, Any]], experiments: Mapping[str, Any
             continue
         verdicts = [row["verdict"] for row in result.get("rows", [])]
         total += result.get("seconds", 0.0)
+        title += " (in small)" if result.get("size") == "small" else ""
         not_yet = "failed" if "error" in result else str(verdicts.count("not yet"))
         lines.append(
             f"| {title} | {verdicts.count('pass')} | {not_yet} | {result.get('seconds', float('nan')):.0f} s |"
