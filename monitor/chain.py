@@ -185,7 +185,8 @@ def _merge(place: Place, settings: Settings, scans: list[Step], network: Step, n
 
     def make() -> Made:
         notify(f"{place.epoch_id}: merging {len(scans)} scan{'s' if len(scans) > 1 else ''}")
-        result = merge_scans(_adjusted_clouds(place, scans, network), settings.filter)
+        slack = 3.0 * np.nan_to_num(float(network.automatic["misfit_after_m"]))
+        result = merge_scans(_adjusted_clouds(place, scans, network), settings.filter, slack)
         return Made(result.cloud, result.automatic, result.counts)
 
     asked = Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, (*scans, network))

@@ -21,7 +21,8 @@ STEP_TITLES = {
 }  # fmt: skip
 DROPPED = {
     "outside_extent": "outside the object’s extent", "speck": "specks in the air", "outlier": "outliers",
-    "mixed_pixel": "mixed pixels at silhouettes", "grazing": "seen at a grazing angle",
+    "mixed_pixel": "mixed pixels at silhouettes", "rim": "at the rims of surfaces",
+    "grazing": "seen at a grazing angle",
     "too_few": "scans with too few points", "merged": "merged by thinning",
     "no_counterpart": "measured by one of the repeated scans only", "split": "repeated, and saw two surfaces",
     "disagreeing": "repeated, and unlike the other ranges there", "averaged": "averaged with other repeats",
@@ -102,7 +103,8 @@ def points_table(epochs: Sequence[EpochHistory]) -> Table:
 
 _PHASES = ("files", "scan", "filtered", "surface")
 _ORDER = ("measured points in the files", "points considered", *DROPPED.values(), "left after filtering each scan",
-          "dropped as outliers of the merged cloud", "merged with points of other scans", "left after merging",
+          "dropped because another scan looked through them", "dropped as outliers of the merged cloud",
+          "merged with points of other scans", "left after merging",
           "vertices of the surface", "triangles of the surface")  # fmt: skip
 
 
@@ -122,7 +124,8 @@ def _flow(epoch: EpochHistory) -> dict[tuple[str, str], int]:
         elif kind == "scan":
             _add_scan(flow, counts)
         elif kind == "filtered":
-            names = {"outlier": "dropped as outliers of the merged cloud",
+            names = {"seen_through": "dropped because another scan looked through them",
+                     "outlier": "dropped as outliers of the merged cloud",
                      "merged": "merged with points of other scans", "out": "left after merging"}  # fmt: skip
             flow |= {("filtered", words): int(counts[key]) for key, words in names.items() if key in counts}
         elif kind == "surface":

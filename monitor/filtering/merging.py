@@ -15,17 +15,21 @@ import numpy as np
 from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import fit_planes, require_points
 from monitor.filtering.scan import FilterResult, FilterSettings, describe, thin_cloud
+from monitor.filtering.seen_through import find_seen_through
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud
 
 
-def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = None) -> FilterResult:
-    """Merge the filtered clouds of several scans into one: normals anew, outliers, thinning again.
+def merge_scans(
+    clouds: Sequence[PointCloud], settings: FilterSettings | None = None, slack: float = 0.0
+) -> FilterResult:
+    """Merge the filtered clouds of several scans into one: what another looked through, normals, outliers, thinning.
 
     Parameters
     ----------
     clouds : as of `filter_scan`, in the project's frame and registered; `scan_index` is set to their place here.
     settings : found from the merged cloud where not given.
+    slack : m, by which the scans may still lie off each other (`find_seen_through`).
 
     Returns
     -------
@@ -36,14 +40,19 @@ def merge_scans(clouds: Sequence[PointCloud], settings: FilterSettings | None = 
     settings = settings or FilterSettings()
     if not any(len(c) for c in clouds):
         raise ParameterError("no points were given to merge; at least one cloud must have some")
+    n_before = sum(map(len, clouds))
+    if settings.silhouettes.drop_seen_through:
+        clouds = [c.take(~seen) for c, seen in zip(clouds, find_seen_through(clouds, slack), strict=True)]
     merged = concatenate_clouds(clouds)
     require_points(merged.points)
+    n_merged = len(merged)
     merged = merged.take(canonical_order(merged.points))
     planes = fit_planes(build_index(merged.points), orientation_of(merged), settings.normals)
     keep = ~planes.is_outlier
     cloud, thinned, targets = thin_cloud(merged.take(keep), planes.take(keep), settings.thinning)
     counts = {
-        "in": len(merged), "outlier": int((~keep).sum()), "merged": int(keep.sum()) - len(cloud), "out": len(cloud),
+        "in": n_before, "seen_through": n_before - n_merged, "outlier": int((~keep).sum()),
+        "merged": int(keep.sum()) - len(cloud), "out": len(cloud),
     }  # fmt: skip
     return FilterResult(cloud, counts, describe(planes.take(keep), thinned, targets))
 

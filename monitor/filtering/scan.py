@@ -17,7 +17,7 @@ from monitor.filtering.calibration import Calibration, CalibrationSettings, corr
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order
 from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_finite
 from monitor.filtering.roughness import classify_roughness
-from monitor.filtering.silhouettes import SilhouetteSettings, find_grazing, find_mixed, find_specks
+from monitor.filtering.silhouettes import SilhouetteSettings, find_grazing, find_mixed, find_rims, find_specks
 from monitor.filtering.thinning import ThinnedPoints, ThinningSettings, target_spacings, thin
 from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan
 from projects.transforms import apply, rotate
@@ -114,6 +114,8 @@ def _reasons(scan: Scan, beams: Floats | None, planes: TangentPlanes, settings: 
     reasons = {"speck": find_specks(planes.reach, ranges, settings.isolation), "outlier": planes.is_outlier}
     if scan.rows is not None and scan.columns is not None:
         reasons["mixed_pixel"] = find_mixed(-beams, scan.rows, scan.columns, planes.noise, settings.max_incidence)
+    if settings.drop_rims:
+        reasons["rim"] = find_rims(-beams, planes.noise, settings.max_incidence)
     reasons["grazing"] = find_grazing(beams, planes.normals, settings.max_incidence)
     return reasons
 

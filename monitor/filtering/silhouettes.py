@@ -1,4 +1,4 @@
-"""Points that no surface has: grazing incidence, mixed pixels, isolated specks (Nothegger and Dorninger, section 2.1).
+"""Points that no surface has: grazing incidence, mixed pixels, rims, specks (Nothegger and Dorninger, section 2.1).
 
 In: points with normals and where the scanner stood, rows and columns where the scan is a grid; out: masks of points.
 A mixed pixel's range lies between those of two surfaces that the beam touched (papers: HDS 6000 relief, section 1.2.2).
@@ -12,9 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.declare import check_settings, setting
+from monitor.filtering.nearest import build_index, canonical_order, find_nearest, find_nearest_sorted
 from projects.model import Bools, Floats, Ints
 
 BETWEEN_SIGMAS = 3.0
+N_ASIDE = 16  # neighbours seen from the scanner, among which a gap is looked for
+N_BESIDE = 8  # of these, to which a range may jump: the pixels around one
+N_INNER = 5  # neighbours that are no rims: an ornament four pixels wide has four
+RIM_GAP = math.radians(165.0)  # of sixteen neighbours at random, one in six hundred points has such a gap by chance
+BLOCK = 32_768  # points at a time; a multiple of the index's leaf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +40,16 @@ class SilhouetteSettings:
         meaning="a speck's neighbours are this many times farther than the scan's spacing there",
         low=1.5,
         high=100.0,
+    )
+    drop_rims: bool = setting(
+        False,
+        unit="",
+        meaning="whether points whose spot may reach over the rim of their surface are dropped, border of the scan too",
+    )
+    drop_seen_through: bool = setting(
+        False,
+        unit="",
+        meaning="whether points are dropped that the beams of another scan of the epoch passed through",
     )
 
     def __post_init__(self) -> None:
@@ -75,6 +91,66 @@ def _mixed_along(order: Ints, line: Ints, place: Ints, beams: Floats, noise: Flo
     jump = np.where(adjacent & (np.abs(rise) > limit), np.sign(rise), 0.0)
     mixed[order[1:-1]] = (jump[:-1] != 0) & (jump[:-1] == jump[1:])
     return mixed
+
+
+def find_rims(beams: Floats, noise: Floats, max_incidence: float) -> Bools:
+    """Return the points (n,) whose spot may reach over the rim of their surface: in front of another, or of nothing.
+
+    Seen from the scanner, a neighbour's range jumps by more than a surface at `max_incidence` [rad] and the noise
+    explain, or half of the surroundings is empty. Such a point is pulled towards what lies behind, or stands beside the
+    surface. Only points with `N_INNER` neighbours of the same surface that are no rims are named: what consists of
+    rims, an ornament seen by few points, is kept.
+
+    Parameters
+    ----------
+    beams : (n, 3) m, from the scanner to the points, in any order, grid or not.
+    noise : (n,) m, one sigma of a range.
+    """
+    ranges = np.linalg.norm(beams, axis=1)
+    directions = beams / ranges[:, None]
+    order = canonical_order(directions)
+    index, ranges, noise = build_index(directions[order]), ranges[order], noise[order]
+    k = min(N_ASIDE + 1, len(beams))
+    is_rim = np.zeros(len(beams), dtype=bool)
+    for first in range(0, len(beams), BLOCK):
+        which = np.arange(first, min(first + BLOCK, len(beams)))
+        near = find_nearest(index, first, first + len(which), np.full(len(which), k))
+        is_same, gap = _look_aside(index.points, ranges, noise, which, near, max_incidence)
+        is_rim[which] = (~is_same & _nearest_aside(index.points, which, near)).any(axis=1) | (gap > RIM_GAP)
+    rims = np.flatnonzero(is_rim)
+    near = find_nearest_sorted(index, rims, k)
+    is_same, _ = _look_aside(index.points, ranges, noise, rims, near, max_incidence)
+    named = np.zeros(len(beams), dtype=bool)
+    named[order[rims]] = (is_same & ~is_rim[near]).sum(axis=1) >= N_INNER
+    return named
+
+
+def _nearest_aside(directions: Floats, which: Ints, near: Ints) -> Bools:
+    """Return which of the neighbours (m, k) are among the `N_BESIDE` nearest of the points `which`."""
+    aside2 = ((directions[near] - directions[which][:, None]) ** 2).sum(axis=2)
+    last = min(N_BESIDE, aside2.shape[1] - 1)
+    return aside2 <= np.partition(aside2, last, axis=1)[:, last, None]
+
+
+def _look_aside(
+    directions: Floats, ranges: Floats, noise: Floats, which: Ints, near: Ints, max_incidence: float
+) -> tuple[Bools, Floats]:
+    """Return which neighbours (m, k) may be on the surface of the points `which`, and the widest gap (m,) there."""
+    aside = directions[near] - directions[which][:, None]
+    nearer = np.minimum(ranges[near], ranges[which][:, None])
+    limit = nearer * np.linalg.norm(aside, axis=2) * math.tan(max_incidence)
+    limit += BETWEEN_SIGMAS * math.sqrt(2.0) * noise[which][:, None]
+    return np.abs(ranges[near] - ranges[which][:, None]) <= limit, _widest_gap(directions[which], aside)
+
+
+def _widest_gap(directions: Floats, aside: Floats) -> Floats:
+    """Return the widest angle (n,) [rad] about each direction (n, 3) in which none of its neighbours (n, k, 3) lies."""
+    across = np.cross(directions, np.where(np.abs(directions[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    upward = np.cross(directions, across)
+    angles = np.arctan2(np.einsum("nkj,nj->nk", aside, upward), np.einsum("nkj,nj->nk", aside, across))
+    at_itself = (aside == 0.0).all(axis=2)
+    angles = np.sort(np.where(at_itself, angles.max(axis=1, keepdims=True), angles), axis=1)
+    return np.maximum(np.diff(angles, axis=1).max(axis=1), 2.0 * math.pi - angles[:, -1] + angles[:, 0])
 
 
 def find_specks(reach: Floats, ranges: Floats, isolation: float) -> Bools:

@@ -6,7 +6,15 @@ import numba
 import numpy as np
 import pytest
 
-from monitor.filtering import FilterSettings, ThinningSettings, filter_scan, filter_scan_with_record, merge_scans
+from monitor.filtering import (
+    FilterSettings,
+    SilhouetteSettings,
+    ThinningSettings,
+    filter_scan,
+    filter_scan_with_record,
+    merge_scans,
+)
+from monitor.filtering.merging import concatenate_clouds
 from projects.errors import ParameterError
 from projects.model import PointCloud, Scan
 from projects.transforms import apply, invert, rotation_from_vector
@@ -83,7 +91,7 @@ def test_specks_and_outliers_are_dropped_with_their_reason(rng):
 
 
 def test_a_grid_loses_its_mixed_pixels(rng):
-    """Two walls, 3 and 3.4 m away, with the columns between them smeared from one to the other."""
+    """Two walls, 3 and 3.4 m away, with the columns between them smeared; nothing is lost away from rims."""
     rows, columns = (a.ravel() for a in np.meshgrid(np.arange(100), np.arange(100), indexing="ij"))
     directions = np.c_[np.tan((columns - 50) * 1e-3), np.tan((rows - 50) * 1e-3), np.ones(10_000)]
     depth = np.where(columns < 50, 3.0, 3.4)
@@ -91,10 +99,13 @@ def test_a_grid_loses_its_mixed_pixels(rng):
     depth[mixed] = rng.uniform(3.05, 3.35, mixed.sum())
     points = directions * (depth + rng.normal(0, 0.5e-3, 10_000))[:, None]
     scan = Scan("grid", PointCloud(points), np.eye(4), rows=rows, columns=columns)
-    result = filter_scan_with_record(scan)
+    dropping = FilterSettings(silhouettes=SilhouetteSettings(drop_rims=True))
+    result = filter_scan_with_record(scan, dropping)
     z = result.cloud.points[:, 2]
     assert ((np.abs(z - 3.0) < 0.01) | (np.abs(z - 3.4) < 0.01)).mean() > 0.999
-    assert result.cloud.n_merged.sum() > 0.97 * (~mixed).sum()
+    inner = (np.abs(rows - 49.5) < 48) & (np.abs(columns - 49.5) < 48) & (np.abs(columns - 50) > 2)
+    assert result.cloud.n_merged.sum() > 0.99 * inner.sum()
+    assert result.counts["rim"] < 1.2 * (4 * 99 + 2 * 100)  # the border of the field, and one column on either side
 
 
 def test_a_scan_without_enough_points_gives_an_empty_cloud(rng):
@@ -170,3 +181,18 @@ def test_merged_scans_of_unknown_stations_look_one_way(rng, monkeypatch):
 
     up = merge_scans([relief(1.0), relief(-1.0)]).cloud.normals[:, 2] > 0
     assert up.mean() in (0.0, 1.0)
+
+
+def test_what_another_scan_looked_through_is_dropped_before_merging(rng):
+    """Forty points float 0.2 m before the wall in one scan; the other measured the wall behind them."""
+    dropping = FilterSettings(silhouettes=SilhouetteSettings(drop_seen_through=True))
+    clouds = [filter_scan(wall_scan(rng)), filter_scan(wall_scan(rng, shift=(0.5, 0, 2.5), name="b"))]
+    floating = clouds[0].take(np.arange(40))
+    centre = np.median(clouds[0].points, axis=0) + np.array([0.0, 0.0, 0.2])
+    floating = dataclasses.replace(floating, points=centre + rng.uniform(-0.01, 0.01, (40, 3)))
+    clouds[0] = concatenate_clouds([clouds[0], floating])
+    clouds[0] = dataclasses.replace(clouds[0], origins=floating.origins)
+    result = merge_scans(clouds, dropping)
+    assert result.counts["seen_through"] == 40
+    assert result.counts["in"] == sum(map(len, clouds))
+    assert merge_scans(clouds, FilterSettings()).counts["seen_through"] == 0

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from monitor.filtering.silhouettes import find_grazing, find_mixed, find_specks
+from monitor.filtering.silhouettes import find_grazing, find_mixed, find_rims, find_specks
 
 
 def test_grazing_is_beyond_the_largest_incidence():
@@ -66,3 +66,34 @@ def test_specks_are_judged_by_the_spacing_at_their_range():
     reach = 0.001 * ranges
     reach[-1] = 0.006
     assert np.flatnonzero(find_specks(reach, ranges, 4.0)).tolist() == [50]
+
+
+def test_rims_are_the_pixels_beside_a_jump_and_at_a_border_and_no_others(rng):
+    directions, rows, columns = grid_scan()
+    ranges = np.where(columns < 20, 3.0, 4.0) + rng.normal(0, 0.001, 1600)
+    shuffle = rng.permutation(1600)
+    rims = np.empty(1600, dtype=bool)
+    rims[shuffle] = find_rims((directions * ranges[:, None])[shuffle], np.full(1600, 0.001), math.radians(80))
+    border = (np.minimum(rows, columns) == 0) | (np.maximum(rows, columns) == 39)
+    expected = border | (columns == 19) | (columns == 20)
+    cornered = (np.minimum(rows, 39 - rows) < 3) & (np.min([columns, 39 - columns, abs(columns - 19.5)], axis=0) < 3)
+    assert np.array_equal(rims[~cornered], expected[~cornered])
+    assert not rims[~expected].any()
+
+
+def test_a_thin_thing_that_is_all_rim_stays(rng):
+    """An arm two pixels wide before a chest, and an ornament of fourteen points: nothing within them to hold on to."""
+    directions, rows, columns = grid_scan()
+    inside = (np.abs(rows - 10) < 2) & (np.abs(columns - 20) < 2)
+    for thing in ((columns == 20) | (columns == 21), inside, inside | ((rows == 12) & (np.abs(columns - 20) < 2))):
+        ranges = np.where(thing, 2.9, 3.0) + rng.normal(0, 0.0003, 1600)
+        rims = find_rims(directions * ranges[:, None], np.full(1600, 0.0003), math.radians(80))
+        assert not rims[thing].any()
+        assert rims.sum() > 4 * 30  # those of the field
+
+
+def test_points_in_no_order_have_few_rims(rng):
+    """Directions at random: of sixteen neighbours one in six hundred leaves such a gap."""
+    beams = np.c_[rng.uniform(-0.3, 0.3, (8000, 2)), np.full(8000, 3.0)]
+    rims = find_rims(beams, np.full(8000, 0.001), math.radians(80))
+    assert rims[(np.abs(beams[:, :2]) < 0.28).all(axis=1)].mean() < 0.004

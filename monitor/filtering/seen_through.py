@@ -1,0 +1,82 @@
+"""Points that another station looked through (Nothegger and Dorninger 2007, fig. 8 b: what a mirror-like patch gives).
+
+In: the filtered clouds of an epoch in the project's frame, registered, with their scanners' positions; out: a mask for
+each cloud. Where a beam of another scan went on to a surface behind, there is nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from projects.model import Bools, Floats, PointCloud
+
+N_BEAMS = 4  # beams of the other scan that must have passed, the nearest ones
+N_AGREE = 6  # nearest points of the same scan, of which half must be contradicted as well
+SIGMAS = 5.0
+STEEPEST = math.radians(80.0)  # a surface that the beams pass beside may lie as steep as this
+
+
+def find_seen_through(clouds: Sequence[PointCloud], slack: float = 0.0) -> list[Bools]:
+    """Return for each cloud the points (n,) that the beams of another cloud passed through.
+
+    A point is contradicted where the four beams of another scan that pass nearest to it, none farther aside than twice
+    that scan's own spacing, all went on behind it by more than a steep surface, the noise of both and `slack` explain.
+    At least half of the points next to it must be contradicted too; a wire between the beams stays.
+
+    Parameters
+    ----------
+    clouds : with one origin (3,) each, in one frame; those of unknown origin, or with fewer than 8 points, say nothing.
+    slack : m, by which the clouds may lie off each other.
+    """
+    masks = [np.zeros(len(c), dtype=bool) for c in clouds]
+    for j, other in enumerate(clouds):
+        if not _is_usable(other):
+            continue
+        assert other.origins is not None
+        beams = other.points - other.origins
+        ranges = np.linalg.norm(beams, axis=1)
+        tree = cKDTree(beams / ranges[:, None])
+        steps = tree.query(tree.data, N_BEAMS + 1)[0][:, -1]
+        for k, cloud in enumerate(clouds):
+            if k != j and len(cloud):
+                masks[k] |= _passed(cloud, other, (tree, ranges, steps), slack)
+    return [mask & _agreed(cloud, mask) for cloud, mask in zip(clouds, masks, strict=True)]
+
+
+def _is_usable(cloud: PointCloud) -> bool:
+    """Whether it is known where the beams of a cloud come from."""
+    known = cloud.origins is not None and cloud.origins.ndim == 1 and bool(np.isfinite(cloud.origins).all())
+    return known and len(cloud) > 2 * N_BEAMS
+
+
+def _passed(cloud: PointCloud, other: PointCloud, seen: tuple[cKDTree, Floats, Floats], slack: float) -> Bools:
+    """Return the points (n,) of a cloud that all of the nearest beams of the other passed."""
+    tree, ranges, steps = seen
+    assert other.origins is not None
+    towards = cloud.points - other.origins
+    here = np.linalg.norm(towards, axis=1)
+    aside, beam = tree.query(towards / np.maximum(here, 1e-12)[:, None], N_BEAMS)
+    sigma = np.hypot(_sigma(cloud)[:, None], _sigma(other)[beam])
+    limit = here[:, None] * aside * math.tan(STEEPEST) + SIGMAS * sigma + slack
+    surrounded = aside[:, -1] <= 2.0 * np.median(steps[beam], axis=1)
+    return surrounded & (ranges[beam] - here[:, None] > limit).all(axis=1)
+
+
+def _sigma(cloud: PointCloud) -> Floats:
+    """Return one sigma (n,) [m] of the measurements behind each point, 0 where unknown."""
+    sigma = cloud.spread if cloud.spread is not None else cloud.sigma
+    return np.zeros(len(cloud)) if sigma is None else np.nan_to_num(sigma)
+
+
+def _agreed(cloud: PointCloud, mask: Bools) -> Bools:
+    """Return the points of a mask (n,) of which half of the nearest points are in it too."""
+    agreed = np.zeros(len(mask), dtype=bool)
+    if not mask.any():
+        return agreed
+    near = cKDTree(cloud.points).query(cloud.points[mask], min(N_AGREE + 1, len(cloud)))[1]
+    agreed[mask] = mask[near.reshape(int(mask.sum()), -1)].mean(axis=1) >= 0.5
+    return agreed
