@@ -15,7 +15,7 @@ from numba import jit
 from projects.model import Floats, Ints
 
 OCCUPIED, IN_BAND = 1, 2
-BLOCK = 1 << 20  # points looked at together, so that the memory for it does not grow
+BLOCK = 1 << 18  # points looked at together, so that the memory for it does not grow
 
 
 class Tiles(NamedTuple):
@@ -47,21 +47,26 @@ def cut_tiles(points: Floats, edge: int, reach: int) -> Tiles:
 
     A tile without points is one too where a point lies within `reach` cells of it: the band goes on into it.
     """
-    cube = np.floor(points / edge).astype(np.int64)
-    low = cube.min(axis=0) - 1
-    shape = cube.max(axis=0) - low + 2
+    low = np.floor(points.min(axis=0) / edge).astype(np.int64) - 1
+    shape = np.floor(points.max(axis=0) / edge).astype(np.int64) - low + 2
     weight = np.array([shape[1] * shape[2], shape[2], 1])
-    key = (cube - low) @ weight
-    order = np.argsort(key, kind="stable")
     steps = np.array(np.meshgrid([-reach, reach], [-reach, reach], [-reach, reach])).reshape(3, 8).T
-    keys = np.unique(key)
+    key, keys = np.empty(len(points), np.int64), np.empty(0, np.int64)
     for first in range(0, len(points), BLOCK):
         block = points[first : first + BLOCK]
-        for step in steps:
-            keys = np.union1d(keys, (np.floor((block + step) / edge).astype(np.int64) - low) @ weight)
+        key[first : first + BLOCK] = _cube_keys(block, edge, low, weight)
+        for step in (np.zeros(3), *steps):
+            keys = np.union1d(keys, _cube_keys(block + step, edge, low, weight))
+    order = np.argsort(key, kind="stable")
+    starts = np.append(np.searchsorted(key, keys, sorter=order), len(points)).astype(np.int64)
     corners = np.stack(np.unravel_index(keys, tuple(shape)), axis=1) + low
-    starts = np.append(np.searchsorted(key[order], keys), len(points)).astype(np.int64)
     return Tiles(np.ascontiguousarray(points[order]), order, corners * edge, starts, edge)
+
+
+def _cube_keys(points: Floats, edge: int, low: Ints, weight: Ints) -> Ints:
+    """Return the number (n,) of the cube of `edge` cells that holds each point."""
+    keys: Ints = (np.floor(points / edge).astype(np.int64) - low) @ weight
+    return keys
 
 
 @jit(nopython=True, cache=True, nogil=True)

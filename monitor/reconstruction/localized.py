@@ -77,7 +77,7 @@ def localized_mesh(
     map_tiles : like `map`, over tile numbers; by default threads on this machine.
     """
     low = np.floor(points.min(axis=0) / cell) - 4
-    tiles = cut_tiles(points / cell - low, tile, REACH)
+    tiles = cut_tiles(_on_lattice(points, cell, low), tile, REACH)
     lattice = Lattice(tiles, normals[tiles.order].astype(np.float32), (cell / spacing) ** 2)
     run = map_tiles or _map_threads
     numbers = range(len(tiles.corners))
@@ -95,6 +95,13 @@ def localized_mesh(
     vertices += low
     vertices *= cell
     return vertices, faces
+
+
+def _on_lattice(points: Floats, cell: float, low: Floats) -> Floats:
+    """Return points (n, 3) m in cells from the lattice point `low`."""
+    places = points / cell
+    places -= low
+    return places
 
 
 def _map_threads(function: Callable[[int], Any], numbers: Sequence[int]) -> list[Any]:
