@@ -21,16 +21,19 @@ NUMBERS = (1, 10, 100)
 
 def wavy_sheet(n_tiles: int, tile: int) -> tuple[np.ndarray, np.ndarray]:
     """Return points and normals of a sheet over a row of tiles, waves of 40 cells and an amplitude of 4."""
-    rng = np.random.default_rng(n_tiles)
-    length, width = n_tiles * tile * CELL, tile * CELL
-    x = rng.uniform(0.0, length, int(length * width / SPACING**2))
-    y = rng.uniform(0.2 * CELL, width - 0.2 * CELL, len(x))
+    rng, edge = np.random.default_rng(n_tiles), tile * CELL
+    n = int(edge**2 / SPACING**2)
+    points, normals = np.empty((n_tiles * n, 3)), np.empty((n_tiles * n, 3))
     turn, height = 2 * np.pi / (40 * CELL), 4 * CELL
-    points = np.c_[x, y, 0.5 * width + height * np.sin(turn * x) * np.cos(turn * y) + NOISE * rng.normal(size=len(x))]
-    slope_x = height * turn * np.cos(turn * x) * np.cos(turn * y)
-    slope_y = -height * turn * np.sin(turn * x) * np.sin(turn * y)
-    normals = np.c_[-slope_x, -slope_y, np.ones(len(x))]
-    return points, normals / np.linalg.norm(normals, axis=1)[:, None]
+    for j in range(n_tiles):  # tile by tile, so that the peak of memory is not made here
+        x, y = edge * (j + rng.uniform(size=n)), edge * rng.uniform(0.002, 0.998, size=n)
+        z = 0.5 * edge + height * np.sin(turn * x) * np.cos(turn * y) + NOISE * rng.normal(size=n)
+        slope_x = height * turn * np.cos(turn * x) * np.cos(turn * y)
+        slope_y = -height * turn * np.sin(turn * x) * np.sin(turn * y)
+        points[j * n : (j + 1) * n] = np.c_[x, y, z]
+        normals[j * n : (j + 1) * n] = np.c_[-slope_x, -slope_y, np.ones(n)]
+        normals[j * n : (j + 1) * n] /= np.sqrt(1.0 + slope_x**2 + slope_y**2)[:, None]
+    return points, normals
 
 
 def measure(n_tiles: int, tile: int) -> None:
