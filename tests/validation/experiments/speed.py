@@ -66,5 +66,5 @@ def run(size: Size) -> list[Row]:
 
 NOTES = (
     "On a loaded machine the rate of the wall clock is too low; twice that per core-second is what two cores would "
-    "give at best. Where the noise is small against the spacing, as here, hardly a point is merged. Memory: the peak of the process stands in results/speed.json."
+    "give at best. Where the noise is small against the spacing, as here, hardly a point is merged."
 )
