@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from monitor.filtering.diffusion import diffuse_with_record
 from monitor.filtering.nearest import build_index, canonical_order
-from monitor.filtering.normals import fit_planes, require_points
-from monitor.filtering.scan import FilterResult, FilterSettings, describe, thin_cloud
+from monitor.filtering.normals import MIN_POINTS, fit_planes, require_points
+from monitor.filtering.scan import FilterResult, FilterSettings, count_thinned, describe, thin_cloud
 from monitor.filtering.seen_through import find_seen_through
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud
@@ -52,9 +53,13 @@ def merge_scans(
     cloud, thinned, targets = thin_cloud(merged.take(keep), planes.take(keep), settings.thinning)
     counts = {
         "in": n_before, "seen_through": n_before - n_merged, "outlier": int((~keep).sum()),
-        "merged": int(keep.sum()) - len(cloud), "out": len(cloud),
+        **count_thinned(int(keep.sum()), thinned),
     }  # fmt: skip
-    return FilterResult(cloud, counts, describe(planes.take(keep), thinned, targets))
+    automatic = describe(planes.take(keep), thinned, targets)
+    if settings.diffusion.enabled and len(cloud) >= MIN_POINTS:
+        diffused = diffuse_with_record(cloud, settings.diffusion)
+        return FilterResult(diffused.cloud, counts, {**automatic, "diffusion": diffused.automatic})
+    return FilterResult(cloud, counts, automatic)
 
 
 def orientation_of(cloud: PointCloud) -> Floats | None:

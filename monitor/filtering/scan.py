@@ -14,11 +14,13 @@ import numpy as np
 
 from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
-from monitor.filtering.nearest import PointIndex, build_index, canonical_order
+from monitor.filtering.diffusion import DiffusionSettings
+from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_finite
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.silhouettes import SilhouetteSettings, find_grazing, find_mixed, find_rims, find_specks
 from monitor.filtering.thinning import ThinnedPoints, ThinningSettings, target_spacings, thin
+from monitor.filtering.voxel_median import take_medians
 from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan
 from projects.transforms import apply, rotate
 
@@ -32,6 +34,7 @@ class FilterSettings:
     normals: NormalSettings = field(default_factory=NormalSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
     thinning: ThinningSettings = field(default_factory=ThinningSettings)
+    diffusion: DiffusionSettings = field(default_factory=DiffusionSettings)
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ def filter_scan_with_record(
         normals=rotate(scan.pose, thinned.normals),
         origins=apply(scan.pose, scan.origin),
     )
-    counts = {"in": len(scan.cloud), **_count_first(reasons), "merged": int(keep.sum()) - len(cloud), "out": len(cloud)}
+    counts = {"in": len(scan.cloud), **_count_first(reasons), **count_thinned(int(keep.sum()), thinned)}
     return FilterResult(cloud, counts, describe(planes.take(keep), thinned, targets))
 
 
@@ -136,8 +139,11 @@ def thin_cloud(
     roughness = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours)
     targets = target_spacings(planes.spacing, planes.noise, roughness, settings)
     merged = np.ones(len(cloud), dtype=np.int32) if cloud.n_merged is None else cloud.n_merged
-    index: PointIndex = build_index(cloud.points)
-    thinned = thin(index, planes, merged, targets, settings.seed)
+    if settings.method == "voxel_median":
+        size = float(np.median(targets)) if len(targets) else 1.0
+        thinned = take_medians(cloud.points, planes.normals, planes.noise, merged, size)
+    else:
+        thinned = thin(build_index(cloud.points), planes, merged, targets, settings.seed)
     chosen = cloud.take(thinned.nearest)
     thin_one = dataclasses.replace(
         chosen, points=thinned.points, normals=thinned.normals, sigma=thinned.sigma, n_merged=thinned.n_merged,
@@ -146,6 +152,13 @@ def thin_cloud(
         colors=_mean_of_members(cloud.colors, thinned), intensity=_mean_of_members(cloud.intensity, thinned),
     )  # fmt: skip
     return thin_one, thinned, targets
+
+
+def count_thinned(n_given: int, thinned: ThinnedPoints) -> dict[str, int]:
+    """Return what became of the points given to the thinning; rejected are those that stand in no representative."""
+    n_rejected, n_out = n_given - len(thinned.members), len(thinned.points)
+    rejected = {"rejected": n_rejected} if n_rejected else {}
+    return {**rejected, "merged": len(thinned.members) - n_out, "out": n_out}
 
 
 def _mean_of_members(values: Any, thinned: ThinnedPoints) -> Any:

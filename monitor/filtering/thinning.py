@@ -32,6 +32,10 @@ COMPATIBLE = 0.5  # cosine: members of a cylinder look the same way within 60 de
 class ThinningSettings:
     """Thinning to the mode. Lengths in metres."""
 
+    method: str = setting(
+        "mode", unit="", choices=("mode", "voxel_median"),
+        meaning="mode: of cylinders (paper 000); voxel_median: measured points alone, others rejected (004)",
+    )  # fmt: skip
     target_spacing: float | None = setting(
         None,
         unit="m",
