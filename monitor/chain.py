@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.comparison import compare
+from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
 from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
 from monitor.quality import assess_scans, describe_distances, distances_to_surface
@@ -22,6 +23,7 @@ from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, comparison_product, find_step, latest_step, once_step, put_step
 from monitor.registration.epochs import register_epochs
+from monitor.registration.parts import find_parts
 from monitor.repeats import filter_repeats, is_averaged
 from monitor.scan_network import adjust_epoch, frame_covariance
 from monitor.scans import read_within
@@ -76,6 +78,7 @@ def compare_epochs(
         "tolerance": tolerance,
         "icp": as_mapping(settings.icp),
         "compare": as_mapping(settings.compare),
+        "parts": as_mapping(settings.parts),
     }
 
     def make() -> Made:
@@ -86,6 +89,9 @@ def compare_epochs(
         sights = gather_sights(earlier), gather_sights(place)
         frames = _frames((earlier, place), motion.centre) if mode == "absolute" else None
         found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames)
+        if len(found.regions):  # what moved as a whole shows as regions of change
+            parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.region > 0)
+            found = tell_moved(found, parts, compared.vertices)
         clouds = [p.project.latest(p.object_id, p.epoch_id, "filtered") for p in (earlier, place)]
         if clouds[0] is None or clouds[1] is None:  # a finished mesh has no points
             return Made(found, start)

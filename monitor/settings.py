@@ -17,6 +17,7 @@ from monitor.filtering import FilterSettings
 from monitor.reconstruction import SurfaceSettings
 from monitor.registration import IcpSettings
 from monitor.registration.adjustment import AdjustmentSettings
+from monitor.registration.parts import PartSettings
 from monitor.registration.targets import TargetSettings
 from projects.errors import ParameterError
 
@@ -33,6 +34,7 @@ class Settings:
     surface: SurfaceSettings = dataclasses.field(default_factory=SurfaceSettings)
     icp: IcpSettings = dataclasses.field(default_factory=IcpSettings)
     compare: CompareSettings = dataclasses.field(default_factory=CompareSettings)
+    parts: PartSettings = dataclasses.field(default_factory=PartSettings)
 
 
 def read_settings(path: Path | None) -> Settings:

@@ -31,6 +31,7 @@ from reports.history import (
 from reports.quantities import CM2, CM3, MM, day, estimate, percent
 from reports.ranging import gather_calibrations
 from reports.whereabouts import locate
+from reports.wholemotion import parts_table
 
 MEANINGS = {
     "lost": "material lost", "added": "material added", "moved": "part moved",
@@ -113,6 +114,7 @@ def make_facts(
         inputs=inputs_table((before, after)),
         mode=comparison.mode,
         comparison=comparison,
+        parts=parts_table(comparison),
     )
 
 
@@ -135,7 +137,8 @@ def describe_region(comparison: Comparison, row: pd.Series) -> RegionFacts:
 
 def with_statistics(epoch: EpochHistory, made: Step | None, comparison: Comparison) -> EpochHistory:
     """Return the history with the comparison's statistics among what its step found."""
-    steps = [replace(s, automatic={**s.automatic, **comparison.statistics}) if s is made else s for s in epoch.steps]
+    single = {name: value for name, value in comparison.statistics.items() if name != "parts"}  # these have a table
+    steps = [replace(s, automatic={**s.automatic, **single}) if s is made else s for s in epoch.steps]
     return replace(epoch, steps=tuple(steps))
 
 

@@ -121,6 +121,7 @@ class ReportFacts:
     object_rows : name and text of what is known of the object.
     history : the two epochs side by side, and what became of their points.
     series : how regions go on over more than two epochs, where the compared epoch ends such a series.
+    parts : the parts that moved rigidly, where there are any.
     calibrations : the range calibration of a scan of each epoch, where one was corrected.
     record : the steps in order; versions and inputs : what they were made with and from.
     """
@@ -143,3 +144,4 @@ class ReportFacts:
     comparison: Comparison
     series: SeriesFacts | None = None
     calibrations: tuple[CalibrationFacts, ...] = ()
+    parts: Table | None = None

@@ -1,4 +1,7 @@
-"""How the object stands against its earlier self as a whole: the inverse of the registration, with its 95 % margins."""
+"""How the object stands against its earlier self as a whole, and parts of it that moved, with their 95 % margins.
+
+The motion of the whole is the inverse of the registration.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from projects.model import Floats, Registration
+from projects.model import Comparison, Floats, Registration
 from projects.transforms import apply, invert
-from reports.quantities import DEGREES, MM, Estimate, estimate
+from reports.facts import Table
+from reports.quantities import DEGREES, MM, Estimate, estimate, print_number
 
 
 @dataclass(frozen=True)
@@ -43,3 +47,23 @@ def _length(vector: Floats, covariance: Floats, scale: float, unit: str) -> Esti
         return estimate(length, float("nan"), scale, unit)
     along = vector / length if length > 0.0 else np.linalg.eigh(covariance)[1][:, -1]
     return estimate(length, float(np.sqrt(along @ covariance @ along)), scale, unit)
+
+
+def parts_table(comparison: Comparison) -> Table | None:
+    """Return the table of the parts that moved rigidly, None where there are none."""
+    rows = []
+    for number, part in enumerate(comparison.statistics.get("parts") or (), start=1):
+        motion, covariance = np.asarray(part["motion"]), np.asarray(part["covariance"])
+        shift = _length(motion[3:], covariance[3:, 3:], MM, "mm").text
+        turn = _length(motion[:3], covariance[:3, :3], DEGREES, "°").text
+        axes = (estimate(float(t), float(s), MM, "", signed=True).text
+                for t, s in zip(motion[3:], np.sqrt(np.diag(covariance)[3:]), strict=True))  # fmt: skip
+        where = ", ".join(print_number(float(v), 2) for v in part["centre"])
+        rows.append((f"Part {number}", where, shift, *axes, turn, ", ".join(str(r) for r in part["regions"]) or "–"))
+    if not rows:
+        return None
+    return Table(
+        "Parts that moved", ("", "where: x, y, z (m)", "shift", "x (mm)", "y (mm)", "z (mm)", "turn", "regions"),
+        tuple(rows), "Each moved rigidly against the rest of the object, from the earlier to the later epoch: "
+        "shifted at its middle, and turned about it. ± is the half-width of the 95\u00a0% interval.",
+    )  # fmt: skip

@@ -41,13 +41,17 @@ class Alignment:
 
 @dataclass(frozen=True)
 class AlignmentRules:
-    """What `align` is bound to: search `distance` [m], `angle` [rad], smallest `n_pairs`, `precision` [m]."""
+    """What `align` is bound to: search `distance` [m], `angle` [rad], smallest `n_pairs`, `precision` [m].
+
+    `damping` (Levenberg), in shares of the mean information, leaves motions that the shape hardly holds where they are.
+    """
 
     distance: float
     angle: float
     n_pairs: int
     precision: float
     max_iterations: int
+    damping: float = 0.0
 
 
 def weigh(matches: Matches, is_kept: Bools, fine: bool) -> tuple[Floats, Floats]:
@@ -58,7 +62,8 @@ def weigh(matches: Matches, is_kept: Bools, fine: bool) -> tuple[Floats, Floats]
     return np.where(kept, tukey_weights(u) if fine else huber_weights(u), 0.0), sigma
 
 
-def solve_motion(matches: Matches, weights: Floats, sigma: Floats, centre: Floats) -> tuple[Floats, Floats]:
+def solve_motion(matches: Matches, weights: Floats, sigma: Floats, centre: Floats, damping: float = 0.0,
+                 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Return the motion (6,) [rad, m] about `centre` that lessens the residuals, and its normal matrix (6, 6)."""
     rows = motion_rows(matches.points, matches.normals, centre)
     lever = np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1))) + 1e-300
@@ -67,6 +72,7 @@ def solve_motion(matches: Matches, weights: Floats, sigma: Floats, centre: Float
     normal_matrix = np.einsum("ni,nj->ij", weighted, rows)
     right = -np.einsum("ni,n->i", weighted, matches.residuals)
     scaled = normal_matrix * np.outer(scale, scale)
+    scaled += damping * np.trace(scaled) / 6.0 * np.eye(6)
     # a motion that nothing holds (a plane's slide) is left at zero
     delta = scale * (np.linalg.pinv(scaled, rcond=1e-10, hermitian=True) @ (scale * right))
     return delta, normal_matrix
@@ -97,7 +103,7 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
                              iteration)  # fmt: skip
         weights, sigma = weigh(matches, kept, fine)
         centre = np.average(matches.points, axis=0, weights=weights)
-        delta, normal_matrix = solve_motion(matches, weights, sigma, centre)
+        delta, normal_matrix = solve_motion(matches, weights, sigma, centre, rules.damping)
         way = small_motion(delta, apply(T, samples.points), centre)
         # where pairs swap to and fro the pose swings about a place without a zero: go there by ever shorter steps
         pace *= TURN_BACK if fine and np.sum(way * last_way) < 0.0 else 1.0

@@ -30,6 +30,10 @@ class Samples:
         """Return every `step`-th sample."""
         return Samples(self.points[::step], self.normals[::step], self.sigma[::step])
 
+    def take(self, which: Ints) -> Samples:
+        """Return the samples selected."""
+        return Samples(self.points[which], self.normals[which], self.sigma[which])
+
 
 @dataclass(frozen=True)
 class Matches:

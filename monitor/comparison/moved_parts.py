@@ -1,0 +1,86 @@
+"""Tells regions of change that are a part's motion from those that are wear.
+
+In: a comparison and the parts that moved rigidly (`registration.parts`). Out: the comparison with these regions called
+"moved", and the parts with their six parameters among its statistics.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from monitor.registration.parts import MovedParts
+from projects.model import Comparison, Floats, Ints
+from projects.transforms import apply
+
+MOST = 0.5  # of a region's vertices, so many belong to a part: the region is its motion
+BESIDE_SPACINGS = 3.0  # a vertex of the reference is of a part that lay so near to it
+
+
+def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> Comparison:
+    """Return the comparison in which regions that a part's motion explains are of the kind "moved".
+
+    Parameters
+    ----------
+    found : of the compared epoch against the reference, with the comparison's registration.
+    compared : (n, 3) m, the vertices of the compared surface as it was given, before any motion.
+
+    Returns
+    -------
+    Comparison
+        `statistics["parts"]`: for each part `T_target_source` (4, 4), `motion` (6,) (w, t) [rad, m] about `centre` (3,)
+        in the reference's frame, its `covariance` (6, 6), `n_points` and the numbers of its `regions`.
+    """
+    if not found.parts:
+        return comparison
+    part_of = found.part_of, part_on_reference(comparison, found, compared)
+    regions = comparison.on_compared.region, comparison.on_reference.region
+    belongs = count_vertices(regions, part_of, len(comparison.regions), len(found.parts))
+    table = comparison.regions.copy()
+    explained = belongs[:, 1:].sum(axis=1) >= MOST * np.maximum(belongs.sum(axis=1), 1)
+    is_moved = explained[table["region"].to_numpy(dtype=int) - 1]
+    table["kind"] = np.where(is_moved, "moved", table["kind"].to_numpy(dtype=object))
+    largest = belongs[:, 1:].argmax(axis=1) + 1
+    parts = [{**describe_part(found, k),
+              "regions": [int(r) + 1 for r in np.flatnonzero(explained & (largest == k))]}
+             for k in range(1, len(found.parts) + 1)]  # fmt: skip
+    return dataclasses.replace(comparison, regions=table, statistics={**comparison.statistics, "parts": parts})
+
+
+def describe_part(found: MovedParts, number: int) -> dict[str, Any]:
+    """Return one part as plain values."""
+    part = found.parts[number - 1]
+    return {
+        "T_target_source": part.T_target_source.tolist(),
+        "motion": part.motion.tolist(),
+        "covariance": part.covariance.tolist(),
+        "centre": part.centre.tolist(),
+        "n_points": part.n_points,
+    }
+
+
+def part_on_reference(comparison: Comparison, found: MovedParts, compared: Floats) -> Ints:
+    """Return the part (m,) that each changed vertex of the reference belongs to: the one that lay there before."""
+    side = comparison.on_reference
+    changed = np.flatnonzero(side.region > 0)
+    part_of = np.zeros(len(side.region), dtype=np.int32)
+    nearest = np.full(len(changed), np.inf)
+    for number, part in enumerate(found.parts, start=1):
+        tree = cKDTree(apply(part.T_target_source, compared[found.part_of == number]))
+        spacing = float(np.median(tree.query(tree.data, k=2)[0][:, 1]))
+        distance, _ = tree.query(side.surface.vertices[changed], distance_upper_bound=BESIDE_SPACINGS * spacing)
+        nearer = distance < nearest
+        part_of[changed[nearer]], nearest[nearer] = number, distance[nearer]
+    return part_of
+
+
+def count_vertices(regions: tuple[Ints, Ints], part_of: tuple[Ints, Ints], n_regions: int, n_parts: int) -> Ints:
+    """Return how many vertices of each region belong to each part (r, 1 + p), the first column to none."""
+    count = np.zeros((n_regions, n_parts + 1), dtype=np.int64)
+    for region, part in zip(regions, part_of, strict=True):
+        inside = region > 0
+        np.add.at(count, (region[inside] - 1, part[inside]), 1)
+    return count

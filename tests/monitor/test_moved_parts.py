@@ -1,0 +1,79 @@
+"""Regions of change that a moved part explains are called so; its six parameters stand in the statistics."""
+
+import numpy as np
+import pytest
+from bumpy_body import NOISE
+from scipy.spatial import ConvexHull
+
+from monitor.comparison import compare
+from monitor.comparison.moved_parts import tell_moved
+from monitor.registration import register
+from monitor.registration.parts import find_parts
+from projects.model import Comparison, Floats, Surface
+from projects.transforms import apply, perturb
+from reports.wholemotion import parts_table
+
+TOWARDS, HALF = np.array([0.94, 0.19, 0.28]) / np.linalg.norm([0.94, 0.19, 0.28]), 0.5
+WORN = np.array([-0.34, -0.86, 0.38]) / np.linalg.norm([-0.34, -0.86, 0.38])
+MOTION = np.array([0.01, -0.02, 0.015, 1e-3, 2e-3, -1e-3])
+
+
+def body(n: int, rng: np.random.Generator, later: bool) -> Surface:
+    """Return a bumpy body of 0.6 m; later one part of it moved and another place lost 3 mm."""
+    shape = np.random.default_rng(5)
+    waves, phases = shape.normal(size=(12, 3)) * 4, shape.uniform(0, 6.28, 12)
+    d = rng.normal(size=(n, 3))
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    radius = 0.3 * np.linalg.norm(d * [1.0, 0.8, 1.2], axis=1) + 0.008 * np.cos(d @ waves.T + phases).sum(axis=1)
+    faces = ConvexHull(d).simplices
+    inward = np.einsum("ij,ij->i", np.cross(d[faces[:, 1]] - d[faces[:, 0]], d[faces[:, 2]] - d[faces[:, 0]]),
+                       d[faces[:, 0]]) < 0  # fmt: skip
+    faces[inward] = faces[inward, ::-1]
+    points = d * (radius + rng.normal(0, NOISE, n))[:, None]
+    if later:
+        angle = np.arccos(np.clip(d @ WORN, -1, 1))
+        points -= d * np.where(angle < 0.4, 1.5e-3 * (1 + np.cos(np.pi * angle / 0.4)), 0.0)[:, None]
+        part = d @ TOWARDS > np.cos(HALF)
+        points[part] = apply(perturb(np.eye(4), points[part].mean(axis=0), MOTION), points[part])
+    return Surface(points, faces, sigma=np.full(n, NOISE))
+
+
+@pytest.fixture(scope="module")
+def told() -> Comparison:
+    before, after = (body(12_000, np.random.default_rng(k), k > 0) for k in (0, 1))
+    motion = register(after, before)
+    found = compare(before, after, motion)
+    parts = find_parts(after, before, motion, is_changed=found.on_compared.region > 0)
+    return tell_moved(found, parts, after.vertices)
+
+
+def test_regions_of_the_part_are_called_moved_and_the_worn_place_lost(told: Comparison) -> None:
+    places = told.regions[["x", "y", "z"]].to_numpy()
+    towards = places / np.linalg.norm(places, axis=1)[:, None]
+    kinds = told.regions["kind"].to_numpy()
+    assert (kinds[towards @ TOWARDS > np.cos(HALF)] == "moved").all()
+    assert (kinds[towards @ WORN > np.cos(0.4)] == "lost").all()
+    assert {"moved", "lost"} <= set(kinds)
+
+
+def test_the_part_stands_in_the_statistics_with_its_motion_and_regions(told: Comparison) -> None:
+    (part,) = told.statistics["parts"]
+    sigma: Floats = np.sqrt(np.diag(part["covariance"]))
+    assert (np.abs(np.array(part["motion"])[:3] - MOTION[:3]) < 4 * sigma[:3] + 2e-4).all()
+    moved = told.regions.loc[told.regions["kind"] == "moved", "region"].tolist()
+    assert sorted(part["regions"]) == sorted(moved)
+
+
+def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> None:
+    table = parts_table(told)
+    assert table is not None
+    (row,) = table.rows
+    assert row[2].endswith("mm")
+    still = body(12_000, np.random.default_rng(1), False).vertices  # as it stood before the part moved
+    part = (still / np.linalg.norm(still, axis=1)[:, None]) @ TOWARDS > np.cos(HALF)
+    centre = np.array(told.statistics["parts"][0]["centre"])
+    shift = apply(perturb(np.eye(4), still[part].mean(axis=0), MOTION), centre) - centre
+    value, _, margin, _ = row[2].split("\u00a0")
+    assert float(value) == pytest.approx(1e3 * np.linalg.norm(shift), abs=2.0 * float(margin))  # about four sigmas
+    assert float(margin) < 0.6
+    assert float(row[6].split("°")[0]) == pytest.approx(np.degrees(np.linalg.norm(MOTION[:3])), abs=0.15)
