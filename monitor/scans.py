@@ -15,10 +15,11 @@ import numpy as np
 from monitor.filtering.thinning import hash_points
 from monitor.registration.placing import place_scans
 from monitor.registration.targets import find_targets
+from monitor.scan_assembly import assemble_streams
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
 from projects.formats import PoseLine, ScanStream, question_unit, read_scans, require_known_names
-from projects.model import ControlPoint, PointCloud, Scan
+from projects.model import ControlPoint, Floats, PointCloud, Scan
 from projects.store import Project
 from projects.transforms import apply
 
@@ -38,7 +39,8 @@ def open_scans(
     """Return the scans of the files, each with a pose, ready to be streamed into the store.
 
     A pose comes from the poses file, else from the scan's own file, else, where there are several scans, from the
-    survey targets in them and the control points; a scan that stands alone (or repeated scans from one station) may do
+    survey targets in them and the control points, else, without control, from their shapes alone, in the frame of the
+    scans whose poses are known or of the first; a scan that stands alone (or repeated scans from one station) may do
     without and then stands in the project's frame.
 
     Raises
@@ -46,7 +48,7 @@ def open_scans(
     ParameterError
         For a missing file, a file given twice, a pose line that names none of the files.
     FormatError
-        For several scans without poses that targets do not place.
+        For several scans without poses that neither targets nor shapes place.
     """
     streams: list[ScanStream] = []
     paths = _require_files(files)
@@ -55,7 +57,7 @@ def open_scans(
         streams.extend(read_scans(path, unit=unit.metres, pose_lines=poses))
     without = [s.name for s in streams if s.pose is None]
     if without and len(streams) > 1 and not repeated:
-        streams = _place_by_targets(streams, control)
+        streams = _place(streams, control)
     return [_complete(s) for s in streams]
 
 
@@ -66,18 +68,28 @@ def _complete(stream: ScanStream) -> ScanStream:
     return replace(stream, pose=pose, origin=origin)
 
 
-def _place_by_targets(streams: list[ScanStream], control: Sequence[ControlPoint]) -> list[ScanStream]:
-    """Return the scans with the poses that their survey targets give, or raise where these do not suffice."""
+def _place(streams: list[ScanStream], control: Sequence[ControlPoint]) -> list[ScanStream]:
+    """Return the scans with the poses that their survey targets give, else their shapes, or raise."""
     targets = [find_targets(join_chunks(list(stream.chunks()))) for stream in streams]
     placed = place_scans(targets, [stream.pose for stream in streams], control)
-    lost = [k for k, pose in enumerate(placed.poses) if not np.isfinite(pose).all()]
+    poses, lost = placed.poses, _without_pose(placed.poses)
+    if lost and not control:
+        poses = assemble_streams(streams)
+        lost = _without_pose(poses)
     if lost:
+        by_shape = "" if control else " nor do their shapes"
         names = ", ".join(streams[k].name for k in lost[:3]) + (", ..." if len(lost) > 3 else "")
         raise FormatError(
             f"{len(lost)} of {len(streams)} scans have no pose ({names}), and targets do not give it "
-            f"({len(targets[lost[0]])} found; {placed.reasons[lost[0]]}); give --poses FILE with a line for each"
+            f"({len(targets[lost[0]])} found; {placed.reasons[lost[0]]}){by_shape}; "
+            "give --poses FILE with a line for each"
         )
-    return [replace(s, pose=pose) for s, pose in zip(streams, placed.poses, strict=True)]
+    return [replace(s, pose=pose) for s, pose in zip(streams, poses, strict=True)]
+
+
+def _without_pose(poses: Floats) -> list[int]:
+    """Return which of the poses (n, 4, 4) are not known."""
+    return [k for k, pose in enumerate(poses) if not np.isfinite(pose).all()]
 
 
 def _require_files(files: Iterable[Path]) -> list[Path]:
