@@ -89,7 +89,9 @@ def filter_scan_with_record(
     planes = fit_planes(build_index(scan.cloud.points), beams, settings.normals)
     reasons = _reasons(scan, beams, planes, settings.silhouettes)
     keep = ~np.any(list(reasons.values()), axis=0)
-    cloud, thinned, targets = thin_cloud(scan.cloud.take(keep), planes.take(keep), settings.thinning)
+    kept = planes.take(keep)
+    del planes, beams  # of tens of millions of points, before the thinning takes its own
+    cloud, thinned, targets = thin_cloud(scan.cloud.take(keep), kept, settings.thinning)
     cloud = dataclasses.replace(
         cloud,
         points=apply(scan.pose, cloud.points),
@@ -97,7 +99,7 @@ def filter_scan_with_record(
         origins=apply(scan.pose, scan.origin),
     )
     counts = {"in": len(scan.cloud), **_count_first(reasons), **count_thinned(int(keep.sum()), thinned)}
-    return FilterResult(cloud, counts, describe(planes.take(keep), thinned, targets))
+    return FilterResult(cloud, counts, describe(kept, thinned, targets))
 
 
 def _nothing_left(scan: Scan) -> FilterResult:

@@ -1,0 +1,191 @@
+"""A real dry stone wall (`vapc_rockwall`, MIT) thinned to a tenth of its points: noise in flat parts, edges of stones.
+
+The station is not known. Noise: distance from a plane in the flattest patches of the raw points, robust. Edges: in the
+patches of most relief the heights of the thinned points over the patch's plane are regressed on the medians of the raw
+heights right around them; 1 means that the stones' relief is all there. Patches and medians are those of the raw points
+for everyone, and the share is told over that of the raw points themselves, since medians are smoother than points.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from peers import open3d_voxels
+from rows import Row, Size, in_percent, in_words, judge
+from scipy.spatial import cKDTree
+
+from monitor.filtering import FilterSettings, ThinningSettings, filter_scan, voxel_median
+from monitor.filtering.voxel_median import VoxelMedianSettings
+from projects.formats import read_scans
+from projects.model import Floats, Ints, PointCloud, Scan
+
+TITLE = "A real dry stone wall thinned to a tenth: noise in flat parts, edges of stones"
+SHARE = 0.1
+PATCH = 0.15  # m, radius
+N_PATCHES = 400
+WIDTHS = {"small": 2.0, "full": 21.0}  # m of the wall
+LIMIT = 1800.0
+
+
+class Patches(NamedTuple):
+    """Flat patches and such with edges: centres, planes (point and normal) and the rms relief of the raw points."""
+
+    centres: Floats
+    normals: Floats
+    flat: Ints
+    edged: Ints
+
+
+def wall_path() -> Path:
+    """Return the file."""
+    shared = os.environ.get("MONITOR_REAL_DATA", str(Path(__file__).resolve().parents[4] / "shared" / "data"))
+    return Path(shared) / "vapc_rockwall" / "vapc_in.laz"
+
+
+def read_wall(width: float) -> Floats:
+    """Return the middle `width` metres of the wall."""
+    (stream,) = read_scans(wall_path())
+    points = np.concatenate([s.cloud.points for s in stream.chunks()])
+    middle = np.median(points[:, 0])
+    return points[np.abs(points[:, 0] - middle) < 0.5 * width]
+
+
+def find_patches(points: Floats, rng: np.random.Generator) -> Patches:
+    """Fit planes to discs about random points; the flattest tenth are flat, the tenth of most relief have edges."""
+    tree = cKDTree(points)
+    centres, normals, relief = [], [], []
+    for seed in points[rng.choice(len(points), 10 * N_PATCHES)]:
+        own = points[tree.query_ball_point(seed, PATCH)]
+        if len(own) < 60:
+            continue
+        centre = own.mean(axis=0)
+        values, vectors = np.linalg.eigh(np.cov((own - centre).T))
+        if values[1] > 0.3 * values[2]:  # a disc of surface, not its border
+            centres.append(centre)
+            normals.append(vectors[:, 0])
+            relief.append(values[0])
+    order = np.argsort(relief)
+    n = min(N_PATCHES, len(order) // 10)
+    return Patches(np.array(centres), np.array(normals), order[:n], order[-n:])
+
+
+def heights(points: Floats, tree: cKDTree, patches: Patches, k: int) -> tuple[Floats, Floats]:
+    """Return points of patch k and their heights [m] over its plane."""
+    own = points[tree.query_ball_point(patches.centres[k], PATCH)]
+    return own, (own - patches.centres[k]) @ patches.normals[k]
+
+
+def noise_in_flat(points: Floats, patches: Patches) -> float:
+    """Return the robust rms distance from the planes of the flat patches, the plane fitted to these points [m]."""
+    tree, found = cKDTree(points), []
+    for k in patches.flat:
+        own, _ = heights(points, tree, patches, k)
+        if len(own) >= 6:
+            found.append(np.sqrt(np.sum(_off_plane(own) ** 2) / (len(own) - 3)))
+    return float(np.median(found))
+
+
+def _off_plane(points: Floats) -> Floats:
+    """Return the distances (n,) of points from their own plane of least squares."""
+    centred = points - points.mean(axis=0)
+    return centred @ np.linalg.svd(centred, full_matrices=False)[2][2]
+
+
+def noise_over_quadrics(points: Floats, raw: Floats, patches: Patches) -> float:
+    """Return the rms distance in the flat patches from the quadric of the raw points there, their shape [m]."""
+    tree, raw_tree, found = cKDTree(points), cKDTree(raw), []
+    for k in patches.flat:
+        normal = patches.normals[k]
+        axes = np.linalg.svd(np.eye(3) - np.outer(normal, normal))[0][:, :2]
+
+        def design(own: Floats, axes: Floats = axes, k: int = k) -> Floats:
+            u, v = ((own - patches.centres[k]) @ axes / PATCH).T
+            return np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v])
+
+        around, raw_height = heights(raw, raw_tree, patches, k)
+        shape = np.linalg.lstsq(design(around), raw_height, rcond=None)[0]
+        own, height = heights(points, tree, patches, k)
+        if len(own):
+            found.append(np.sqrt(np.mean((height - design(own) @ shape) ** 2)))
+    return float(np.median(found))
+
+
+def relief_kept(points: Floats, raw: Floats, reach: float, patches: Patches) -> float:
+    """Return the share of the stones' relief that is left: the slope of heights on raw medians within `reach` [m]."""
+    tree, raw_tree = cKDTree(points), cKDTree(raw)
+    wanted, kept = 0.0, 0.0
+    for k in patches.edged:
+        own, height = heights(points, tree, patches, k)
+        around, raw_height = heights(raw, raw_tree, patches, k)
+        if len(own) < 6:
+            continue
+        flat = np.eye(3) - np.outer(patches.normals[k], patches.normals[k])
+        near = cKDTree(around @ flat).query_ball_point(own @ flat, reach)
+        known = np.array([len(n) >= 3 for n in near])
+        median = np.array([np.median(raw_height[n]) if len(n) >= 3 else np.nan for n in near])[known]
+        median, height = median - median.mean(), height[known] - height[known].mean()
+        wanted += float(median @ median)
+        kept += float(median @ height)
+    return kept / wanted
+
+
+def to_count(thin, n_wanted: int, first: float) -> Floats:
+    """Return the points that `thin(spacing)` makes where they are `n_wanted` within 3 %."""
+    spacing = first
+    for _ in range(6):
+        points = thin(spacing)
+        if abs(len(points) / n_wanted - 1.0) < 0.03:
+            break
+        spacing *= np.sqrt(len(points) / n_wanted)
+    return points
+
+
+def run(size: Size) -> list[Row]:
+    """Thin and measure."""
+    raw, rng = read_wall(WIDTHS[size]), np.random.default_rng(1)
+    spacing = float(np.median(cKDTree(raw).query(raw[::50], 7)[0][:, 6])) * np.sqrt(np.pi / 7.0)
+    scan = Scan("wall", PointCloud(raw), np.eye(4), origin=np.full(3, np.nan))
+    n_wanted, first = int(SHARE * len(raw)), spacing / np.sqrt(SHARE)
+    clouds = {
+        "ours": to_count(lambda d: filter_scan(scan, _of_spacing(d)).points, n_wanted, first),
+        "voxel median": to_count(
+            lambda d: voxel_median(PointCloud(raw), VoxelMedianSettings(voxel_size=d)).points, n_wanted, first
+        ),
+        "voxel mean": to_count(lambda d: open3d_voxels(raw, d), n_wanted, first),
+        "at random": raw[rng.choice(len(raw), n_wanted, replace=False)],
+        "raw points": raw,
+    }
+    patches = find_patches(raw, rng)
+    noise = {name: 1e3 * noise_in_flat(points, patches) for name, points in clouds.items()}
+    bent = {name: 1e3 * noise_over_quadrics(points, raw, patches) for name, points in clouds.items()}
+    kept = {name: relief_kept(points, raw, 1.5 * spacing, patches) for name, points in clouds.items()}
+    share = kept["ours"] / kept["raw points"]
+    others = [name for name in clouds if name != "ours"]
+    ratio = noise["ours"] / noise["raw points"]
+    return [
+        Row("share of the points", in_percent(len(clouds["ours"]) / len(raw), 1),
+            others={name: in_percent(len(clouds[name]) / len(raw), 1) for name in others}),
+        Row("plane residual in flat parts, mm", f"{in_words(noise['ours'], 2)} ({ratio:.2f} of raw)",
+            judge(ratio <= 0.5), asked="at most half of raw",
+            others={name: in_words(noise[name], 2) for name in others}, value=ratio,
+            cause="" if ratio <= 0.5 else "what stays over a plane is the shape of the stone: means leave as much"),
+        Row("the same over the quadrics of the raw patches, mm",
+            f"{in_words(bent['ours'], 2)} ({bent['ours'] / bent['raw points']:.2f} of raw)",
+            others={name: in_words(bent[name], 2) for name in others}, value=bent["ours"] / bent["raw points"]),
+        Row("relief kept of that of the raw points, patches of most relief", in_percent(share), judge(share >= 0.95),
+            asked="95 %", others={name: in_percent(kept[name] / kept["raw points"]) for name in others}, value=share),
+    ]  # fmt: skip
+
+
+def _of_spacing(spacing: float) -> FilterSettings:
+    """Return the settings of a target spacing."""
+    return FilterSettings(thinning=ThinningSettings(target_spacing=spacing))
+
+
+NOTES = (
+    "`vapc_rockwall`, station unknown. The plane residual holds the roughness of the stone beside the noise of the "
+    "scanner; the first stays whatever the thinning."
+)
