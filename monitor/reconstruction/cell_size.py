@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from monitor.reconstruction.projection import grid_samples
-from monitor.reconstruction.reach import measure_noise
-from projects.model import Floats, PointCloud
+from monitor.reconstruction.projection import samples_at
+from monitor.reconstruction.reach import NARROWEST_SIGMAS, measure_noise
+from projects.model import Floats, Ints, PointCloud
 
 SPACINGS_PER_CELL = 1.5  # finer cells hold single points: nothing to gain (measured on the clouds of the paper)
 NOISES_PER_CELL = 0.7  # the band must be thicker than the noise
@@ -45,8 +45,7 @@ def measure_sampling(cloud: PointCloud) -> Sampling:
             break
         k, probes = min(2 * k, n - 1), probes[:: 2 if len(probes) > 2000 else 1]
     spacing = float(np.median(distance[:, -1] * np.sqrt(np.pi / n_around)))
-    samples = grid_samples(cloud.points, cloud.normals, 3.0 * spacing, scatter)
-    noise = measure_noise(cloud.points[probes], cloud.normals[probes], samples, 3.0 * spacing)
+    noise = _noise_about_patches(cloud, probes, spacing, scatter)
     stated = np.nanmedian(cloud.sigma) if cloud.sigma is not None and np.isfinite(cloud.sigma).any() else 0.0
     return Sampling(spacing, float(max(noise if np.isfinite(noise) else scatter, stated)))
 
@@ -55,6 +54,22 @@ def _count_same_way(neighbours: Floats, normals: Floats) -> Floats:
     """Return how many of the normals (n, k + 1, 3) look the probe's way (n, 3), the probe itself not counted."""
     same = np.einsum("ijk,ik->ij", neighbours, normals) > 0.0
     return np.maximum(same.sum(axis=1) - 1.0, 1.0)
+
+
+def _noise_about_patches(cloud: PointCloud, probes: Ints, spacing: float, scatter: float) -> float:
+    """Return the scatter about curved patches three spacings wide, or wider where noise would fill those.
+
+    It begins with patches as wide as `scatter`, which holds relief too, and narrows them as long as that shows.
+    """
+    assert cloud.normals is not None
+    noise, radius = scatter, np.inf
+    while True:
+        narrower = max(3.0 * spacing, NARROWEST_SIGMAS * noise)
+        if not narrower < 0.9 * radius:
+            return noise
+        radius = narrower
+        samples = samples_at(cloud.points, cloud.normals, radius, noise)
+        noise = measure_noise(cloud.points[probes], cloud.normals[probes], samples)
 
 
 def _scatter_along(neighbours: Floats, normals: Floats) -> float:

@@ -12,28 +12,56 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit, prange
 
-from monitor.reconstruction.grid import build_grid, cell_span, count_candidates, row_points
-from monitor.reconstruction.quadric import fit_patch, fit_room
+from monitor.reconstruction.moments import (
+    BUCKETS_PER_RADIUS,
+    CELLS_PER_RADIUS,
+    COS_ONE_WAY,
+    Level,
+    build_levels,
+    find_rows,
+    level_of_points,
+    sort_by_cell,
+)
+from monitor.reconstruction.quadric import (
+    COUNT,
+    EFFECTIVE,
+    HEIGHT,
+    SIGMA,
+    SLOPE_U,
+    SLOPE_V,
+    SPREAD_UU,
+    SPREAD_UV,
+    SPREAD_UZ,
+    SPREAD_VV,
+    SPREAD_VZ,
+    SPREAD_ZZ,
+    UNIT_ERROR,
+    U,
+    V,
+    Z,
+    fit_patch,
+    fit_room,
+)
 from projects.model import Bools, Floats, Ints
 
-COS_SAME_SHEET = 0.5  # points whose normal is within 60 degrees of the vertex's belong to its sheet
 MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch at the rim of its points exceeds it
 GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
-WIDENED = (1.0, 1.4, 2.0)  # times the radius of a plane, where too few points lie within it
+N_WIDENED = 3  # radii of the ladder for a plane: its own and the next wider, where too few points lie within it
 MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees
-CHUNK = 256  # vertices a thread takes at a time; one buffer serves them all
-HEIGHT, SLOPE_U, SLOPE_V, UNIT_ERROR, SIGMA, EFFECTIVE, BEND = range(7)
+OVER_THE_RIM = 1.0 + 0.6 / CELLS_PER_RADIUS  # of the radius: groups that reach into it lie nearer
+BLOCKS_PER_TASK = 16  # blocks of vertices a thread takes at a time
+PLACE, NORMAL, OUT_SIGMA, OUT_SCATTER, OUT_SUPPORT = slice(0, 3), slice(3, 6), 6, 7, 8
 
 
 class Reach(NamedTuple):
     """How the points around each vertex are fitted, one value a vertex.
 
-    `curved` and `flat` (m) are the radii for a curved patch and for a plane, `is_flat` says which to take where the
-    points allow both, and `misfit` (m) is what the surface was seen to depart from such a fit at its middle.
+    `curved` and `flat` are the rungs of the ladder for a curved patch and for a plane, `is_flat` says which to take
+    where the points allow both, and `misfit` (m) is what the surface was seen to depart from such a fit at its middle.
     """
 
-    curved: Floats
-    flat: Floats
+    curved: Ints
+    flat: Ints
     is_flat: Bools
     misfit: Floats
 
@@ -44,7 +72,7 @@ class Projection(NamedTuple):
     vertices: Floats  # (n, 3)
     normals: Floats  # (n, 3)
     sigma: Floats  # (n,)
-    scatter: Floats  # (n,) robust one-sigma of the points about the patch
+    scatter: Floats  # (n,) one-sigma of the points about the patch
     n_support: Ints  # (n,)
     is_fitted: Bools  # (n,)
 
@@ -54,42 +82,72 @@ class Projection(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """The cloud as the kernels take it: a `PointGrid` (its fields, flat), the normals in its order, the noise (m)."""
+    """The cloud as fits take it: a `Level` for each radius (m, ascending), and the noise of its points (m)."""
 
-    points: Floats
-    order: Ints
-    keys: Ints
-    starts: Ints
-    low: Floats
-    shape: Ints
-    cell: float
-    normals: Floats
+    levels: list[Level]
+    radii: Floats
     noise: float
 
 
-def grid_samples(points: Floats, normals: Floats, cell: float, noise: float) -> Samples:
-    """Bucket points (n, 3) with their normals into cells of edge `cell` (m)."""
-    grid = build_grid(points, cell)
-    return Samples(*grid, np.ascontiguousarray(normals[grid.order]), float(noise))
+class Sites(NamedTuple):
+    """Vertices sorted into blocks, each of them near enough to share one search for points."""
+
+    vertices: Floats  # (n, 3)
+    normals: Floats  # (n, 3)
+    which: Ints  # (k,) those to work on, sorted by block
+    starts: Ints  # (b + 1,)
+
+
+def sum_up_samples(points: Floats, normals: Floats, radii: Floats, noise: float) -> Samples:
+    """Return points (n, 3) m with unit normals, summed up in cells for fits within each of `radii`."""
+    return Samples(build_levels(points, normals, radii), radii, float(noise))
+
+
+def samples_at(points: Floats, normals: Floats, radius: float, noise: float) -> Samples:
+    """Return the points for fits within one radius (m), none summed up."""
+    return Samples([level_of_points(points, normals, radius)], np.array([radius]), float(noise))
+
+
+def block_sites(vertices: Floats, normals: Floats, which: Ints, radius: float) -> Sites:
+    """Return the vertices `which`, blocked for fits within `radius` (m)."""
+    order, _, starts, _, _ = sort_by_cell(vertices[which], radius / BUCKETS_PER_RADIUS)
+    return Sites(vertices, normals, which[order], starts)
 
 
 def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float) -> Projection:
     """Move each vertex along its normal onto the patch fitted to the points of its sheet around it.
 
     Points that look another way, or lie farther along the normal than noise and curvature explain, belong to another
-    sheet. A move beyond `max_shift` (m) means that the fit is not about this vertex: it is refused.
+    sheet. Where a curved patch would extrapolate a plane is taken. A move beyond `max_shift` (m) means that the fit
+    is not about this vertex: it is refused.
     """
     out = np.zeros((len(vertices), 9))
-    _project(vertices, normals, samples, reach, max_shift, out)
-    is_fitted = out[:, 8] > 0.0
+    _project_all(vertices, normals, samples, 2, reach.curved, np.flatnonzero(~reach.is_flat), max_shift, out)
+    last = len(samples.radii) - 1
+    for wider in range(N_WIDENED):
+        waiting = np.flatnonzero(out[:, OUT_SUPPORT] == 0.0)
+        _project_all(vertices, normals, samples, 1, np.minimum(reach.flat + wider, last), waiting, max_shift, out)
+    is_fitted = out[:, OUT_SUPPORT] > 0.0
     return Projection(
-        vertices=np.where(is_fitted[:, None], out[:, 0:3], vertices),
-        normals=np.where(is_fitted[:, None], out[:, 3:6], normals),
-        sigma=np.where(is_fitted, np.hypot(out[:, 6], reach.misfit), np.nan),
-        scatter=np.where(is_fitted, out[:, 7], np.nan),
-        n_support=np.abs(out[:, 8]).astype(np.int32),
+        vertices=np.where(is_fitted[:, None], out[:, PLACE], vertices),
+        normals=np.where(is_fitted[:, None], out[:, NORMAL], normals),
+        sigma=np.where(is_fitted, np.hypot(out[:, OUT_SIGMA], reach.misfit), np.nan),
+        scatter=np.where(is_fitted, out[:, OUT_SCATTER], np.nan),
+        n_support=np.abs(out[:, OUT_SUPPORT]).astype(np.int32),
         is_fitted=is_fitted,
     )
+
+
+def _project_all(
+    vertices: Floats, normals: Floats, samples: Samples, degree: int, rungs: Ints, which: Ints, max_shift: float,
+    out: Floats,
+) -> None:  # fmt: skip
+    """Project the vertices `which`, each at its rung."""
+    for rung, radius in enumerate(samples.radii):
+        at_rung = which[rungs[which] == rung]
+        if len(at_rung):
+            sites = block_sites(vertices, normals, at_rung, radius)
+            _project(sites, samples.levels[rung], radius, samples.noise, degree, max_shift, out)
 
 
 @jit(nopython=True, cache=True)
@@ -112,57 +170,98 @@ def gate_height(radius: float, noise: float) -> float:
 
 
 @jit(nopython=True, cache=True)
-def room_needed(samples: Any, vertex: Floats, radius: float) -> int:
-    """Upper bound of the points that `gather_patch` finds."""
-    reach = np.hypot(radius, gate_height(radius, samples.noise))
-    return count_candidates(samples, vertex[0], vertex[1], vertex[2], reach)
-
-
-@jit(nopython=True, cache=True)
-def gather_patch(samples: Any, vertex: Floats, normal: Floats, radius: float, patch: Floats, mean: Floats) -> int:
-    """Collect the points of the vertex's sheet as (u, v, z); their mean normal goes to `mean`."""
-    (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
-    gate = gate_height(radius, samples.noise)
-    reach = np.hypot(radius, gate)
-    i0, i1 = cell_span(vertex[0], reach, samples.low[0], samples.cell, samples.shape[0])
-    j0, j1 = cell_span(vertex[1], reach, samples.low[1], samples.cell, samples.shape[1])
-    k0, k1 = cell_span(vertex[2], reach, samples.low[2], samples.cell, samples.shape[2])
-    n = 0
-    mean[:] = 0.0
-    if k1 < k0:
-        return 0
-    for i in range(i0, i1 + 1):
-        for j in range(j0, j1 + 1):
-            first, last = row_points(samples, i, j, k0, k1)
-            for p in range(first, last):
-                dx = samples.points[p, 0] - vertex[0]
-                dy = samples.points[p, 1] - vertex[1]
-                dz = samples.points[p, 2] - vertex[2]
-                z = dx * normal[0] + dy * normal[1] + dz * normal[2]
-                if abs(z) > gate or dx * dx + dy * dy + dz * dz - z * z > radius * radius:
-                    continue
-                nx, ny, nz = samples.normals[p, 0], samples.normals[p, 1], samples.normals[p, 2]
-                if not nx * normal[0] + ny * normal[1] + nz * normal[2] > COS_SAME_SHEET:
-                    continue
-                patch[n, 0] = dx * tx + dy * ty + dz * tz
-                patch[n, 1] = dx * bx + dy * by + dz * bz
-                patch[n, 2] = z
-                mean[0] += nx
-                mean[1] += ny
-                mean[2] += nz
+def find_near(level: Any, sites: Any, block: int, reach: float, rows: Ints, near: Ints) -> Any:
+    """Rows of the groups within `reach` of the box around the vertices of a block: how many, and room for them."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for k in range(sites.starts[block], sites.starts[block + 1]):
+        for a in range(3):
+            low[a] = min(low[a], sites.vertices[sites.which[k], a])
+            high[a] = max(high[a], sites.vertices[sites.which[k], a])
+    n_rows = find_rows(level, low - reach, high + reach, rows)
+    most = 0
+    for k in range(n_rows):
+        most += rows[k, 1] - rows[k, 0]
+    if most > len(near):
+        near = np.empty(2 * most, np.int64)
+    n, reach2 = 0, reach * reach
+    for k in range(n_rows):
+        for p in range(rows[k, 0], rows[k, 1]):
+            away2 = 0.0
+            for a in range(3):
+                x = level.places[p, a]
+                d = max(max(low[a] - x, x - high[a]), 0.0)
+                away2 += d * d
+            if away2 <= reach2:
+                near[n] = p
                 n += 1
-    return n
+    return n, near
 
 
 @jit(nopython=True, cache=True)
-def mean_normal(samples: Any, vertex: Floats, normal: Floats, radius: float, patch: Floats, out: Floats) -> bool:
+def mean_normal(level: Any, near: Ints, n_near: int, vertex: Floats, normal: Floats, radius: float, gate: float,
+                out: Floats) -> bool:  # fmt: skip
     """Unit mean normal of the points of the vertex's sheet, in `out`; False where there are too few."""
-    n = gather_patch(samples, vertex, normal, radius, patch, out)
-    length = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    n, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
+    for k in range(n_near):
+        p = near[k]
+        dx, dy, dz = (level.places[p, 0] - vertex[0], level.places[p, 1] - vertex[1],
+                      level.places[p, 2] - vertex[2])  # fmt: skip
+        z = dx * normal[0] + dy * normal[1] + dz * normal[2]
+        if abs(z) > gate or dx * dx + dy * dy + dz * dz - z * z > radius * radius:
+            continue
+        nx, ny, nz, count = level.normals[p, 0], level.normals[p, 1], level.normals[p, 2], level.counts[p]
+        if nx * normal[0] + ny * normal[1] + nz * normal[2] > COS_ONE_WAY:
+            n += count
+            sx += count * nx
+            sy += count * ny
+            sz += count * nz
+    length = np.sqrt(sx * sx + sy * sy + sz * sz)
     if n < 4 or length < 1e-9:
         return False
-    out /= length
+    out[0], out[1], out[2] = sx / length, sy / length, sz / length
     return True
+
+
+@jit(nopython=True, cache=True)
+def gather_patch(level: Any, near: Ints, n_near: int, vertex: Floats, normal: Floats, radius: float, gate: float,
+                 patch: Floats) -> Any:  # fmt: skip
+    """Collect the groups of the vertex's sheet into `patch`, in units of `radius`; their number, and of points."""
+    (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    n, n_points, has_spread = 0, 0.0, len(level.spreads) > 0
+    per, per2 = 1.0 / radius, 1.0 / (radius * radius)
+    rim2 = (OVER_THE_RIM * radius) ** 2 if has_spread else radius * radius
+    for k in range(n_near):
+        p = near[k]
+        dx, dy, dz = (level.places[p, 0] - vertex[0], level.places[p, 1] - vertex[1],
+                      level.places[p, 2] - vertex[2])  # fmt: skip
+        z = dx * nx + dy * ny + dz * nz
+        if abs(z) > gate or dx * dx + dy * dy + dz * dz - z * z > rim2:
+            continue
+        if not level.normals[p, 0] * nx + level.normals[p, 1] * ny + level.normals[p, 2] * nz > COS_ONE_WAY:
+            continue
+        patch[U, n] = per * (dx * tx + dy * ty + dz * tz)
+        patch[V, n] = per * (dx * bx + dy * by + dz * bz)
+        patch[Z, n] = per * z
+        patch[COUNT, n] = level.counts[p]
+        n_points += level.counts[p]
+        if has_spread:
+            xx, xy, xz = level.spreads[p, 0] * per2, level.spreads[p, 1] * per2, level.spreads[p, 2] * per2
+            yy, yz, zz = level.spreads[p, 3] * per2, level.spreads[p, 4] * per2, level.spreads[p, 5] * per2
+            ax, ay, az = xx * tx + xy * ty + xz * tz, xy * tx + yy * ty + yz * tz, xz * tx + yz * ty + zz * tz
+            cx, cy, cz = xx * bx + xy * by + xz * bz, xy * bx + yy * by + yz * bz, xz * bx + yz * by + zz * bz
+            patch[SPREAD_UU, n] = ax * tx + ay * ty + az * tz
+            patch[SPREAD_UV, n] = ax * bx + ay * by + az * bz
+            patch[SPREAD_UZ, n] = ax * nx + ay * ny + az * nz
+            patch[SPREAD_VV, n] = cx * bx + cy * by + cz * bz
+            patch[SPREAD_VZ, n] = cx * nx + cy * ny + cz * nz
+            patch[SPREAD_ZZ, n] = (xx * nx * nx + yy * ny * ny + zz * nz * nz
+                                   + 2.0 * (xy * nx * ny + xz * nx * nz + yz * ny * nz))  # fmt: skip
+        else:
+            for q in range(SPREAD_UU, SPREAD_ZZ + 1):
+                patch[q, n] = 0.0
+        n += 1
+    return n, n_points
 
 
 @jit(nopython=True, cache=True)
@@ -177,58 +276,63 @@ def tilt(normal: Floats, slope_u: float, slope_v: float) -> None:
 
 
 @jit(nopython=True, cache=True)
-def fit_vertex(samples: Any, vertex: Floats, normal: Floats, radii: Any, is_flat: bool, room: Any, fit: Floats) -> int:
-    """Fit what the reach asks for in the frame of `normal`; a plane too where the curved patch would extrapolate."""
-    patch, influence, work, mean = room
-    if not is_flat:
-        n = gather_patch(samples, vertex, normal, radii[0], patch, mean)
-        has_fit = fit_patch(patch, n, radii[0], 2, work, fit, influence)
-        if has_fit and fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED:
-            return n
-    for widened in WIDENED:
-        n = gather_patch(samples, vertex, normal, widened * radii[1], patch, mean)
-        if fit_patch(patch, n, widened * radii[1], 1, work, fit, influence):
-            return n
-    return 0
+def patch_room(n: int) -> Any:
+    """Room for a patch of up to n groups and its fit."""
+    return np.empty((10, n)), fit_room(n), np.empty(n), np.empty(7)
 
 
 @jit(nopython=True, cache=True)
 def project_one(
-    samples: Any, vertex: Floats, normal: Floats, radii: Any, is_flat: bool, max_shift: float, room: Any, row: Floats
+    level: Any, near: Ints, n_near: int, vertex: Floats, normal: Floats, sizes: Any, degree: int, room: Any, row: Floats
 ) -> None:
     """Project one vertex: frame from the mean normal of its points, then once more from the fitted slope."""
-    fit, own = np.empty(7), row[3:6]
-    if not mean_normal(samples, vertex, normal, radii[1], room[0], own) and not mean_normal(
-        samples, vertex, normal, WIDENED[-1] * radii[1], room[0], own
-    ):
+    patch, work, influence, fit = room
+    radius, gate, max_shift = sizes
+    own = row[NORMAL]
+    if not mean_normal(level, near, n_near, vertex, normal, radius, gate, own):
         return
-    height, n = 0.0, 0
+    height, n_points = 0.0, 0.0
     for _ in range(MOST_TURNS):
-        n = fit_vertex(samples, vertex, own, radii, is_flat, room, fit)
-        row[8] = -float(n)
+        n, n_points = gather_patch(level, near, n_near, vertex, own, radius, gate, patch)
+        if not fit_patch(patch, n, radius, 1.0, degree, work, fit, influence):
+            return
+        if degree == 2 and fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) > MOST_EXTRAPOLATED:
+            return
         slope2 = fit[SLOPE_U] ** 2 + fit[SLOPE_V] ** 2
-        if n == 0 or slope2 > 1.0:
+        if slope2 > 1.0:
+            row[OUT_SUPPORT] = -n_points
             return
         height = fit[HEIGHT] / np.sqrt(1.0 + slope2)
         tilt(own, fit[SLOPE_U], fit[SLOPE_V])
         if slope2 < UPRIGHT**2:
             break
-    if abs(height) > max_shift:
-        return
-    row[0:3] = vertex + height * own
-    row[6], row[7], row[8] = fit[UNIT_ERROR] * fit[SIGMA], fit[SIGMA], float(n)
+    row[OUT_SUPPORT] = -n_points
+    if abs(height) <= max_shift:
+        row[PLACE] = vertex + height * own
+        row[OUT_SIGMA], row[OUT_SCATTER], row[OUT_SUPPORT] = fit[UNIT_ERROR] * fit[SIGMA], fit[SIGMA], n_points
+
+
+@jit(nopython=True, cache=True)
+def rows_room(reach: float, bucket: float) -> Ints:
+    """Room for the ranges that `find_rows` finds around a block."""
+    return np.empty((int(2.0 * reach / bucket + 3.0) ** 2, 2), np.int64)
 
 
 @jit(nopython=True, cache=True, parallel=True)
-def _project(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float, out: Floats) -> None:
-    n = len(vertices)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        first, last = chunk * CHUNK, min((chunk + 1) * CHUNK, n)
-        most = 1
-        for i in range(first, last):
-            radius = max(WIDENED[-1] * reach.flat[i], 0.0 if reach.is_flat[i] else reach.curved[i])
-            most = max(most, room_needed(samples, vertices[i], radius))
-        room = (np.empty((most, 3)), np.empty(most), fit_room(most), np.empty(3))
-        for i in range(first, last):
-            radii = (reach.curved[i], reach.flat[i])
-            project_one(samples, vertices[i], normals[i], radii, reach.is_flat[i], max_shift, room, out[i])
+def _project(
+    sites: Sites, level: Level, radius: float, noise: float, degree: int, max_shift: float, out: Floats
+) -> None:
+    gate = gate_height(radius, noise)
+    reach = np.hypot(OVER_THE_RIM * radius, gate)
+    sizes = (radius, gate, max_shift)
+    n_blocks = len(sites.starts) - 1
+    for task in prange((n_blocks + BLOCKS_PER_TASK - 1) // BLOCKS_PER_TASK):
+        rows, near = rows_room(reach, level.bucket), np.empty(1024, np.int64)
+        room = patch_room(1024)
+        for block in range(task * BLOCKS_PER_TASK, min((task + 1) * BLOCKS_PER_TASK, n_blocks)):
+            n_near, near = find_near(level, sites, block, reach, rows, near)
+            if n_near > len(room[2]):
+                room = patch_room(2 * n_near)
+            for k in range(sites.starts[block], sites.starts[block + 1]):
+                i = sites.which[k]
+                project_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, degree, room, out[i])

@@ -15,20 +15,23 @@ import numpy as np
 from numba import jit, prange
 from scipy.spatial import cKDTree
 
+from monitor.reconstruction.moments import Level
 from monitor.reconstruction.projection import (
-    BEND,
-    EFFECTIVE,
-    HEIGHT,
+    BLOCKS_PER_TASK,
     MOST_EXTRAPOLATED,
-    SIGMA,
-    UNIT_ERROR,
+    OVER_THE_RIM,
     Reach,
     Samples,
+    Sites,
+    block_sites,
+    find_near,
+    gate_height,
     gather_patch,
     mean_normal,
-    room_needed,
+    patch_room,
+    rows_room,
 )
-from monitor.reconstruction.quadric import fit_patch, fit_room
+from monitor.reconstruction.quadric import BEND, COUNT, EFFECTIVE, HEIGHT, SIGMA, UNIT_ERROR, fit_patch
 from projects.model import Bools, Floats, Ints
 
 LADDER_RATIO = 1.4
@@ -43,7 +46,6 @@ CLIPPED, MEAN_CLIPPED = (
     0.92,
 )  # of a squared departure, so that an edge nearby does not decide; mean of min(chi2, 4)
 MOST_BENT = 0.84  # sum of both slopes at the rim: 0.42 of a sphere's radius, beyond which sixth order counts
-PROBE_CHUNK = 32
 CURVATURE, CURVED_UNIT, SCATTER, STEP, STEP_UNIT2, FLAT_UNIT, FLAT_STEP, FLAT_STEP_UNIT2 = range(1, 9)
 
 
@@ -73,10 +75,9 @@ def make_ladder(cell: float, noise: float, narrowest: float, widest: float, nois
     return Ladder(low * LADDER_RATIO ** np.arange(n), max(noise_share * noise, 0.01 * cell))
 
 
-def measure_noise(places: Floats, normals: Floats, samples: Samples, radius: float) -> float:
-    """Return the median scatter (m) of the points about curved patches of `radius` at `places`; NaN without any."""
-    rows = np.full((len(places), 9), np.nan)
-    _probe(places, normals, np.arange(len(places)), samples, radius, radius, rows)
+def measure_noise(places: Floats, normals: Floats, samples: Samples) -> float:
+    """Return the median scatter (m) of the points about curved patches of the first radius; NaN without any."""
+    rows = probe(places, normals, np.arange(len(places)), samples, 0)
     known = rows[np.isfinite(rows[:, SCATTER]), SCATTER]
     return float(np.median(known)) if len(known) else float("nan")
 
@@ -100,21 +101,12 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
     beyond the narrowest radius: a narrow one trades noise for a bias that has one sign all over a curved surface.
     """
     n, pool = len(probes.vertices), probes.pool
-    curved, flat = np.full(n, ladder.radii[0]), np.full(n, ladder.radii[0])
+    curved, flat = np.zeros(n, np.int64), np.zeros(n, np.int64)
     risk, flat_risk = np.full(n, np.inf), np.full(n, np.inf)
     misfit2, flat_misfit2 = np.zeros(n), np.zeros(n)
     climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     for k, radius in enumerate(ladder.radii):
-        rows = np.full((n, 9), np.nan)
-        _probe(
-            probes.vertices,
-            probes.normals,
-            np.flatnonzero(climbing),
-            samples,
-            ladder.radii[max(k - 1, 0)],
-            radius,
-            rows,
-        )
+        rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k)
         noise2 = np.where(np.isnan(noise2), _pooled(rows[:, SCATTER] ** 2, pool), noise2)
         error2, flat_error2 = (noise2 * _pooled(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
         n_apart = count_apart(pool.shape[1], probes.area, radius)
@@ -126,17 +118,17 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         climbing &= ~has_fit | (np.isfinite(error2) & ~step.is_refused & ~(is_doubtful & doubted))
         doubted = is_doubtful
         taken = climbing & ~doubted & np.isfinite(error2)
-        curved, misfit2 = np.where(taken, radius, curved), np.where(taken, step.excess2, misfit2)
+        curved, misfit2 = np.where(taken, k, curved), np.where(taken, step.excess2, misfit2)
         risk = np.where(taken, error2 + step.excess2, risk)
         this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
         bows = flat_step.is_refused | flat_step.is_doubtful | flat_step.is_one_sided
         better = climbing & ~bows & (this_risk < flat_risk)
-        flat, flat_misfit2 = np.where(better, radius, flat), np.where(better, flat_step.excess2, flat_misfit2)
+        flat, flat_misfit2 = np.where(better, k, flat), np.where(better, flat_step.excess2, flat_misfit2)
         flat_risk = np.where(better, this_risk, flat_risk)
         climbing &= ~(np.where(flat_risk < risk, flat_error2, error2) <= ladder.wanted**2)
         if not climbing.any():
             break
-    is_flat = (flat_risk < risk) & (1.01 * LADDER_RATIO * flat > curved) & (flat > ladder.radii[0])
+    is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     return Reach(curved, flat, is_flat, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
 
 
@@ -188,37 +180,60 @@ def _compare(step: Floats, variance: Floats, pool: Ints, n_apart: float) -> Depa
 
 @jit(nopython=True, cache=True)
 def probe_one(
-    samples: Any, vertex: Floats, normal: Floats, inner: float, radius: float, room: Any, row: Floats
+    level: Any, near: Ints, n_near: int, vertex: Floats, normal: Floats, sizes: Any, room: Any, row: Floats
 ) -> None:
-    """Compare three fits at one probe: curved within `radius`, curved within `inner`, plane within `radius`."""
-    patch, work, influence, other, own, mean, fit, fit_other = room
-    if not mean_normal(samples, vertex, normal, inner, patch, own):
+    """Compare three fits at one probe: curved within the radius, curved within the next smaller, plane."""
+    (patch, work, influence, fit), other, fit_other, own = room
+    radius, gate, inner = sizes
+    if not mean_normal(level, near, n_near, vertex, normal, radius, gate, own):
         return
-    n = gather_patch(samples, vertex, own, radius, patch, mean)
-    if not fit_patch(patch, n, radius, 2, work, fit, influence):
+    n, _ = gather_patch(level, near, n_near, vertex, own, radius, gate, patch)
+    if not fit_patch(patch, n, radius, 1.0, 2, work, fit, influence):
         return
     if fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) > MOST_EXTRAPOLATED:
         return
     row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
-    if inner < radius and fit_patch(patch, n, inner, 2, work, fit_other, other):
+    if inner < 1.0 and fit_patch(patch, n, radius, inner, 2, work, fit_other, other):
         row[STEP] = fit[HEIGHT] - fit_other[HEIGHT]
-        row[STEP_UNIT2] = ((influence[:n] - other[:n]) ** 2).sum()
-    if fit_patch(patch, n, radius, 1, work, fit_other, other):
+        row[STEP_UNIT2] = apart2(patch, n, influence, other)
+    if fit_patch(patch, n, radius, 1.0, 1, work, fit_other, other):
         row[FLAT_UNIT] = fit_other[UNIT_ERROR]
         row[FLAT_STEP] = fit[HEIGHT] - fit_other[HEIGHT]
-        row[FLAT_STEP_UNIT2] = ((influence[:n] - other[:n]) ** 2).sum()
+        row[FLAT_STEP_UNIT2] = apart2(patch, n, influence, other)
+
+
+@jit(nopython=True, cache=True)
+def apart2(patch: Floats, n: int, influence: Floats, other: Floats) -> float:
+    """Variance of the difference of two fits to one patch, in units of that of a point."""
+    total = 0.0
+    for i in range(n):
+        total += patch[COUNT, i] * (influence[i] - other[i]) ** 2
+    return total
+
+
+def probe(places: Floats, normals: Floats, which: Ints, samples: Samples, rung: int) -> Floats:
+    """Return what fits at one rung tell at the places `which`, (n, 9); NaN elsewhere."""
+    rows = np.full((len(places), 9), np.nan)
+    radius = samples.radii[rung]
+    inner = samples.radii[rung - 1] / radius if rung else 1.0
+    if len(which):
+        _probe(block_sites(places, normals, which, radius), samples.levels[rung], radius, samples.noise, inner, rows)
+    return rows
 
 
 @jit(nopython=True, cache=True, parallel=True)
-def _probe(
-    vertices: Floats, normals: Floats, which: Ints, samples: Samples, inner: float, radius: float, rows: Floats
-) -> None:
-    for chunk in prange((len(which) + PROBE_CHUNK - 1) // PROBE_CHUNK):
-        mine = which[chunk * PROBE_CHUNK : (chunk + 1) * PROBE_CHUNK]
-        most = 1
-        for i in mine:
-            most = max(most, room_needed(samples, vertices[i], radius))
-        room = (np.empty((most, 3)), fit_room(most), np.empty(most), np.empty(most), np.empty(3), np.empty(3),
-                np.empty(7), np.empty(7))  # fmt: skip
-        for i in mine:
-            probe_one(samples, vertices[i], normals[i], inner, radius, room, rows[i])
+def _probe(sites: Sites, level: Level, radius: float, noise: float, inner: float, rows: Floats) -> None:
+    gate = gate_height(radius, noise)
+    reach = np.hypot(OVER_THE_RIM * radius, gate)
+    sizes = (radius, gate, inner)
+    n_blocks = len(sites.starts) - 1
+    for task in prange((n_blocks + BLOCKS_PER_TASK - 1) // BLOCKS_PER_TASK):
+        spans, near = rows_room(reach, level.bucket), np.empty(1024, np.int64)
+        room = (patch_room(1024), np.empty(1024), np.empty(7), np.empty(3))
+        for block in range(task * BLOCKS_PER_TASK, min((task + 1) * BLOCKS_PER_TASK, n_blocks)):
+            n_near, near = find_near(level, sites, block, reach, spans, near)
+            if n_near > len(room[1]):
+                room = (patch_room(2 * n_near), np.empty(2 * n_near), np.empty(7), np.empty(3))
+            for k in range(sites.starts[block], sites.starts[block + 1]):
+                i = sites.which[k]
+                probe_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, room, rows[i])

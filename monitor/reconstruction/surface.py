@@ -20,7 +20,7 @@ from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
-from monitor.reconstruction.projection import GATE_SIGMAS, Projection, grid_samples, project_vertices
+from monitor.reconstruction.projection import GATE_SIGMAS, Projection, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import choose_reach, make_ladder
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from projects.errors import ReconstructionError
@@ -190,11 +190,11 @@ def settle(
     used, faces = compact(len(vertices), faces)
     outward = vertex_normals(vertices[used], faces)
     ladder = make_ladder(cell, noise, settings.narrowest_fit_cells, settings.widest_fit_cells, settings.noise_share)
-    samples = grid_samples(points, normals, ladder.radii[0], noise)
+    samples = sum_up_samples(points, normals, ladder.radii, noise)
     reach = choose_reach(vertices[used], outward, samples, ladder)
     reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
     projection = project_vertices(vertices[used], outward, samples, reach, cell + GATE_SIGMAS * noise)
-    automatic["fit_radius_m"] = float(np.median(np.where(reach.is_flat, reach.flat, reach.curved)))
+    automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))
     automatic["flat_share"] = float(np.mean(reach.is_flat))
     keep = projection.is_fitted[faces].all(axis=1)
     counts["faces_without_support"] = int(np.count_nonzero(~keep))
