@@ -197,7 +197,7 @@ def robust_scale2(patch: Floats, n: int, span2: float, squares: Floats, m: int, 
             used += 1
     if used < m + 4:
         return -1.0
-    return max(np.median(buffer[:used]) * used / (used - m), 1e-18)
+    return max(float(np.median(buffer[:used])) * used / (used - m), 1e-18)
 
 
 @jit(nopython=True, cache=True)
