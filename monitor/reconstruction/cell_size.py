@@ -59,17 +59,19 @@ def _count_same_way(neighbours: Floats, normals: Floats) -> Floats:
 def _noise_about_patches(cloud: PointCloud, probes: Ints, spacing: float, scatter: float) -> float:
     """Return the scatter about curved patches three spacings wide, or wider where noise would fill those.
 
-    It begins with patches as wide as `scatter`, which holds relief too, and narrows them as long as that shows.
+    Relief does not fill a narrow window across, noise does: only the latter makes the window grow, up to the `scatter`
+    that both of them leave about planes.
     """
     assert cloud.normals is not None
-    noise, radius = scatter, np.inf
-    while True:
-        narrower = max(3.0 * spacing, NARROWEST_SIGMAS * noise)
-        if not narrower < 0.9 * radius:
-            return noise
-        radius = narrower
-        samples = samples_at(cloud.points, cloud.normals, radius, noise)
+    noise, radius, wider = scatter, 0.0, 3.0 * spacing
+    while wider > 1.1 * radius:
+        radius = wider
+        samples = samples_at(cloud.points, cloud.normals, radius, scatter)
         noise = measure_noise(cloud.points[probes], cloud.normals[probes], samples)
+        if not np.isfinite(noise):
+            return scatter
+        wider = NARROWEST_SIGMAS * min(noise, scatter)
+    return noise
 
 
 def _scatter_along(neighbours: Floats, normals: Floats) -> float:

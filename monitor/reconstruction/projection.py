@@ -296,7 +296,7 @@ def project_one(
         n, n_points = gather_patch(level, near, n_near, vertex, own, radius, gate, patch)
         if not fit_patch(patch, n, radius, 1.0, degree, work, fit, influence):
             return
-        if degree == 2 and fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) > MOST_EXTRAPOLATED:
+        if degree == 2 and not fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED:
             return
         slope2 = fit[SLOPE_U] ** 2 + fit[SLOPE_V] ** 2
         if slope2 > 1.0:

@@ -2,7 +2,7 @@
 
 In: vertices and normals of a raw surface, the samples. Out: `Reach` for every vertex. On a ladder of radii a curved
 patch is fitted at probes spread over the surface; a radius is refused where its height at the middle departs from
-that of the next smaller radius by more than noise explains (Lepski 1991). The evidence of neighbouring probes is
+that of the last one taken by more than noise explains (Lepski 1991). The evidence of neighbouring probes is
 pooled: a single test does not see a bias of one standard error, and all of a sphere would keep it. The same evidence
 says where a plane will do, and what misfit remains, which becomes part of the vertex's sigma.
 """
@@ -37,6 +37,7 @@ from projects.model import Bools, Floats, Ints
 LADDER_RATIO = 1.4
 NARROWEST_SIGMAS = 6.0  # of noise: in a narrower fit the noise passes for curvature
 VERTICES_PER_PROBE = 12
+BIAS_POWER = 4  # of the radius, with which the bias of a curved patch grows
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
 DOUBT, REFUSAL, BENT = 1.25, 4.0, 2.0  # sigmas of a pooled mean square departure above that of noise alone
 ONE_SIDED = 1.5  # sigmas of the mean departure of pooled probes, which curvature gives one sign
@@ -77,7 +78,7 @@ def make_ladder(cell: float, noise: float, narrowest: float, widest: float, nois
 
 def measure_noise(places: Floats, normals: Floats, samples: Samples) -> float:
     """Return the median scatter (m) of the points about curved patches of the first radius; NaN without any."""
-    rows = probe(places, normals, np.arange(len(places)), samples, 0)
+    rows = probe(places, normals, np.arange(len(places)), samples, 0, np.ones(len(places)))
     known = rows[np.isfinite(rows[:, SCATTER]), SCATTER]
     return float(np.median(known)) if len(known) else float("nan")
 
@@ -97,8 +98,10 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
     """Go up the ladder at every probe until a radius is refused or the wanted standard error is reached.
 
     A radius that is only doubtful is passed over; two doubtful ones in succession end the climb, since a bias grows
-    with the radius and chance does not. A plane is taken only where it holds about as far as the curved patch does, and
-    beyond the narrowest radius: a narrow one trades noise for a bias that has one sign all over a curved surface.
+    with the radius and chance does not. What departs at a radius says how large the bias is there and, by the power
+    with which it grows, how large at the last radius taken: both are part of the misfit. A plane is taken only where
+    it holds about as far as the curved patch does, and beyond the narrowest radius: a narrow one trades noise for a
+    bias that has one sign all over a curved surface.
     """
     n, pool = len(probes.vertices), probes.pool
     curved, flat = np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -106,7 +109,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
     misfit2, flat_misfit2 = np.zeros(n), np.zeros(n)
     climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     for k, radius in enumerate(ladder.radii):
-        rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k)
+        inner = np.where(np.isfinite(risk), ladder.radii[curved] / radius, 1.0)
+        rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k, inner)
         noise2 = np.where(np.isnan(noise2), _pooled(rows[:, SCATTER] ** 2, pool), noise2)
         error2, flat_error2 = (noise2 * _pooled(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
         n_apart = count_apart(pool.shape[1], probes.area, radius)
@@ -115,14 +119,18 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         has_fit = np.isfinite(risk)
         is_steep = np.abs(_pooled(rows[:, CURVATURE], pool)) > MOST_BENT
         is_doubtful = (is_steep | step.is_doubtful | is_bent(step.own2, radius, probes.area)) & has_fit
-        climbing &= ~has_fit | (np.isfinite(error2) & ~step.is_refused & ~(is_doubtful & doubted))
+        bends = (step.is_refused | (is_doubtful & doubted)) & has_fit & np.isfinite(error2)
+        bias2 = step.excess2 / np.maximum(1.0 - inner**BIAS_POWER, 0.5) ** 2
+        below2 = np.where(climbing & bends, bias2 * inner ** (2 * BIAS_POWER), 0.0)
+        misfit2, risk = np.maximum(misfit2, below2), risk + np.maximum(below2 - misfit2, 0.0)
+        climbing &= ~has_fit | (np.isfinite(error2) & ~bends)
         doubted = is_doubtful
         taken = climbing & ~doubted & np.isfinite(error2)
-        curved, misfit2 = np.where(taken, k, curved), np.where(taken, step.excess2, misfit2)
-        risk = np.where(taken, error2 + step.excess2, risk)
+        curved, misfit2 = np.where(taken, k, curved), np.where(taken, bias2, misfit2)
+        risk = np.where(taken, error2 + bias2, risk)
         this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
         bows = flat_step.is_refused | flat_step.is_doubtful | flat_step.is_one_sided
-        better = climbing & ~bows & (this_risk < flat_risk)
+        better = taken & ~bows & (this_risk < flat_risk)
         flat, flat_misfit2 = np.where(better, k, flat), np.where(better, flat_step.excess2, flat_misfit2)
         flat_risk = np.where(better, this_risk, flat_risk)
         climbing &= ~(np.where(flat_risk < risk, flat_error2, error2) <= ladder.wanted**2)
@@ -179,10 +187,17 @@ def _compare(step: Floats, variance: Floats, pool: Ints, n_apart: float) -> Depa
 
 
 @jit(nopython=True, cache=True)
+def is_supported(fit: Floats) -> bool:
+    """Whether points lie all around, so that the patch does not extrapolate."""
+    supported: bool = fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED
+    return supported
+
+
+@jit(nopython=True, cache=True)
 def probe_one(
     level: Any, near: Ints, n_near: int, vertex: Floats, normal: Floats, sizes: Any, room: Any, row: Floats
 ) -> None:
-    """Compare three fits at one probe: curved within the radius, curved within the next smaller, plane."""
+    """Compare three fits at one probe: curved within the radius, curved within the last taken, plane."""
     (patch, work, influence, fit), other, fit_other, own = room
     radius, gate, inner = sizes
     if not mean_normal(level, near, n_near, vertex, normal, radius, gate, own):
@@ -190,10 +205,10 @@ def probe_one(
     n, _ = gather_patch(level, near, n_near, vertex, own, radius, gate, patch)
     if not fit_patch(patch, n, radius, 1.0, 2, work, fit, influence):
         return
-    if fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) > MOST_EXTRAPOLATED:
+    if not is_supported(fit):
         return
     row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
-    if inner < 1.0 and fit_patch(patch, n, radius, inner, 2, work, fit_other, other):
+    if inner < 1.0 and fit_patch(patch, n, radius, inner, 2, work, fit_other, other) and is_supported(fit_other):
         row[STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[STEP_UNIT2] = apart2(patch, n, influence, other)
     if fit_patch(patch, n, radius, 1.0, 1, work, fit_other, other):
@@ -211,21 +226,22 @@ def apart2(patch: Floats, n: int, influence: Floats, other: Floats) -> float:
     return total
 
 
-def probe(places: Floats, normals: Floats, which: Ints, samples: Samples, rung: int) -> Floats:
-    """Return what fits at one rung tell at the places `which`, (n, 9); NaN elsewhere."""
+def probe(places: Floats, normals: Floats, which: Ints, samples: Samples, rung: int, inner: Floats) -> Floats:
+    """Return what fits at one rung tell at the places `which`, (n, 9); NaN elsewhere.
+
+    `inner` (n,) is the share of the radius within which the fit to compare with is made; 1 for none.
+    """
     rows = np.full((len(places), 9), np.nan)
     radius = samples.radii[rung]
-    inner = samples.radii[rung - 1] / radius if rung else 1.0
     if len(which):
         _probe(block_sites(places, normals, which, radius), samples.levels[rung], radius, samples.noise, inner, rows)
     return rows
 
 
 @jit(nopython=True, cache=True, parallel=True)
-def _probe(sites: Sites, level: Level, radius: float, noise: float, inner: float, rows: Floats) -> None:
+def _probe(sites: Sites, level: Level, radius: float, noise: float, inner: Floats, rows: Floats) -> None:
     gate = gate_height(radius, noise)
     reach = np.hypot(OVER_THE_RIM * radius, gate)
-    sizes = (radius, gate, inner)
     n_blocks = len(sites.starts) - 1
     for task in prange((n_blocks + BLOCKS_PER_TASK - 1) // BLOCKS_PER_TASK):
         spans, near = rows_room(reach, level.bucket), np.empty(1024, np.int64)
@@ -236,4 +252,5 @@ def _probe(sites: Sites, level: Level, radius: float, noise: float, inner: float
                 room = (patch_room(2 * n_near), np.empty(2 * n_near), np.empty(7), np.empty(3))
             for k in range(sites.starts[block], sites.starts[block + 1]):
                 i = sites.which[k]
+                sizes = (radius, gate, inner[i])
                 probe_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, room, rows[i])

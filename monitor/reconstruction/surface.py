@@ -54,10 +54,10 @@ class SurfaceSettings:
         1.5, unit="cells", meaning="smallest radius of the points that a vertex is brought onto", low=1, high=20
     )  # fmt: skip
     widest_fit_cells: float = setting(
-        16.0, unit="cells", meaning="largest radius of the points that a vertex is brought onto", low=1, high=100
+        24.0, unit="cells", meaning="largest radius of the points that a vertex is brought onto", low=1, high=100
     )  # fmt: skip
     noise_share: float = setting(
-        0.05, unit="", meaning="standard error of a vertex, in sigmas of noise, below which no wider fit is tried",
+        0.03, unit="", meaning="standard error of a vertex, in sigmas of noise, below which no wider fit is tried",
         low=0.001, high=1
     )  # fmt: skip
     close_holes: float = setting(
