@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.stats import norm
 
 from monitor.comparison.detection import Detected, Detection, Tested
 from monitor.comparison.enclosure import SIGNS, Beyond, grow_regions, measure_body, spread_over_assessed
@@ -19,7 +20,7 @@ from monitor.comparison.moved import name_moved
 from monitor.comparison.region_figures import describe_region, is_volume_known, settle_kind, spread_margin
 from monitor.comparison.side import Side
 from monitor.comparison.units import sum_groups
-from projects.model import REGION_COLUMNS, Floats, Ints, Registration
+from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
 
 def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, registration: Registration, level: float,
@@ -60,7 +61,25 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     rank[order + 1] = np.arange(1, len(kept) + 1)
     table = table.iloc[order].reset_index(drop=True)
     table["region"] = np.arange(1, len(kept) + 1)
-    return table, (rank[regions[0]], rank[regions[1]])
+    return keep_significant(table, (rank[regions[0]], rank[regions[1]]), sides, gone[kept][order] >= least, level)
+
+
+def keep_significant(table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tuple[Side, Side], is_gone: Bools,
+                     level: float) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:  # fmt: skip
+    """Return the regions whose own mean, with the sigma that is stated of it, is significant in its family.
+
+    The family is as many places as regions of this size have room on the surface (Bonferroni). A patch may stand out
+    where the region around it, as it is reported, does not; what was looked through (`is_gone`) needs no such proof.
+    """
+    assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
+    z = np.abs(table["mean_m"].to_numpy(dtype=float)) / table["sigma_mean_m"].to_numpy(dtype=float)
+    n_places = np.maximum(assessed / table["area_m2"].to_numpy(dtype=float), 1.0)
+    kept = np.flatnonzero(is_gone | ~(2.0 * norm.sf(z) * n_places > level))
+    number = np.zeros(len(table) + 1, dtype=np.int32)
+    number[kept + 1] = np.arange(1, len(kept) + 1)
+    table = table.iloc[kept].reset_index(drop=True)
+    table["region"] = np.arange(1, len(kept) + 1)
+    return table, (number[regions[0]], number[regions[1]])
 
 
 def area_looked_through(sides: tuple[Side, Side], beyond: Beyond, parts: tuple[Ints, Ints], n_parts: int) -> Floats:
