@@ -171,9 +171,13 @@ def find_extreme(side: Side, found: Detection, vertices: Ints, whole: Ints, chan
                  ) -> tuple[float, float]:  # fmt: skip
     """Return the largest change [m] and its sigma: the median around the place where the smoothed change is largest.
 
-    The neighbourhood is the seven nearest vertices: no single vertex decides. Of vertices without a perpendicular
-    (`whole` beyond `vertices`) it is the distance to the nearest point of the other surface.
+    The neighbourhood is the seven nearest vertices: no single vertex decides. Vertices without a perpendicular (`whole`
+    beyond `vertices`) count where they are more than `MOST_UNKNOWN` of the region, a piece that is gone; there it is
+    the distance to the nearest point of the other surface. Beside a worn patch they are folds and rims, and no measure
+    of its depth.
     """
+    if side.areas[vertices].sum() >= (1.0 - MOST_UNKNOWN) * side.areas[whole].sum():
+        whole = vertices
     value = np.where(side.is_assessed, side.distances, change_beyond)
     smooth = np.where(side.is_assessed, found.smooth, change_beyond)
     points = side.surface.vertices[whole]
