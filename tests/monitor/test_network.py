@@ -42,10 +42,10 @@ def adjusted(rng: np.random.Generator, *, shift: np.ndarray | None = None, wrong
     seen, control = seen_targets(rng, places, errors), list(known_points(rng, places))
     if wrong is not None:
         target = seen[wrong[0]][wrong[1]]
-        seen[wrong[0]][wrong[1]] = dataclasses.replace(target, centre=[*target.centre, 0.005, -0.005, 0.004])
+        seen[wrong[0]][wrong[1]] = dataclasses.replace(target, centre=target.centre + np.array([0.005, -0.005, 0.004]))
     if wrong_control is not None:
         point = control[wrong_control]
-        control[wrong_control] = dataclasses.replace(point, position=[*point.position, 0.0, 0.009, 0.012])
+        control[wrong_control] = dataclasses.replace(point, position=point.position + np.array([0.0, 0.009, 0.012]))
     given = [displaced(c, E) for c, E in zip(clouds, errors, strict=True)]
     return adjust_scans(given, FEW, identify_targets(seen, control)), errors
 
