@@ -25,7 +25,7 @@ METHOD = {
     "filtered": 1,
     "surface": 1,
     "quality": 1,
-    "comparison": 3,
+    "comparison": 4,
     "series": 1,
 }
 

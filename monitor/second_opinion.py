@@ -16,7 +16,7 @@ from monitor.comparison.side import vertex_areas
 from monitor.comparison.sight import StationSight, gather_sight
 from monitor.record import Place
 from monitor.registration.covariance import propagate
-from projects.model import Assessment, Comparison, Floats, NotAssessed, PointCloud
+from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
 from projects.transforms import apply
 
 MOST_CORES = 5000
@@ -50,7 +50,8 @@ def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud
     """Return what M3C2 says of the filtered points of both epochs, each in its own coordinates, at some vertices.
 
     The cylinder holds about 30 points of the sparser cloud (Lague et al. 2013); the registration error is what the
-    comparison knows of its own: motion and disagreement of the scans, added linearly. Lengths in metres.
+    comparison knows of its own: motion and disagreement of the scans, added linearly. Where no scans overlap their
+    disagreement is not known (NaN) and the error that of the motion alone. Lengths in metres.
     """
     side, registration = comparison.on_compared, comparison.registration
     assessed = np.flatnonzero(side.reasons == NotAssessed.ASSESSED)
@@ -61,15 +62,23 @@ def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud
     radius = float(np.sqrt(PER_CYLINDER * vertex_areas(side.surface).sum() / max(fewest, 1) / np.pi))
     points, normals = side.surface.vertices[cores], side.surface.normals[cores]
     motion = propagate(registration.covariance, registration.centre, points, normals)
-    shared = np.zeros(1) if side.surface.sigma_shared is None else side.surface.sigma_shared[cores]
-    error = float(np.hypot(np.median(motion), np.sqrt(2.0) * np.median(np.nan_to_num(shared))))  # of both epochs' scans
+    shared = _median_shared(side.surface.sigma_shared, cores)
+    error = float(np.median(motion))
+    error = float(np.hypot(error, np.sqrt(2.0) * shared)) if np.isfinite(shared) else error  # of both epochs' scans
     depth = float(comparison.statistics["search_limit_m"])
     moved = apply(registration.T_target_source, compared.points) if comparison.mode == "relative" else compared.points
     found = m3c2(reference.points, moved, points, normals=normals, cylinder_radius=radius, max_depth=depth,
                  registration_error=error)  # fmt: skip
     figures = _figures(found, side.distances[cores], side.assessment[cores])
     return {"n_core_points": len(cores), "cylinder_radius_m": radius, "max_depth_m": depth,
-            "registration_error_m": error, **figures}  # fmt: skip
+            "registration_error_m": error, "scan_disagreement_m": shared, **figures}  # fmt: skip
+
+
+def _median_shared(sigma_shared: Floats | None, cores: Ints) -> float:
+    """Return the median of what the scans of an epoch disagree by [m]; NaN where nothing shows it."""
+    known = np.empty(0) if sigma_shared is None else sigma_shared[cores]
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _figures(found: M3C2Result, distances: Floats, states: Any) -> dict[str, float]:
