@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.registration.matching import Matches, MatchLimits, Samples, match
+from monitor.registration.partners import Partners
 from monitor.registration.sampling import motion_rows
 from monitor.registration.sides import Side
 from monitor.registration.weights import huber_weights, residual_sigma, tukey_weights
@@ -84,10 +85,12 @@ def small_motion(delta: Floats, points: Floats, centre: Floats) -> Floats:
 
 
 def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, *,
-          is_kept: Bools | None = None, fine: bool = False, both_oriented: bool = True) -> Alignment:  # fmt: skip
+          is_kept: Bools | None = None, fine: bool = False, both_oriented: bool = True,
+          partners: Partners | None = None) -> Alignment:  # fmt: skip
     """Move the samples onto the target by point-to-plane ICP with robust weights, starting near.
 
     With `fine` the pairs must stand over each other from the beginning; `is_kept` (n samples) restricts what counts.
+    `partners` of these samples are used, where given, once the steps are short.
     """
     kept = np.ones(len(samples.points), dtype=bool) if is_kept is None else is_kept
     T, pace, step = T_start, 1.0, np.inf
@@ -95,7 +98,8 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
     last_way: Floats = np.zeros((len(samples.points), 3))
     for iteration in range(1, rules.max_iterations + 1):
         angle = rules.angle * (FINE_ANGLE_SHARE if fine else 1.0)
-        matches = match(samples, target, T, MatchLimits(rules.distance, aside, angle), both_oriented)
+        matches = match(samples, target, T, MatchLimits(rules.distance, aside, angle), both_oriented,
+                        partners if fine else None)  # fmt: skip
         n_pairs = int(kept[matches.source].sum())
         if n_pairs < rules.n_pairs:
             reason = f"only {n_pairs} of {len(samples.points)} points found a surface that looks the same way nearby"

@@ -17,6 +17,7 @@ from monitor.registration.alignment import Alignment, AlignmentRules, align
 from monitor.registration.covariance import estimate_covariance
 from monitor.registration.degeneracy import find_free_motion
 from monitor.registration.matching import Samples, make_samples
+from monitor.registration.partners import Partners
 from monitor.registration.patches import PatchGrid, cut_patches
 from monitor.registration.sampling import sample_source
 from monitor.registration.sides import Side, prepare_side
@@ -113,22 +114,25 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     samples = make_samples(source, which)
     rules = make_rules(samples, target, T_start, settings)
     both_oriented = source.is_oriented and target.is_oriented
-    found = approach(samples, target, T_start, rules, both_oriented)
+    partners = Partners(target.tree, len(samples.points))
+    found = approach(samples, target, T_start, rules, both_oriented, partners)
     if not len(found.weights) or not found.weights.any():
         return failed(T_start, found.reason, n_source, found, len(samples.points))
     grid = cut_patches(samples.points, samples.normals if source.is_oriented else None, N_PER_PATCH)
     numbers = grid.numbers(samples.points, samples.normals)
-    found, is_kept, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented)
+    found, is_kept, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented, partners)
     return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source)
 
 
-def approach(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, both_oriented: bool) -> Alignment:
+def approach(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, both_oriented: bool,
+             partners: Partners) -> Alignment:  # fmt: skip
     """Return the alignment of all samples, reached by a few of them first where there are many."""
     if len(samples.points) > 2 * N_COARSE:
         step = len(samples.points) // N_COARSE
         few = replace(rules, n_pairs=max(rules.n_pairs // step, 30))
         T_start = align(samples.every(step), target, T_start, few, both_oriented=both_oriented).T_target_source
-    return align(samples, target, T_start, rules, fine=len(samples.points) > 2 * N_COARSE, both_oriented=both_oriented)
+    return align(samples, target, T_start, rules, fine=len(samples.points) > 2 * N_COARSE, both_oriented=both_oriented,
+                 partners=partners)  # fmt: skip
 
 
 def make_rules(samples: Samples, target: Side, T_start: Floats, settings: IcpSettings) -> AlignmentRules:
@@ -143,9 +147,10 @@ def make_rules(samples: Samples, target: Side, T_start: Floats, settings: IcpSet
 
 def find_search_radius(samples: Samples, target: Side, T_start: Floats) -> float:
     """Return how far partners are looked for [m]: a few median distances as given, within a tenth of the object."""
-    moved = samples.points @ T_start[:3, :3].T + T_start[:3, 3]
-    diagonals = [np.linalg.norm(np.ptp(points, axis=0)) for points in (samples.points, target.points)]
-    limit = SEARCH_SHARE * float(min(diagonals))
+    few = samples.every(max(len(samples.points) // N_COARSE, 1))
+    moved = few.points @ T_start[:3, :3].T + T_start[:3, 3]
+    sizes = np.ptp(few.points, axis=0), target.tree.maxes - target.tree.mins
+    limit = SEARCH_SHARE * float(min(np.linalg.norm(size) for size in sizes))
     distance, nearest = target.tree.query(moved, workers=-1, distance_upper_bound=limit)
     found = np.isfinite(distance)
     if not found.any():
@@ -155,7 +160,8 @@ def find_search_radius(samples: Samples, target: Side, T_start: Floats) -> float
 
 
 def align_stable(samples: Samples, target: Side, found: Alignment, rules: AlignmentRules, numbers: Ints,
-                 rng: np.random.Generator, both_oriented: bool) -> tuple[Alignment, Bools, int]:  # fmt: skip
+                 rng: np.random.Generator, both_oriented: bool, partners: Partners,
+                 ) -> tuple[Alignment, Bools, int]:  # fmt: skip
     """Return the alignment of the stable areas alone, which samples (n,) they are, and the iterations taken."""
     n_iterations = found.n_iterations
     is_kept = np.ones(len(samples.points), dtype=bool)
@@ -165,7 +171,8 @@ def align_stable(samples: Samples, target: Side, found: Alignment, rules: Alignm
         previous, is_kept = is_kept, np.zeros(len(samples.points), dtype=bool)
         is_kept[pairs.source] = pair_is_stable
         T = perturb(found.T_target_source, found.centre, motion)
-        again = align(samples, target, T, rules, is_kept=is_kept, fine=True, both_oriented=both_oriented)
+        again = align(samples, target, T, rules, is_kept=is_kept, fine=True, both_oriented=both_oriented,
+                      partners=partners)  # fmt: skip
         n_iterations += again.n_iterations
         if not again.weights.any():
             return again, is_kept, n_iterations
@@ -202,10 +209,11 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
 
 def spread_to_vertices(source: Side, grid: PatchGrid, stable_patches: Ints, n_source: int) -> Bools:
     """Return for every point of the source, used or not (then False), whether it lies in a stable patch."""
-    vertices = np.flatnonzero(source.index >= 0)
-    normals = source.normals_of(vertices) if grid.by_direction else None
+    normals = source.normals_of(np.arange(len(source))) if grid.by_direction else None
+    is_inside = np.isin(grid.numbers(source.points, normals), stable_patches)
     is_stable = np.zeros(n_source, dtype=bool)
-    is_stable[source.index[vertices]] = np.isin(grid.numbers(source.points[vertices], normals), stable_patches)
+    is_vertex = source.index >= 0
+    is_stable[source.index[is_vertex]] = is_inside[is_vertex]
     return is_stable
 
 

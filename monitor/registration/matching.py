@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.registration.partners import Partners
 from monitor.registration.sides import Side
 from projects.model import Bools, Floats, Ints
 from projects.transforms import apply, rotate
@@ -76,10 +77,17 @@ def make_samples(side: Side, which: Ints) -> Samples:
     return Samples(side.points[which], side.normals_of(which), sigma)
 
 
-def match(samples: Samples, target: Side, T_target_source: Floats, limits: MatchLimits, both_oriented: bool) -> Matches:
-    """Return the pairs of the moved samples with their nearest target points that pass the limits."""
+def match(samples: Samples, target: Side, T_target_source: Floats, limits: MatchLimits, both_oriented: bool,
+          partners: Partners | None = None) -> Matches:  # fmt: skip
+    """Return the pairs of the moved samples with their nearest target points that pass the limits.
+
+    `partners`, of these samples and this target, spare the search where the pose differs little from the last one's.
+    """
     moved = apply(T_target_source, samples.points)
-    distance, nearest = target.tree.query(moved, workers=-1, distance_upper_bound=limits.distance)
+    if partners is None:
+        distance, nearest = target.tree.query(moved, workers=-1, distance_upper_bound=limits.distance)
+    else:
+        distance, nearest = partners.find(moved, limits.distance)
     source = np.flatnonzero(np.isfinite(distance))
     nearest, moved = nearest[source], moved[source]
     n_source = rotate(T_target_source, samples.normals[source])

@@ -6,8 +6,10 @@ In: points and normals. Out: `PatchGrid`, which numbers the patch of any point.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import njit
 
 from projects.model import Floats, Ints
 
@@ -23,12 +25,28 @@ class PatchGrid:
 
     def numbers(self, points: Floats, normals: Floats | None) -> Ints:
         """Return the patch number (n,) of each point of the source."""
-        steps = np.clip(np.floor((points - self.corner) / self.cell).astype(np.int64), 0, self.sizes - 1)
-        cube = (steps[:, 0] * self.sizes[1] + steps[:, 1]) * self.sizes[2] + steps[:, 2]
         if not self.by_direction or normals is None:
-            return cube
-        axis = np.argmax(np.abs(normals), axis=1)
-        return 6 * cube + 2 * axis + (normals[np.arange(len(normals)), axis] < 0)
+            normals = np.empty((0, 3))
+        return np.asarray(_number_patches(points, normals, self.corner, self.cell, self.sizes))
+
+
+@njit(cache=True, error_model="numpy")
+def _number_patches(points: Any, normals: Any, corner: Any, cell: float, sizes: Any) -> Any:
+    """Number the cubes along x, y, z and, where there are normals, each cube's six directions within it."""
+    numbers = np.empty(len(points), dtype=np.int64)
+    for i in range(len(points)):
+        number = 0
+        for axis in range(3):
+            step = int(np.floor((points[i, axis] - corner[axis]) / cell))
+            number = number * sizes[axis] + min(max(step, 0), sizes[axis] - 1)
+        if len(normals):
+            most = 0
+            for axis in range(1, 3):
+                if abs(normals[i, axis]) > abs(normals[i, most]):
+                    most = axis
+            number = 6 * number + 2 * most + (1 if normals[i, most] < 0.0 else 0)
+        numbers[i] = number
+    return numbers
 
 
 def cut_patches(points: Floats, normals: Floats | None, n_per_patch: float) -> PatchGrid:

@@ -56,7 +56,8 @@ class Side:
 
     def spacing_of(self, which: Ints) -> Floats:
         """Return the mean distance (k,) [m] to the nearest six other points of this side."""
-        unknown = np.unique(which[np.isnan(self._spacing[which])])
+        asked = which[np.isnan(self._spacing[which])]
+        unknown = asked[np.sort(np.unique(asked, return_index=True)[1])]  # in the order asked, near to near
         if len(unknown):
             distance, _ = self.tree.query(self.points[unknown], k=N_SPACING_NEIGHBOURS + 1, workers=-1)
             self._spacing[unknown] = np.where(np.isfinite(distance[:, 1:]), distance[:, 1:], 0.0).mean(axis=1)

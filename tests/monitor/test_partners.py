@@ -1,0 +1,47 @@
+"""Nearest points that are kept from one pose to the next: the same as a search anew gives, with far fewer searches."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from monitor.registration.partners import Partners
+
+
+class CountingTree:
+    """A search tree that counts the points it was asked for."""
+
+    def __init__(self, points: np.ndarray) -> None:
+        self._tree, self.n, self.data, self.asked = cKDTree(points), len(points), points, 0
+
+    def query(self, places: np.ndarray, **options: object) -> object:
+        self.asked += len(places)
+        return self._tree.query(places, **options)
+
+
+@pytest.mark.parametrize("step", [1e-4, 0.003, 0.03, 0.3])
+def test_kept_partners_are_those_of_a_new_search(rng: np.random.Generator, step: float) -> None:
+    target, samples = rng.uniform(size=(5_000, 3)), rng.uniform(-0.1, 1.1, size=(400, 3))
+    tree, limit = CountingTree(target), 0.08  # a spacing is 0.06; many samples have no partner
+    partners = Partners(tree, len(samples))  # type: ignore[arg-type]
+    for _ in range(12):
+        distance, nearest = partners.find(samples, limit)
+        truth, which = cKDTree(target).query(samples, distance_upper_bound=limit)
+        found = np.isfinite(truth)
+        assert np.array_equal(np.isfinite(distance), found)
+        assert distance[found] == pytest.approx(truth[found], rel=1e-12)
+        assert np.array_equal(nearest[found], which[found])
+        samples = samples + rng.normal(0, step, samples.shape)
+    assert found.mean() < 0.95
+    if step < 1e-3:
+        assert tree.asked < 1.2 * len(samples)  # searched once, and again only where partners swap
+
+
+def test_a_target_of_few_points_is_searched_as_a_whole(rng: np.random.Generator) -> None:
+    target = rng.uniform(size=(3, 3))
+    partners = Partners(cKDTree(target), 10)
+    for _ in range(3):
+        samples = rng.uniform(size=(10, 3))
+        distance, nearest = partners.find(samples, 5.0)
+        truth, which = cKDTree(target).query(samples)
+        assert np.array_equal(nearest, which)
+        assert distance == pytest.approx(truth)
