@@ -29,6 +29,7 @@ from monitor.scan_network import adjust_epoch, frame_covariance
 from monitor.scans import read_within
 from monitor.second_opinion import ask_m3c2, gather_sights
 from monitor.settings import Settings, as_mapping
+from monitor.setups import join_setups
 from monitor.target_search import search_targets
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud, Scan, Step, Surface
@@ -170,10 +171,11 @@ def filter_task(task: ScanTask) -> Made:
 
 
 def _adjusted_clouds(place: Place, scans: Sequence[Step], network: Step) -> list[PointCloud]:
-    """Return the filtered clouds of the scans, those with points, where the adjustment put them."""
-    motions = place.get(network)["T_project_given"]
+    """Return the filtered clouds of the set-ups, those with points, where the adjustment put them."""
+    found = place.get(network)
+    motions, setups = found["T_project_given"], found.get("setups", np.arange(len(scans)))
     clouds = [move_cloud(place.get(step), T) for step, T in zip(scans, motions, strict=True)]
-    return [cloud for cloud in clouds if len(cloud)]
+    return join_setups(clouds, setups)
 
 
 def move_cloud(cloud: PointCloud, T_target_source: Floats) -> PointCloud:

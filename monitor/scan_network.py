@@ -1,12 +1,13 @@
 """The network step of the chain (design step 7): scans, their targets and the epoch's control in one adjustment.
 
-In: the steps of the filtered scans and of their targets. Out: the step that holds the motion of each scan, covariances
-and how everything fits; an adjustment that did not settle is refused with its reason.
+In: the steps of the filtered scans and of their targets; scans of one set-up move together. Out: the step that holds
+the motion of each scan, covariances and how everything fits; an adjustment that did not settle is refused with its
+reason.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,9 +19,10 @@ from monitor.registration.covariance import about
 from monitor.registration.snooping import TieFit
 from monitor.registration.ties import Ties, identify_targets
 from monitor.settings import as_mapping
+from monitor.setups import join_setups, join_targets, number_setups
 from monitor.target_search import targets_of
 from projects.errors import RegistrationError, StoreError
-from projects.model import Floats, Step, SurveyTarget
+from projects.model import Floats, Ints, PointCloud, Step, SurveyTarget
 from projects.transforms import apply
 
 
@@ -37,26 +39,46 @@ def adjust_epoch(
     def make() -> Made:
         if len(scans) > 1:
             notify(f"{place.epoch_id}: fitting {len(scans)} scans onto each other")
-        seen = [k for k, step in enumerate(scans) if len(place.get(step))]
+        setups = _setups(place, len(scans))
+        has_points = np.array([len(place.get(step)) > 0 for step in scans])
+        seen = [int(np.flatnonzero(setups == s)[0]) for s in np.unique(setups[has_points])]
         if not seen:
             raise StoreError("no scan has a point within the object's extent; check the extent, the poses and the unit")
-        found = adjust_scans((place.get(scans[k]) for k in seen), settings, _ties(place, targets, seen))
+        found = adjust_scans(_clouds(place, scans, setups, seen), settings, _ties(place, targets, setups, seen))
         if not found.converged:
             raise RegistrationError(
                 f"the scans could not be fitted onto each other: {found.reason}; check their poses, give better ones "
                 "with --poses, or keep them as given with the setting adjust.enabled = false"
             )
-        return Made(_as_arrays(found, seen, len(scans)), _figures(found, seen))
+        return Made(_as_arrays(found, seen, setups), _figures(found, seen) | {"n_setups": int(setups.max()) + 1})
 
     return once_step(place, Asked("network", "network", parameters, (*scans, *targets)), make)
 
 
-def _ties(place: Place, targets: Sequence[Step], seen: Sequence[int]) -> Ties:
-    """Return the targets of the scans that saw the object, identified, in the project's frame."""
+def _setups(place: Place, n_scans: int) -> Ints:
+    """Return the number (n,) of the set-up of each scan; of repeated scans, that are one already, 0."""
     poses = [h.pose for h in place.project.scan_headers(place.object_id, place.epoch_id)]
-    found = [[in_project(t, poses[k]) for t in targets_of(place, targets[k])] for k in seen] if targets else []
-    control = place.project.epoch(place.object_id, place.epoch_id).control
-    return identify_targets(found, control if targets else ())
+    return number_setups(poses[:n_scans])
+
+
+def _clouds(place: Place, scans: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Iterator[PointCloud]:
+    """Yield the filtered points of each set-up whose first scan is in `seen`."""
+    for first in seen:
+        members = [place.get(scans[k]) for k in np.flatnonzero(setups == setups[first])]
+        yield from join_setups(members, np.zeros(len(members), dtype=np.int64))
+
+
+def _ties(place: Place, targets: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Ties:
+    """Return the targets of the set-ups that saw the object, identified, in the project's frame."""
+    if not targets:
+        return identify_targets([], ())
+    poses = [h.pose for h in place.project.scan_headers(place.object_id, place.epoch_id)]
+    found = [
+        join_targets([[in_project(t, poses[k]) for t in targets_of(place, targets[k])]
+                      for k in np.flatnonzero(setups == setups[first])])
+        for first in seen
+    ]  # fmt: skip
+    return identify_targets(found, place.project.epoch(place.object_id, place.epoch_id).control)
 
 
 def in_project(target: SurveyTarget, pose: Floats) -> SurveyTarget:
@@ -65,14 +87,18 @@ def in_project(target: SurveyTarget, pose: Floats) -> SurveyTarget:
     return replace(target, centre=apply(pose, target.centre), covariance=R @ target.covariance @ R.T)
 
 
-def _as_arrays(found: Adjustment, seen: Sequence[int], n_scans: int) -> dict[str, Floats]:
-    """Return motions and covariances of all scans; of one that saw nothing the identity and NaN."""
+def _as_arrays(found: Adjustment, seen: Sequence[int], setups: Ints) -> dict[str, np.ndarray]:
+    """Return motions and covariances of all scans, those of a set-up alike; of one that saw nothing the identity and
+    NaN."""
+    n_scans = len(setups)
     motions, centres = np.tile(np.eye(4), (n_scans, 1, 1)), np.full((n_scans, 3), np.nan)
     covariances = np.full((n_scans, 6, 6), np.nan)
-    motions[seen] = found.motions
-    if len(found.covariances):
-        covariances[seen], centres[seen] = found.covariances, found.centres
-    return {"T_project_given": motions, "covariances": covariances, "centres": centres,
+    for j, first in enumerate(seen):
+        members = setups == setups[first]
+        motions[members] = found.motions[j]
+        if len(found.covariances):
+            covariances[members], centres[members] = found.covariances[j], found.centres[j]
+    return {"T_project_given": motions, "covariances": covariances, "centres": centres, "setups": setups,
             "covariance": found.covariance, "centre": found.centre}  # fmt: skip
 
 

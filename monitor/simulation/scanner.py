@@ -227,8 +227,8 @@ def _measure_block(
 
 
 def stream_scan(
-    scene: Scene, instrument: Instrument, T_project_scanner: Floats, window: Window, *, step: float | None = None,
-    seed: Seed = 0, n_subrays: int = 9, registered: Floats | None = None, name: str = "scan",
+    scene: Scene | Target, instrument: Instrument, T_project_scanner: Floats, window: Window, *,
+    step: float | None = None, seed: Seed = 0, n_subrays: int = 9, registered: Floats | None = None, name: str = "scan",
     drift: Floats | None = None, n_threads: int = 2,
 ) -> Iterator[Scan]:  # fmt: skip
     """Yield a scan in blocks of whole columns, so that a scan of any size fits; see `simulate_scan`."""
@@ -238,7 +238,8 @@ def stream_scan(
     elevations = _grid(low, high, step) if high > low else np.empty(0)
     if len(elevations) == 0:
         raise ParameterError(f"{window}: the instrument sees no elevation of this window")
-    target, beam = Target.of(scene, n_threads), sample_beam(n_subrays)
+    target = scene if isinstance(scene, Target) else Target.of(scene, n_threads)
+    beam = sample_beam(n_subrays)
     registered = T_project_scanner if registered is None else registered
     drifts = np.zeros((2, 3)) if drift is None else np.asarray(drift, dtype=float)
     per_block = max(1, BLOCK_PULSES // len(elevations))
@@ -261,15 +262,15 @@ def stream_scan(
 
 
 def simulate_scan(
-    scene: Scene, instrument: Instrument, T_project_scanner: Floats, window: Window, *, step: float | None = None,
-    seed: Seed = 0, n_subrays: int = 9, registered: Floats | None = None, name: str = "scan",
+    scene: Scene | Target, instrument: Instrument, T_project_scanner: Floats, window: Window, *,
+    step: float | None = None, seed: Seed = 0, n_subrays: int = 9, registered: Floats | None = None, name: str = "scan",
     drift: Floats | None = None, n_threads: int = 2,
 ) -> Scan:  # fmt: skip
     """Return what an instrument measures of a scene from one station.
 
     Parameters
     ----------
-    scene : what stands there, in the project's frame.
+    scene : what stands there, in the project's frame; ready for rays (`Target.of`) where many scans are made of it.
     instrument : of `monitor.simulation.instruments`.
     T_project_scanner : (4, 4), where the scanner really stands.
     window : the field scanned, in the scanner's frame.

@@ -11,6 +11,7 @@ from __future__ import annotations
 import datetime
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import front_door
@@ -19,6 +20,7 @@ from rows import Row, Size, in_percent, in_words, judge
 
 from monitor.simulation import INSTRUMENTS, Scene, Window, misregister, move_whole, simulate_scan, stand_at
 from monitor.simulation.campaign import write_extent
+from monitor.simulation.scanner import Target, cast, window_around
 from monitor.simulation.scenes import TrueTarget
 from monitor.simulation.staircase import STATIONS, settlement, staircase_scene
 from projects.formats import write_e57
@@ -30,28 +32,68 @@ INSTRUMENT = INSTRUMENTS["leica-hds6000"]
 PLACES = {"small": (2, 6), "full": (2, 3, 6, 7, 8)}  # of STATIONS
 STEPS = {"small": 0.008, "full": 0.003}  # rad
 SIGMA_POSITION, SIGMA_ANGLE = 0.010, float(np.radians(0.05))
+ACROSS, FARTHEST, STEEPEST = 40, 10.0, float(np.radians(60.0))  # pulses, m, rad: fine scans of the targets
 BOX = np.array([[-8.0, -4.2, 0.05], [8.0, 4.2, 8.0]])
 SINKS = 0.006
 LIMIT = 3000.0
 
 
-def survey(scene: Scene, size: Size, folder: Path, seed: int) -> tuple[list[Path], list[Floats], list[Floats]]:
-    """Scan and write; return the files, the true poses and those stated."""
+@dataclass(frozen=True)
+class Survey:
+    """The files of an epoch; of each station the true pose, the one stated and the number of its first scan."""
+
+    files: list[Path]
+    true: list[Floats]
+    stated: list[Floats]
+    first: list[int]
+
+
+def survey(scene: Scene, size: Size, folder: Path, seed: int) -> Survey:
+    """Scan and write: from each station a panorama, and a fine window of each target in sight."""
     rng = np.random.default_rng([seed, 11])
-    files, true, stated = [], [], []
+    tree, step = Target.of(scene, 1), STEPS[size]
+    found = Survey([], [], [], [])
+    n_scans = 0
     for k in PLACES[size]:
         pose = stand_at(
             STATIONS[k] + rng.normal(scale=0.03, size=3), facing=np.zeros(3), heading=rng.uniform(-0.3, 0.3)
         )
         given = misregister(pose, rng, sigma_position=SIGMA_POSITION, sigma_angle=SIGMA_ANGLE)
-        window = Window(-np.pi, np.pi - STEPS[size], -1.1, 0.9)
-        scan = simulate_scan(scene, INSTRUMENT, pose, window, step=STEPS[size], seed=100 * seed + k, registered=given,
-                             name=f"station {k}")  # fmt: skip
-        files.append(folder / f"epoch{seed}-station{k}.e57")
-        write_e57(files[-1], [scan])
-        true.append(pose)
-        stated.append(given)
-    return files, true, stated
+        fields = [(f"station {k}", Window(-np.pi, np.pi - step, -1.1, 0.9), step)]
+        fields += [(f"station {k}, {t.name}", *window_at(t, pose)) for t in in_sight(scene.targets, tree, pose)]
+        scans = [
+            simulate_scan(tree, INSTRUMENT, pose, window, step=fine, seed=[100 * seed + k, n], registered=given,
+                          name=name)
+            for n, (name, window, fine) in enumerate(fields)
+        ]  # fmt: skip
+        found.files.append(folder / f"epoch{seed}-station{k}.e57")
+        write_e57(found.files[-1], scans)
+        found.true.append(pose)
+        found.stated.append(given)
+        found.first.append(n_scans)
+        n_scans += len(scans)
+    return found
+
+
+def in_sight(targets: Sequence[TrueTarget], tree: Target, pose: Floats) -> list[TrueTarget]:
+    """Return the targets that the crew scans finely from here: near, free to see and not too steep."""
+    seen = []
+    for target in targets:
+        way = target.centre - pose[:3, 3]
+        distance = float(np.linalg.norm(way))
+        ray = np.concatenate([pose[:3, 3], way / distance]).astype(np.float32)[None, None]
+        is_free = float(cast(tree, ray, 1).t[0, 0]) > distance - 2.0 * target.size
+        is_steep = target.normal is not None and -float(way @ target.normal) < np.cos(STEEPEST) * distance
+        if distance < FARTHEST and is_free and not is_steep:
+            seen.append(target)
+    return seen
+
+
+def window_at(target: TrueTarget, pose: Floats) -> tuple[Window, float]:
+    """Return the window of a target's fine scan, twice as wide as the target, and its step [rad]."""
+    width = target.size if target.kind == "board" else 2.0 * target.size
+    box = np.array([target.centre - width, target.centre + width])
+    return window_around(box, pose), width / ACROSS / float(np.linalg.norm(target.centre - pose[:3, 3]))
 
 
 def write_control(path: Path, targets: Sequence[TrueTarget], seed: int) -> Path:
@@ -76,10 +118,10 @@ def run(size: Size) -> list[Row]:
         surveys = [survey(scene, size, folder, seed) for seed, scene in enumerate((before, after))]
         told = [
             front_door.Epoch(
-                f"e{k}", str(datetime.date(2008 + k, 5, 1)), files,
+                f"e{k}", str(datetime.date(2008 + k, 5, 1)), surveyed.files,
                 ("--control", str(write_control(folder / f"control{k}.csv", control, k))),
             )
-            for k, (files, _, _) in enumerate(surveys)
+            for k, surveyed in enumerate(surveys)
         ]  # fmt: skip
         project = front_door.process(folder, told, extent=write_extent(folder / "extent.json", BOX))
         errors = [errors_at(project, epoch.name, s, check) for epoch, s in zip(told, surveys, strict=True)]
@@ -92,14 +134,13 @@ def run(size: Size) -> list[Row]:
     return rows
 
 
-def errors_at(project: Path, epoch: str, surveyed: tuple[list[Path], list[Floats], list[Floats]],
-              check: Sequence[TrueTarget]) -> Floats:  # fmt: skip
-    """Return by how much each scan of an epoch displaces the check targets, (scans, targets, 3) m."""
-    motions = front_door.product(project, epoch, "network")["T_project_given"]
+def errors_at(project: Path, epoch: str, surveyed: Survey, check: Sequence[TrueTarget]) -> Floats:
+    """Return by how much each station of an epoch displaces the check targets, (stations, targets, 3) m."""
+    motions = front_door.product(project, epoch, "network")["T_project_given"][surveyed.first]
     centres = np.array([target.centre for target in check])
-    _, true, stated = surveyed
     return np.array([
-        apply(T @ given @ invert(pose), centres) - centres for T, given, pose in zip(motions, stated, true, strict=True)
+        apply(T @ given @ invert(pose), centres) - centres
+        for T, given, pose in zip(motions, surveyed.stated, surveyed.true, strict=True)
     ])  # fmt: skip
 
 

@@ -1,0 +1,56 @@
+"""Scans of one set-up: told by their pose, joined as one body, with their targets once each."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from monitor.registration.adjustment import Adjustment
+from monitor.scan_network import _as_arrays
+from monitor.setups import join_setups, join_targets, number_setups
+from monitor.simulation import stand_at
+from projects.model import PointCloud, SurveyTarget
+
+HERE = stand_at(np.array([1.0, 2.0, 1.7]), facing=np.zeros(3))
+THERE = stand_at(np.array([-1.0, 2.0, 1.7]), facing=np.zeros(3))
+
+
+def test_scans_of_one_pose_are_one_set_up_but_not_those_in_the_frame_of_the_project() -> None:
+    near = HERE.copy()
+    near[0, 3] += 1e-7  # two registrations of neighbouring tripods, never a copy
+    poses = [HERE, THERE, HERE.copy(), np.eye(4), np.eye(4), near, np.full((4, 4), np.nan)]
+    assert number_setups(poses).tolist() == [0, 1, 0, 2, 3, 4, 5]
+
+
+def cloud(n: int, origin: np.ndarray, rng: np.random.Generator) -> PointCloud:
+    return PointCloud(rng.normal(size=(n, 3)), origins=origin, sigma=np.full(n, 0.001))
+
+
+def test_joined_clouds_keep_their_points_and_the_place_they_were_seen_from(rng: np.random.Generator) -> None:
+    a, b, c, none = (cloud(n, np.array([n, 0.0, 0.0]), rng) for n in (4, 5, 6, 0))
+    c = dataclasses.replace(c, origins=a.origins)
+    joined = join_setups([a, b, c, none], np.array([0, 1, 0, 2]))
+    assert len(joined) == 2
+    assert np.array_equal(joined[0].points, np.concatenate([a.points, c.points]))
+    assert np.array_equal(joined[0].origins, a.origins)  # one place, so beams can be told
+    assert joined[1] is b
+
+
+def target(x: float, sigma: float) -> SurveyTarget:
+    return SurveyTarget("sphere", np.array([x, 0.0, 0.0]), np.eye(3) * sigma**2, 0.07, 0.001, 100, 0.9)
+
+
+def test_target_seen_twice_from_one_set_up_counts_once_as_it_is_known_best() -> None:
+    found = join_targets([[target(1.002, 0.002), target(3.0, 0.002)], [target(1.0, 0.0002)]])
+    assert [t.centre[0] for t in found] == [1.0, 3.0]
+
+
+def test_all_scans_of_a_set_up_get_its_motion_and_one_that_saw_nothing_alone_stays() -> None:
+    T = np.eye(4)
+    T[0, 3] = 0.01
+    found = Adjustment((np.eye(4), T), (), True, "", 0.0, 0.0, 1, covariances=np.stack([np.eye(6), 4.0 * np.eye(6)]),
+                       centres=np.array([[0.0, 0, 0], [1.0, 0, 0]]))  # fmt: skip
+    arrays = _as_arrays(found, [0, 1], np.array([0, 1, 1, 2]))
+    assert arrays["T_project_given"][:, 0, 3] == pytest.approx([0.0, 0.01, 0.01, 0.0])
+    assert arrays["covariances"][2, 0, 0] == 4.0
+    assert np.isnan(arrays["centres"][3]).all()
