@@ -64,8 +64,13 @@ def _setups(place: Place, n_scans: int) -> Ints:
 def _clouds(place: Place, scans: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Iterator[PointCloud]:
     """Yield the filtered points of each set-up whose first scan is in `seen`."""
     for first in seen:
-        members = [place.get(scans[k]) for k in np.flatnonzero(setups == setups[first])]
+        members = [place.get(scans[k]) for k in _members(setups, first)]
         yield from join_setups(members, np.zeros(len(members), dtype=np.int64))
+
+
+def _members(setups: Ints, first: int) -> list[int]:
+    """Return the scans of the set-up that scan `first` belongs to."""
+    return [int(k) for k in np.flatnonzero(setups == setups[first])]
 
 
 def _ties(place: Place, targets: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Ties:
@@ -75,7 +80,7 @@ def _ties(place: Place, targets: Sequence[Step], setups: Ints, seen: Sequence[in
     poses = [h.pose for h in place.project.scan_headers(place.object_id, place.epoch_id)]
     found = [
         join_targets([[in_project(t, poses[k]) for t in targets_of(place, targets[k])]
-                      for k in np.flatnonzero(setups == setups[first])])
+                      for k in _members(setups, first)])
         for first in seen
     ]  # fmt: skip
     return identify_targets(found, place.project.epoch(place.object_id, place.epoch_id).control)

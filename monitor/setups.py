@@ -45,7 +45,7 @@ def join_setups(clouds: Sequence[PointCloud], setups: Ints) -> list[PointCloud]:
     """
     joined = []
     for number in np.unique(setups):
-        members = [clouds[k] for k in np.flatnonzero(setups == number) if len(clouds[k])]
+        members = [c for c, s in zip(clouds, setups, strict=True) if s == number and len(c)]
         if len(members) > 1:
             origins = [c.origins for c in members]
             is_one = all(o is not None and o.shape == (3,) for o in origins)
