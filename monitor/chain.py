@@ -22,10 +22,11 @@ from monitor.quality import assess_scans, describe_distances, distances_to_surfa
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, comparison_product, find_step, latest_step, once_step, put_step
-from monitor.registration.epochs import register_epochs
+from monitor.registration.epochs import held_by_frames, register_epochs
+from monitor.registration.held import Frames
 from monitor.registration.parts import find_parts
 from monitor.repeats import filter_repeats, is_averaged
-from monitor.scan_network import adjust_epoch, frame_covariance
+from monitor.scan_network import adjust_epoch, frames_between
 from monitor.scans import read_within
 from monitor.second_opinion import ask_m3c2, gather_sights
 from monitor.settings import Settings, as_mapping
@@ -85,10 +86,13 @@ def compare_epochs(
     def make() -> Made:
         reference, compared = earlier.get(before), place.get(after)
         notify(f"{compared_id}: registering to {reference_id}")
-        motion, start = register_epochs(compared, reference, settings.icp)
+        tied = _frames((earlier, place))
+        motion, start = register_epochs(compared, reference, settings.icp, tied)
+        if mode == "absolute" and tied is not None and not motion.converged:
+            motion = held_by_frames(tied, motion)
         notify(f"{compared_id}: comparing with {reference_id}")
         sights = gather_sights(earlier), gather_sights(place)
-        frames = _frames((earlier, place), motion.centre) if mode == "absolute" else None
+        frames = tied.about(motion.centre) if mode == "absolute" and tied is not None else None
         found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames)
         if len(found.regions):  # what moved as a whole shows as regions of change
             parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.region > 0)
@@ -102,11 +106,11 @@ def compare_epochs(
     return once_step(place, asked, make)
 
 
-def _frames(places: Sequence[Place], centre: Floats) -> Floats | None:
-    """Return how far the frames of two epochs may differ, (6, 6) about `centre`; None where control holds not both."""
+def _frames(places: Sequence[Place]) -> Frames | None:
+    """Return how far the frames of two epochs may differ; None where control holds not both."""
     steps = [p.project.latest(p.object_id, p.epoch_id, "network") for p in places]
     networks = [p.get(step) for p, step in zip(places, steps, strict=True) if step is not None]
-    return frame_covariance(networks, centre) if len(networks) == len(places) else None
+    return frames_between(networks) if len(networks) == len(places) else None
 
 
 def default_mode(project: Project, object_id: str, reference_id: str, compared_id: str) -> str:

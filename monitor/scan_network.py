@@ -16,6 +16,7 @@ import numpy as np
 from monitor.record import Asked, Made, Place, once_step
 from monitor.registration.adjustment import Adjustment, AdjustmentSettings, adjust_scans
 from monitor.registration.covariance import about
+from monitor.registration.held import Frames
 from monitor.registration.snooping import TieFit
 from monitor.registration.ties import Ties, identify_targets
 from monitor.settings import as_mapping
@@ -153,13 +154,13 @@ def _rms(fits: Sequence[TieFit]) -> float:
     return float(np.sqrt(np.mean([float(f.residual @ f.residual) for f in fits]))) if fits else float("nan")
 
 
-def frame_covariance(networks: Sequence[dict[str, Any]], centre: Floats) -> Floats | None:
-    """Return the covariance (6, 6) about `centre` (3,) [m] of what the frames of both epochs differ by, both held by
-    control; None where one is not."""
+def frames_between(networks: Sequence[dict[str, Any]]) -> Frames | None:
+    """Return what the frames of two epochs may differ by, both held by control; None where one is not."""
+    centre = np.asarray(networks[0].get("centre", np.full(3, np.nan)), dtype=float)
     total = np.zeros((6, 6))
     for network in networks:
         covariance = np.asarray(network.get("covariance", np.nan), dtype=float)
         if covariance.shape != (6, 6) or not np.isfinite(covariance).all():
             return None
         total += about(covariance, centre - np.asarray(network["centre"], dtype=float))
-    return total
+    return Frames(total, centre)

@@ -217,7 +217,8 @@ class Registration:
     `covariance` is of (w, t) in x -> c + exp([w]) (x - c) + t, a left perturbation applied after
     `T_target_source`, in radians and metres about `centre` c (target frame). `is_stable` tells for each vertex of
     the source whether it was held to be unmoved. A registration that did not converge has its `reason`, and
-    nothing may be built on it.
+    nothing may be built on it. `held_by_frames` names, in words, the motions that the shape does not hold and that
+    stay as the frames of both sides say, with the uncertainty of those.
     """
 
     T_target_source: Floats
@@ -233,6 +234,7 @@ class Registration:
     overlap: float = float("nan")
     stable_share: float = float("nan")
     is_stable: Bools | None = None
+    held_by_frames: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_target_source", _array(self.T_target_source, "T_target_source", (4, 4), float))

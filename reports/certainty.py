@@ -37,7 +37,7 @@ def registration_table(comparison: Comparison) -> Table:
     """Return how well the two epochs were brought onto each other."""
     registration, statistics = comparison.registration, comparison.statistics
     motion = describe_motion(registration)
-    rows = (
+    rows: tuple[tuple[str, str], ...] = (
         ("Object as a whole displaced by", motion.displacement.text),
         ("turned by", motion.angle.text),
         ("significance of this motion", print_significance(statistics.get("motion_significance", NAN))),
@@ -50,6 +50,8 @@ def registration_table(comparison: Comparison) -> Table:
         ("correspondences used", f"{count(registration.n_inliers)} of {count(registration.n_correspondences)}"),
         ("scatter of the stable surface (one sigma)", millimetres(registration.sigma)),
     )
+    if registration.held_by_frames:
+        rows = (*rows, ("known by the control points alone, not by the shape", registration.held_by_frames))
     return Table("Registration of the epochs", ("", ""), rows, "± is the half-width of the 95\u00a0% interval.")
 
 

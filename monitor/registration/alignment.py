@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.registration.held import FreeMotions
 from monitor.registration.matching import Matches, MatchLimits, Samples, match
 from monitor.registration.partners import Partners
 from monitor.registration.sampling import motion_rows
@@ -45,6 +46,7 @@ class AlignmentRules:
     """What `align` is bound to: search `distance` [m], `angle` [rad], smallest `n_pairs`, `precision` [m].
 
     `damping` (Levenberg), in shares of the mean information, leaves motions that the shape hardly holds where they are.
+    `locked` motions are not made at all.
     """
 
     distance: float
@@ -53,6 +55,7 @@ class AlignmentRules:
     precision: float
     max_iterations: int
     damping: float = 0.0
+    locked: FreeMotions | None = None
 
 
 def weigh(matches: Matches, is_kept: Bools, fine: bool) -> tuple[Floats, Floats]:
@@ -77,6 +80,12 @@ def solve_motion(matches: Matches, weights: Floats, sigma: Floats, centre: Float
     # a motion that nothing holds (a plane's slide) is left at zero
     delta = scale * (np.linalg.pinv(scaled, rcond=1e-10, hermitian=True) @ (scale * right))
     return delta, normal_matrix
+
+
+def solve_within(normal_matrix: Floats, delta: Floats, basis: Floats) -> Floats:
+    """Return the motion (6,) of a `basis` (6, k) that lessens the residuals most, where `delta` is that of all six."""
+    right = basis.T @ normal_matrix @ delta
+    return np.asarray(basis @ np.linalg.solve(basis.T @ normal_matrix @ basis, right))
 
 
 def small_motion(delta: Floats, points: Floats, centre: Floats) -> Floats:
@@ -108,6 +117,8 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
         weights, sigma = weigh(matches, kept, fine)
         centre = np.average(matches.points, axis=0, weights=weights)
         delta, normal_matrix = solve_motion(matches, weights, sigma, centre, rules.damping)
+        if rules.locked is not None:
+            delta = solve_within(normal_matrix, delta, rules.locked.complement(centre))
         way = small_motion(delta, apply(T, samples.points), centre)
         # where pairs swap to and fro the pose swings about a place without a zero: go there by ever shorter steps
         pace *= TURN_BACK if fine and np.sum(way * last_way) < 0.0 else 1.0

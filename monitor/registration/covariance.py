@@ -8,7 +8,7 @@ All covariances are of (w, t) in x -> c + exp([w]) (x - c) + t, radians and metr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,7 +73,7 @@ def shape_information(matches: Matches, centre: Floats, weights: Floats) -> Floa
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The pairs that a motion rests on, standardized: scores psi (n,), rows (n, 6) over sigma, mean slope of psi."""
+    """The pairs that a motion rests on, standardized: scores psi (n,), rows (n, k) over sigma, mean slope of psi."""
 
     points: Floats
     normals: Floats
@@ -83,12 +83,22 @@ class Adjusted:
     information: Floats
 
 
-def estimate_covariance(matches: Matches, sigma: Floats, centre: Floats) -> Floats:
+def estimate_covariance(matches: Matches, sigma: Floats, centre: Floats, basis: Floats | None = None) -> Floats:
     """Return the covariance (6, 6) of the motion that stable pairs give; never below that of independent residuals.
 
-    `sigma` (n,) [m] is of each residual; `centre` (3,) [m] is what the rotation is about.
+    `sigma` (n,) [m] is of each residual; `centre` (3,) [m] is what the rotation is about. With a `basis` (6, k) of the
+    motions that were estimated, the others held, it is the covariance of those alone.
     """
     adjusted = standardize(matches, sigma, centre)
+    if basis is not None:
+        adjusted = replace(adjusted, rows=adjusted.rows @ basis, information=basis.T @ adjusted.information @ basis)
+        found = _covariance_of(adjusted)
+        return np.asarray(basis @ found @ basis.T)
+    return _covariance_of(adjusted)
+
+
+def _covariance_of(adjusted: Adjusted) -> Floats:
+    """Return the covariance (k, k) of the k motions whose rows are given."""
     bread = np.linalg.pinv(adjusted.information, hermitian=True)
     covariance = bread @ score_covariance(adjusted) @ bread
     return at_least(0.5 * (covariance + covariance.T), naive_covariance(adjusted))
@@ -120,7 +130,7 @@ def score_covariance(adjusted: Adjusted) -> Floats:
     distances = np.linalg.norm(middles[:, None] - middles[None], axis=2)
     means = np.bincount(member, adjusted.psi / adjusted.slope) / count
     own = np.einsum("ni,nj->ij", adjusted.rows, adjusted.rows)
-    total = np.zeros((6, 6))
+    total = np.zeros((adjusted.rows.shape[1],) * 2)
     fields: dict[float, Floats] = {}
     for model in fit_correlation(means, sums / count[:, None], count, distances, grid.cell):
         if model.range not in fields:

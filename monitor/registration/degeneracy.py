@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from monitor.registration.covariance import shape_information
+from monitor.registration.held import FreeMotions
 from monitor.registration.matching import Matches
 from monitor.registration.sampling import motion_rows
 from projects.model import Floats, Ints
@@ -16,27 +17,37 @@ N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertaint
 NOISE_SHARE = 0.05  # and be no less than this share of what relief and noise of the normals seem to give together
 
 
-def find_free_motion(matches: Matches, centre: Floats, patch: Ints) -> str:
-    """Return in words the motion that the shape does not hold, or an empty text where all six are held.
+def find_free_motions(matches: Matches, centre: Floats, patch: Ints) -> FreeMotions | None:
+    """Return the motions that the shape does not hold, None where all six are held.
 
     The information of the shape is estimated without the noise of the normals (`shape_information`); its weakest
-    direction must differ from zero under the scatter between patches.
+    directions must differ from zero under the scatter between patches.
     """
-    lever = float(np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1))))
-    scale = np.repeat([1.0 / max(lever, 1e-300), 1.0], 3)
+    lever = max(float(np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1)))), 1e-300)
+    scale = np.repeat([1.0 / lever, 1.0], 3)
     ones = np.full(len(matches), 1.0 / len(matches))
     shape = shape_information(matches, centre, ones) * np.outer(scale, scale)
     values, vectors = np.linalg.eigh(shape)
-    weakest = vectors[:, 0]
-    a = motion_rows(matches.points, matches.normals_source, centre) @ (scale * weakest)
-    b = motion_rows(matches.points, matches.normals_target, centre) @ (scale * weakest)
     _, member = np.unique(patch, return_inverse=True)
-    sums = np.bincount(member, a * b) / len(matches)
-    sigma = float(np.sqrt(np.sum(sums**2)))
-    apparent = float(np.mean(0.5 * (a**2 + b**2)))
-    if values[0] > N_SIGMAS * sigma and values[0] > NOISE_SHARE * apparent:
-        return ""
-    return f"the shape does not hold it: it can {describe(scale * weakest, lever)}"
+    free = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        a = motion_rows(matches.points, matches.normals_source, centre) @ (scale * vector)
+        b = motion_rows(matches.points, matches.normals_target, centre) @ (scale * vector)
+        sums = np.bincount(member, a * b) / len(matches)
+        sigma = float(np.sqrt(np.sum(sums**2)))
+        apparent = float(np.mean(0.5 * (a**2 + b**2)))
+        if value > N_SIGMAS * sigma and value > NOISE_SHARE * apparent:
+            break
+        free.append(scale * vector)
+    if not free:
+        return None
+    return FreeMotions(np.stack(free, axis=1), centre, lever, " and ".join(describe(m, lever) for m in free))
+
+
+def find_free_motion(matches: Matches, centre: Floats, patch: Ints) -> str:
+    """Return in words the motions that the shape does not hold, or an empty text where all six are held."""
+    free = find_free_motions(matches, centre, patch)
+    return "" if free is None else f"the shape does not hold it: it can {free.words} without being noticed"
 
 
 def describe(motion: Floats, lever: float) -> str:
@@ -44,5 +55,6 @@ def describe(motion: Floats, lever: float) -> str:
     w, t = motion[:3] * lever, motion[3:]
     turns = np.linalg.norm(w) > np.linalg.norm(t)
     axis = w if turns else t
-    x, y, z = axis / np.linalg.norm(axis)
-    return f"{'turn about the axis' if turns else 'slide along'} ({x:.2f}, {y:.2f}, {z:.2f}) without being noticed"
+    axis = axis / (np.linalg.norm(axis) * np.sign(axis[np.abs(axis).argmax()]))  # an axis has no sense: one is chosen
+    x, y, z = np.round(axis, 2) + 0.0
+    return f"{'turn about the axis' if turns else 'slide along'} ({x:.2f}, {y:.2f}, {z:.2f})"

@@ -10,7 +10,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from monitor.registration.coarse import register_from_anywhere
+from monitor.registration.held import Frames
 from monitor.registration.icp import IcpSettings, register
 from projects.model import PointCloud, Registration, Surface
 
@@ -18,8 +21,11 @@ FOUND_NEAR = 0.5  # share of the samples with a partner: the epochs lie near eac
 
 
 def register_epochs(compared: Surface | PointCloud, reference: Surface | PointCloud,
-                    settings: IcpSettings | None = None) -> tuple[Registration, Mapping[str, Any]]:  # fmt: skip
+                    settings: IcpSettings | None = None, frames: Frames | None = None,
+                    ) -> tuple[Registration, Mapping[str, Any]]:  # fmt: skip
     """Return the registration of a compared epoch onto its reference, and how its start was found.
+
+    `frames`, of epochs that control holds, keep what the shape does not (`register`).
 
     Returns
     -------
@@ -29,7 +35,7 @@ def register_epochs(compared: Surface | PointCloud, reference: Surface | PointCl
         Empty where the epochs were given near each other; else `start` in words, `coarse_score` and `coarse_ambiguity`
         of the pose found by shape (`CoarseAlignment`).
     """
-    near = register(compared, reference, settings)
+    near = register(compared, reference, settings, frames=frames)
     if near.converged or near.overlap >= FOUND_NEAR:
         return near, {}
     far, coarse = register_from_anywhere(compared, reference, settings)
@@ -38,3 +44,12 @@ def register_epochs(compared: Surface | PointCloud, reference: Surface | PointCl
     if far.converged:
         return far, figures
     return replace(near, reason=f"{near.reason}; by shape alone: {coarse.reason or far.reason}"), figures
+
+
+def held_by_frames(frames: Frames, failed: Registration) -> Registration:
+    """Return what control alone says of the motion between two epochs, none within its uncertainty, where the shapes
+    say nothing; the differences of absolute mode need no more."""
+    return replace(
+        failed, T_target_source=np.eye(4), covariance=frames.covariance, centre=frames.centre, converged=True,
+        is_stable=None, held_by_frames=f"every motion ({failed.reason})",
+    )  # fmt: skip

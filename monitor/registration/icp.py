@@ -15,7 +15,8 @@ import numpy as np
 from monitor.declare import check_settings, setting
 from monitor.registration.alignment import Alignment, AlignmentRules, align
 from monitor.registration.covariance import estimate_covariance
-from monitor.registration.degeneracy import find_free_motion
+from monitor.registration.degeneracy import find_free_motion, find_free_motions
+from monitor.registration.held import Frames, FreeMotions, held_covariance, without_free_part
 from monitor.registration.matching import Samples, make_samples
 from monitor.registration.partners import Partners
 from monitor.registration.patches import PatchGrid, cut_patches
@@ -56,7 +57,7 @@ class IcpSettings:
 
 
 def register(source: Surface | PointCloud, target: Surface | PointCloud, settings: IcpSettings | None = None, *,
-             T_target_source: Floats | None = None) -> Registration:  # fmt: skip
+             T_target_source: Floats | None = None, frames: Frames | None = None) -> Registration:  # fmt: skip
     """Estimate the motion that brings the stable areas of a source onto a target.
 
     Parameters
@@ -64,6 +65,9 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     source, target : surfaces or clouds in metres, near each other. Normals are fitted where there are none.
     settings : see `IcpSettings`.
     T_target_source : (4, 4), where to start; as given where left out.
+    frames : how far the frames that both are given in may differ, where control holds them. Then what the shape does
+        not hold (a staircase's slide along its steps) stays as given, with that uncertainty, and `held_by_frames` says
+        so; what it does hold is found by the shape alone.
 
     Returns
     -------
@@ -82,7 +86,8 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     sides = prepare_side(source, shift), prepare_side(target, shift)
     T_start = into_local(np.eye(4) if T_target_source is None else np.asarray(T_target_source, dtype=float), shift)
     n_source = len(source.vertices if isinstance(source, Surface) else source.points)
-    local = register_sides(*sides, T_start, n_source, settings)
+    frames = None if frames is None else frames.shifted(shift)
+    local = register_sides(*sides, T_start, n_source, settings, frames)
     return replace(local, T_target_source=into_local(local.T_target_source, -shift), centre=local.centre + shift)
 
 
@@ -105,7 +110,8 @@ def into_local(T_target_source: Floats, shift: Floats) -> Floats:
     return local
 
 
-def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, settings: IcpSettings) -> Registration:
+def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, settings: IcpSettings,
+                   frames: Frames | None = None) -> Registration:  # fmt: skip
     """Return the registration of two prepared sides, in their local frame."""
     rng = np.random.default_rng(settings.seed)
     if min(len(source), len(target)) < 10:
@@ -121,7 +127,14 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     grid = cut_patches(samples.points, samples.normals if source.is_oriented else None, N_PER_PATCH)
     numbers = grid.numbers(samples.points, samples.normals)
     found, is_kept, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented, partners)
-    return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source)
+    free = None if frames is None else free_motions(found, is_kept, numbers)
+    if free is None or frames is None:
+        return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source)
+    T = without_free_part(found.T_target_source, np.eye(4), free)
+    found = align(samples, target, T, replace(rules, locked=free), is_kept=is_kept, fine=True,
+                  both_oriented=both_oriented, partners=partners)  # fmt: skip
+    n_iterations += found.n_iterations
+    return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source, (free, frames))
 
 
 def approach(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, both_oriented: bool,
@@ -182,8 +195,17 @@ def align_stable(samples: Samples, target: Side, found: Alignment, rules: Alignm
     return found, is_kept, n_iterations
 
 
+def free_motions(found: Alignment, is_kept: Bools, numbers: Ints) -> FreeMotions | None:
+    """Return what the shape of the stable areas leaves free, None where it holds all or nothing is left of it."""
+    stable = found.matches.take(is_kept[found.matches.source])
+    if not found.weights.any():
+        return None
+    return find_free_motions(stable, stable.points.mean(axis=0), numbers[stable.source])
+
+
 def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment, is_kept: Bools,
-             n_iterations: int, n_source: int) -> Registration:  # fmt: skip
+             n_iterations: int, n_source: int, held: tuple[FreeMotions, Frames] | None = None,
+             ) -> Registration:  # fmt: skip
     """Return the registration with its covariance, its stable areas and its doubts."""
     pairs = found.matches
     if not found.weights.any():
@@ -191,9 +213,12 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
     kept = is_kept[pairs.source]
     stable, sigma = pairs.take(kept), found.sigma[kept]
     centre = stable.points.mean(axis=0)
-    reason = find_free_motion(stable, centre, numbers[stable.source]) or found.reason
+    free = "" if held is not None else find_free_motion(stable, centre, numbers[stable.source])
+    reason = free or found.reason
     covariance = np.full((6, 6), np.nan)
-    if not reason:
+    if not reason and held is not None:
+        covariance = held_covariance(stable, sigma, centre, *held)
+    elif not reason:
         covariance = estimate_covariance(stable, sigma, centre)
     inlier = (found.weights > 0) & kept
     return Registration(
@@ -204,6 +229,7 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
         sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
         overlap=len(pairs) / len(samples.points), stable_share=float(kept.mean()),
         is_stable=spread_to_vertices(source, grid, np.unique(numbers[stable.source]), n_source),
+        held_by_frames="" if held is None else held[0].words,
     )  # fmt: skip
 
 
