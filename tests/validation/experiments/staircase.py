@@ -243,8 +243,8 @@ def rows_of_relative(comparison: Comparison) -> list[Row]:
 
 
 NOTES = (
-    "Through the command line, E57, control points as CSV; each station a panorama and a fine window, 40 pulses across, "
-    "of each target in sight within 10 m. Reduced: the landing from five stations instead of the whole staircase. Its "
+    "Through the command line, E57, control points as CSV; each station a panorama and a fine window, 40 pulses "
+    "across, of each target in sight within 10 m. Reduced: the landing from five stations instead of the whole staircase. Its "
     "shape may slide along the steps: in relative mode that part of the motion stays as the control points say."
 )
 SMALL_BARS = ("check targets, absolute, rms 3-D, mm", "check targets, scans among each other, rms 3-D, mm",
