@@ -243,9 +243,9 @@ def rows_of_relative(comparison: Comparison) -> list[Row]:
 
 
 NOTES = (
-    "Through the command line, E57, control points as CSV; each station a panorama and a fine window, 40 pulses "
-    "across, of each target in sight within 10 m. Reduced: the landing from five stations instead of the whole staircase. Its "
-    "shape may slide along the steps: in relative mode that part of the motion stays as the control points say."
+    "Through the command line, E57, control points as CSV; each station a panorama, and a fine window of 40 pulses "
+    "across of each target in sight within 10 m. Reduced: the landing from five stations instead of the whole "
+    "staircase. Where its shape can slide along the steps, that part of the motion stays as the control points say."
 )
 SMALL_BARS = ("check targets, absolute, rms 3-D, mm", "check targets, scans among each other, rms 3-D, mm",
               "settlement of 6 mm, absolute mode: median on treads, mm")  # fmt: skip
