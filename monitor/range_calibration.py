@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +17,9 @@ from monitor.filtering import Calibration, CalibrationSettings, calibrate_range
 from monitor.record import Asked, Made, Place, find_step, latest_step, put_step
 from monitor.scans import sample_stored
 from monitor.settings import as_mapping
+from monitor.setups import setups_of
 from monitor.simulation.instruments import INSTRUMENTS
-from projects.model import Scan, Step
+from projects.model import Ints, Scan, Step
 
 ARRAYS = ("wavelengths", "covariance", "profile")
 
@@ -34,14 +35,18 @@ class CalibrationTask:
 def calibrate_scans(
     place: Place, settings: CalibrationSettings, engine: Engine, notify: Callable[[str], None]
 ) -> list[Step | None]:
-    """Return the calibration step of each scan of an epoch; None for all where calibration is switched off."""
+    """Return the calibration step of each scan of an epoch; None for all where calibration is switched off.
+
+    Of the scans of one set-up the largest is calibrated, and the others with it: a fine window has no walls.
+    """
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
     if not settings.enabled:
         return [None] * len(headers)
     settings = with_preset(settings, place.project.epoch(place.object_id, place.epoch_id).scanner)
     asked = _ask_scans(place, settings, [header.name for header in headers])
-    steps = [find_step(place, a) for a in asked]
-    missing = [k for k, step in enumerate(steps) if step is None]
+    largest = largest_of_setups(setups_of(place), [header.n_points for header in headers])
+    steps = {k: find_step(place, asked[k]) for k in np.unique(largest).tolist()}
+    missing = [k for k, step in steps.items() if step is None]
 
     def tasks() -> Iterator[CalibrationTask]:
         for k in missing:
@@ -54,7 +59,14 @@ def calibrate_scans(
         finished = time.perf_counter()
         steps[k] = put_step(place, asked[k], as_made(found), finished - started)
         started = finished
-    return list(steps)
+    return [steps[k] for k in largest.tolist()]
+
+
+def largest_of_setups(setups: Ints, n_points: Sequence[int]) -> Ints:
+    """Return for each scan (n,) the scan of its set-up that has most points, the first of equal ones."""
+    count = np.asarray(n_points)
+    members = [np.flatnonzero(setups == number) for number in setups]
+    return np.array([m[np.argmax(count[m])] for m in members], dtype=np.int64)
 
 
 def calibration_of(place: Place, step: Step | None) -> Calibration | None:

@@ -20,7 +20,7 @@ from monitor.registration.held import Frames
 from monitor.registration.snooping import TieFit
 from monitor.registration.ties import Ties, identify_targets
 from monitor.settings import as_mapping
-from monitor.setups import join_setups, join_targets, number_setups
+from monitor.setups import join_setups, join_targets, setups_of
 from monitor.target_search import targets_of
 from projects.errors import RegistrationError, StoreError
 from projects.model import Floats, Ints, PointCloud, Step, SurveyTarget
@@ -40,7 +40,7 @@ def adjust_epoch(
     def make() -> Made:
         if len(scans) > 1:
             notify(f"{place.epoch_id}: fitting {len(scans)} scans onto each other")
-        setups = _setups(place, len(scans))
+        setups = setups_of(place)[: len(scans)]
         has_points = np.array([len(place.get(step)) > 0 for step in scans])
         seen = [int(np.flatnonzero(setups == s)[0]) for s in np.unique(setups[has_points])]
         if not seen:
@@ -54,12 +54,6 @@ def adjust_epoch(
         return Made(_as_arrays(found, seen, setups), _figures(found, seen) | {"n_setups": int(setups.max()) + 1})
 
     return once_step(place, Asked("network", "network", parameters, (*scans, *targets)), make)
-
-
-def _setups(place: Place, n_scans: int) -> Ints:
-    """Return the number (n,) of the set-up of each scan; of repeated scans, that are one already, 0."""
-    poses = [h.pose for h in place.project.scan_headers(place.object_id, place.epoch_id)]
-    return number_setups(poses[:n_scans])
 
 
 def _clouds(place: Place, scans: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Iterator[PointCloud]:

@@ -1,7 +1,8 @@
 """Set-ups of the scanner: several scans taken without moving it, such as the fine windows of the survey targets.
 
 In: the poses of an epoch's scans, or their clouds. Out: which scans are of one set-up, and their clouds in one. Scans
-of a set-up have one motion: what the targets in a fine window say holds for the panorama beside it.
+of a set-up have one motion and one range calibration: what the targets in a fine window say holds for the panorama
+beside it, and what its walls say of the ranges holds for the windows.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.filtering.merging import concatenate_clouds
+from monitor.record import Place
 from projects.model import Floats, Ints, PointCloud, SurveyTarget
 
 SAME = 1e-9  # m and rad: poses registered apart are never so alike
@@ -31,6 +33,14 @@ def number_setups(poses: Sequence[Floats]) -> Ints:
         if not same:
             firsts.append(pose)
     return numbers
+
+
+def setups_of(place: Place) -> Ints:
+    """Return the number (n,) of the set-up of each scan of an epoch; repeated scans, which may drift, stand alone."""
+    headers = place.project.scan_headers(place.object_id, place.epoch_id)
+    if place.project.epoch(place.object_id, place.epoch_id).repeated:
+        return np.arange(len(headers))
+    return number_setups([header.pose for header in headers])
 
 
 def _is_same(pose: Floats, other: Floats) -> bool:

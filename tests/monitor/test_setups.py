@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from monitor.range_calibration import largest_of_setups
 from monitor.registration.adjustment import Adjustment
 from monitor.scan_network import _as_arrays
 from monitor.setups import join_setups, join_targets, number_setups
@@ -54,3 +55,7 @@ def test_all_scans_of_a_set_up_get_its_motion_and_one_that_saw_nothing_alone_sta
     assert arrays["T_project_given"][:, 0, 3] == pytest.approx([0.0, 0.01, 0.01, 0.0])
     assert arrays["covariances"][2, 0, 0] == 4.0
     assert np.isnan(arrays["centres"][3]).all()
+
+
+def test_windows_are_calibrated_with_the_largest_scan_of_their_set_up() -> None:
+    assert largest_of_setups(np.array([0, 0, 1, 1, 2]), [10, 900, 70, 70, 3]).tolist() == [1, 1, 2, 2, 4]
