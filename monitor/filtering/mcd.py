@@ -1,7 +1,8 @@
-"""Kernels of the minimum covariance determinant of one neighbourhood (Rousseeuw and van Driessen 1999).
+"""The minimum covariance determinant of one neighbourhood (Rousseeuw and van Driessen 1999), as kernels.
 
-Scalars and short arrays in, tuples out; nothing here knows of scans. A neighbourhood is given by its coordinates x, y,
-z [m] relative to the point that it surrounds; a covariance by its six elements (xx, xy, xz, yy, yz, zz).
+In: coordinates x, y, z [m] of n points relative to the one that they surround; out: weights 1 for the h of them whose
+covariance has the least determinant. That subset is the same in any coordinates that are an affine map of these: the
+search runs in float32 along the axes of the whole and in units of its spread; what it finds is finished in float64.
 """
 
 from __future__ import annotations
@@ -12,226 +13,112 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-# Sums over a neighbourhood may be taken in vector order: it is fixed when compiling, hence the same for any threads.
-ORDER_FREE = {"reassoc", "contract", "nsz"}
-RIDGE = 1e-11  # of the trace: keeps the determinant of points that lie exactly in a plane above rounding
-FLOOR2 = 1e-18  # m2, a nanometre: the same for points that coincide
-N_STARTS = 9
-N_STEPS = 3  # concentration steps of each start
-N_SURVIVORS = 4  # starts that are brought to their optimum
-WIDTH = 8  # points on either side that are tried for an exchange
+from monitor.filtering.covariance import (
+    ORDER_FREE,
+    determinant,
+    eigenvalues,
+    eigenvector,
+    inverse,
+    keep_smallest,
+    mahalanobis2,
+    moments,
+)
+
+N_SHAPED = 9  # starts built from the shape of the whole
+N_RANDOM = 100  # more at most, of four points each
+N_MET = 6  # times that random starts meet the best before it is believed to be the best there is
+NEAR = 1.3  # times the best so far: subsets that exchanges of two points may bring below it
+SAME = 1e-3  # relative difference of determinants of one subset in float32, and of subsets that are as good
+N_POOL = 8  # subsets kept
+N_SURVIVORS = 2  # of these, finished in float64
+GUESS = 5.0  # squared distance that about h of n points keep within
+NARROW_ROWS = 7 + N_POOL  # of the float32 scratch
 
 
 @njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")
-def moments(x: Any, y: Any, z: Any, w: Any, n: int) -> Any:
-    """Return the sum of the weights, the mean and the covariance of the points under weights `w`."""
-    s = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
-    for i in range(n):
-        wx, wy, wz = w[i] * x[i], w[i] * y[i], w[i] * z[i]
-        s += w[i]
-        sx += wx
-        sy += wy
-        sz += wz
-        xx += wx * x[i]
-        xy += wx * y[i]
-        xz += wx * z[i]
-        yy += wy * y[i]
-        yz += wy * z[i]
-        zz += wz * z[i]
-    mx, my, mz = sx / s, sy / s, sz / s
-    cxx, cyy, czz = xx / s - mx * mx, yy / s - my * my, zz / s - mz * mz
-    ridge = RIDGE * (cxx + cyy + czz) + FLOOR2
-    return (
-        s,
-        (mx, my, mz),
-        (cxx + ridge, xy / s - mx * my, xz / s - mx * mz, cyy + ridge, yz / s - my * mz, czz + ridge),
-    )
+def _favour_leaving(d2: Any, w: Any, n: int, h: int) -> None:
+    """Turn squared distances into what decides of an exchange: a / (1 - a) inside the subset, a outside of it.
 
-
-@njit(cache=True, error_model="numpy")
-def determinant(c: Any) -> float:
-    """Return the determinant of a covariance."""
-    return c[0] * (c[3] * c[5] - c[4] * c[4]) - c[1] * (c[1] * c[5] - c[4] * c[2]) + c[2] * (c[1] * c[4] - c[3] * c[2])
-
-
-@njit(cache=True, error_model="numpy")
-def eigenvalues(c: Any) -> Any:
-    """Return the eigenvalues of a symmetric 3 x 3 matrix, largest first (trigonometric solution of the cubic)."""
-    q = (c[0] + c[3] + c[5]) / 3.0
-    a, b, d = c[0] - q, c[3] - q, c[5] - q
-    p2 = (a * a + b * b + d * d + 2.0 * (c[1] * c[1] + c[2] * c[2] + c[4] * c[4])) / 6.0
-    if p2 <= 0.0:
-        return q, q, q
-    p = math.sqrt(p2)
-    r = determinant((a, c[1], c[2], b, c[4], d)) / (2.0 * p * p2)
-    phi = math.acos(min(1.0, max(-1.0, r))) / 3.0
-    largest = q + 2.0 * p * math.cos(phi)
-    least = q + 2.0 * p * math.cos(phi + 2.0 * math.pi / 3.0)
-    return largest, 3.0 * q - largest - least, least
-
-
-@njit(cache=True, error_model="numpy")
-def eigenvector(c: Any, value: float) -> Any:
-    """Return the unit eigenvector of `value`: the longest cross product of two rows of C - value I."""
-    a, b, d = c[0] - value, c[3] - value, c[5] - value
-    x1, y1, z1 = c[1] * c[4] - c[2] * b, c[2] * c[1] - a * c[4], a * b - c[1] * c[1]
-    x2, y2, z2 = c[1] * d - c[2] * c[4], c[2] * c[2] - a * d, a * c[4] - c[1] * c[2]
-    x3, y3, z3 = b * d - c[4] * c[4], c[4] * c[2] - c[1] * d, c[1] * c[4] - b * c[2]
-    n1, n2, n3 = x1 * x1 + y1 * y1 + z1 * z1, x2 * x2 + y2 * y2 + z2 * z2, x3 * x3 + y3 * y3 + z3 * z3
-    if n2 > n1 and n2 >= n3:
-        x1, y1, z1, n1 = x2, y2, z2, n2
-    elif n3 > n1:
-        x1, y1, z1, n1 = x3, y3, z3, n3
-    if n1 <= 0.0:
-        return 0.0, 0.0, 1.0
-    f = 1.0 / math.sqrt(n1)
-    return x1 * f, y1 * f, z1 * f
-
-
-@njit(cache=True, error_model="numpy")
-def inverse(c: Any) -> Any:
-    """Return the inverse of a covariance, as its six elements."""
-    xx, xy, xz = c[3] * c[5] - c[4] * c[4], c[2] * c[4] - c[1] * c[5], c[1] * c[4] - c[2] * c[3]
-    f = 1.0 / (c[0] * xx + c[1] * xy + c[2] * xz)
-    yy, yz, zz = c[0] * c[5] - c[2] * c[2], c[1] * c[2] - c[0] * c[4], c[0] * c[3] - c[1] * c[1]
-    return xx * f, xy * f, xz * f, yy * f, yz * f, zz * f
-
-
-@njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")
-def mahalanobis2(x: Any, y: Any, z: Any, n: int, m: Any, c: Any, d2: Any) -> None:
-    """Write the squared Mahalanobis distance of every point to (m, c) into `d2`."""
-    xx, xy, xz, yy, yz, zz = inverse(c)
-    for i in range(n):
-        a, b, d = x[i] - m[0], y[i] - m[1], z[i] - m[2]
-        d2[i] = max(a * (xx * a + 2.0 * (xy * b + xz * d)) + b * (yy * b + 2.0 * yz * d) + zz * d * d, 0.0)
-
-
-@njit(cache=True, error_model="numpy")
-def smallest(values: Any, n: int, h: int, work: Any) -> float:
-    """Return the h-th smallest of `values` (1 is the least); `work` is overwritten (Hoare's selection)."""
-    for i in range(n):
-        work[i] = values[i]
-    low, high, k = 0, n - 1, h - 1
-    while low < high:
-        pivot = work[(low + high) >> 1]
-        i, j = low, high
-        while i <= j:
-            while work[i] < pivot:
-                i += 1
-            while work[j] > pivot:
-                j -= 1
-            if i <= j:
-                work[i], work[j] = work[j], work[i]
-                i += 1
-                j -= 1
-        if k <= j:
-            high = j
-        elif k >= i:
-            low = i
-        else:
-            break
-    return work[k]
-
-
-@njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")
-def keep_smallest(values: Any, n: int, h: int, w: Any, work: Any) -> None:
-    """Give weight 1 to the h smallest of values that are not negative, 0 to the others; of equal ones the first win.
-
-    The limit between them is found by false position on the count, a loop without branches; selection comes in where
-    values are equal.
+    Taking out i and in j multiplies the determinant of the scatter by (1 - a_i)(1 + a_j) + a_ij^2, a = (1 + d2) / h
+    (Hawkins 1994): without the last term the exchange pays where a_j < a_i / (1 - a_i).
     """
-    low, n_low, high, n_high = 0.0, 0.0, 0.0, float(n)
+    one, share = d2.dtype.type(1.0), d2.dtype.type(1.0 / h)
     for i in range(n):
-        high = max(high, values[i])
-    limit = high * h / n
-    for _ in range(40):
-        count = 0.0
-        for i in range(n):
-            w[i] = 1.0 if values[i] <= limit else 0.0
-            count += w[i]
-        if count == h:
-            return
-        if count < h:
-            low, n_low = limit, count
-        else:
-            high, n_high = limit, count
-        share = (h - n_low) / (n_high - n_low)
-        limit = low + (high - low) * min(0.9, max(0.1, share))
-    _select_smallest(values, n, h, w, work)
+        a = (one + d2[i]) * share
+        d2[i] = a / (one - a * w[i])
 
 
 @njit(cache=True, error_model="numpy")
-def _select_smallest(values: Any, n: int, h: int, w: Any, work: Any) -> None:
-    """Do the same as `keep_smallest` where the h-th value is shared."""
-    limit = smallest(values, n, h, work)
-    n_kept = 0
-    for i in range(n):
-        w[i] = 1.0 if values[i] < limit else 0.0
-        n_kept += values[i] < limit
-    for i in range(n):
-        if n_kept < h and values[i] == limit:
-            w[i] = 1.0
-            n_kept += 1
+def descend(x: Any, y: Any, z: Any, n: int, h: int, w: Any, d2: Any, work: Any, last: Any) -> float:
+    """Improve the subset `w` step by step as long as its determinant falls, and return that.
 
-
-@njit(cache=True, error_model="numpy")
-def concentrate(x: Any, y: Any, z: Any, n: int, h: int, n_steps: int, w: Any, d2: Any, work: Any) -> float:
-    """Take up to `n_steps` concentration steps from the subset `w` and return the determinant of the last.
-
-    The h points nearest in Mahalanobis distance define the next subset (Rousseeuw and van Driessen, theorem 1).
+    The first is the concentration step of Rousseeuw and van Driessen (theorem 1: the h points nearest in Mahalanobis
+    distance define the next subset); the following ones count how much farther a point is from a subset without it,
+    which of h = 26 points is much: they end in optima that are two to four times as often the best.
     """
     _, m, c = moments(x, y, z, w, n)
-    det = math.inf
-    for _ in range(n_steps):
+    mahalanobis2(x, y, z, n, m, c, d2)
+    keep_smallest(d2, n, h, GUESS, w, work)
+    _, m, c = moments(x, y, z, w, n)
+    det, limit = determinant(c), (1.0 + GUESS) / h
+    for _ in range(60):
+        for i in range(n):
+            last[i] = w[i]
         mahalanobis2(x, y, z, n, m, c, d2)
-        keep_smallest(d2, n, h, w, work)
+        _favour_leaving(d2, w, n, h)
+        limit = keep_smallest(d2, n, h, limit, w, work)
         _, m, c = moments(x, y, z, w, n)
         new = determinant(c)
-        if new >= det * (1.0 - 1e-12):
+        if not new < det * (1.0 - 1e-6):
+            for i in range(n):
+                w[i] = last[i]
             break
         det = new
     return det
 
 
-@njit(cache=True, error_model="numpy")
-def _insert(order: Any, n_order: int, d2: Any, i: int, sign: float) -> int:
-    """Insert i into the first `WIDTH` of `order`, kept by falling sign * d2; return how many there are."""
-    if n_order == WIDTH and sign * d2[i] <= sign * d2[order[WIDTH - 1]]:
-        return n_order
-    place = min(n_order, WIDTH - 1)
-    while place > 0 and sign * d2[order[place - 1]] < sign * d2[i]:
-        order[place] = order[place - 1]
-        place -= 1
-    order[place] = i
-    return min(n_order + 1, WIDTH)
+@njit(cache=True, fastmath=ORDER_FREE | {"nnan"}, error_model="numpy")
+def _margin(d2: Any, w: Any, n: int) -> Any:
+    """Return the largest squared distance inside the subset and the least outside of it."""
+    far = d2.dtype.type(1e30)
+    farthest, nearest = d2.dtype.type(0.0), far
+    for i in range(n):
+        inside, outside = d2[i] * w[i], d2[i] + far * w[i]
+        farthest = inside if inside > farthest else farthest
+        nearest = outside if outside < nearest else nearest
+    return float(farthest), float(nearest)
 
 
 @njit(cache=True, error_model="numpy")
-def exchange(x: Any, y: Any, z: Any, n: int, h: int, w: Any, d2: Any, inside: Any, outside: Any) -> float:
+def exchange(x: Any, y: Any, z: Any, n: int, h: int, w: Any, d2: Any, pairs: Any) -> float:
     """Exchange one point of the subset `w` for one outside as long as that lowers the determinant; return it.
 
-    A concentration step cannot see that pair: taking out i and in j multiplies the determinant of the scatter by
-    (1 - a_ii)(1 + a_jj) + a_ij^2 with a_kl = (1 + (x_k - m)' C^-1 (x_l - m)) / h (Hawkins 1994), which may be below 1
-    although a_jj > a_ii. The `WIDTH` farthest inside and nearest outside are tried.
+    Taking out i and in j multiplies the determinant of the scatter by (1 - a_ii)(1 + a_jj) + a_ij^2 with
+    a_kl = (1 + (x_k - m)' C^-1 (x_l - m)) / h (Hawkins 1994). Only pairs for which the first term is below 1 can help.
+    `pairs` (2, n) is scratch for their indices.
     """
     for _ in range(4 * n):
         _, m, c = moments(x, y, z, w, n)
         p = inverse(c)
         mahalanobis2(x, y, z, n, m, c, d2)
+        farthest, nearest = _margin(d2, w, n)
+        a_in, a_out = (1.0 + farthest) / h, (1.0 + nearest) / h
+        least_in, most_out = h * a_out / (1.0 + a_out) - 1.0, h * a_in / (1.0 - a_in) - 1.0
         n_in = n_out = 0
         for i in range(n):
-            if w[i] > 0.0:
-                n_in = _insert(inside, n_in, d2, i, 1.0)
-            else:
-                n_out = _insert(outside, n_out, d2, i, -1.0)
+            pairs[0, n_in] = i
+            n_in += w[i] > 0.0 and d2[i] > least_in
+            pairs[1, n_out] = i
+            n_out += w[i] == 0.0 and d2[i] < most_out
         best, leave, enter = 1.0 - 1e-9, -1, -1
-        for i in inside[:n_in]:
+        for k in range(n_in):
+            i = pairs[0, k]
             a, b, d = x[i] - m[0], y[i] - m[1], z[i] - m[2]
             u, v, t = p[0] * a + p[1] * b + p[2] * d, p[1] * a + p[3] * b + p[4] * d, p[2] * a + p[4] * b + p[5] * d
-            for j in outside[:n_out]:
-                factor = (1.0 - (1.0 + d2[i]) / h) * (1.0 + (1.0 + d2[j]) / h)
-                if factor >= best:
-                    break
+            stay = 1.0 - (1.0 + d2[i]) / h
+            for q in range(n_out):
+                j = pairs[1, q]
+                factor = stay * (1.0 + (1.0 + d2[j]) / h)
                 factor += ((1.0 + u * (x[j] - m[0]) + v * (y[j] - m[1]) + t * (z[j] - m[2])) / h) ** 2
                 if factor < best:
                     best, leave, enter = factor, i, j
@@ -241,72 +128,132 @@ def exchange(x: Any, y: Any, z: Any, n: int, h: int, w: Any, d2: Any, inside: An
     return determinant(c)
 
 
-@njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")
-def _heights(x: Any, y: Any, z: Any, n: int, axis: Any, out: Any) -> None:
-    """Write how far every point lies along `axis` from the least of them into `out`."""
-    least = math.inf
+@njit(cache=True, error_model="numpy")
+def _narrow(x: Any, y: Any, z: Any, n: int, m: Any, c: Any, u: Any, v: Any, t: Any) -> None:
+    """Write coordinates in float32 along the axes of the covariance, the widest first, each in units of its spread."""
+    largest, middle, least = eigenvalues(c)
+    a, b = eigenvector(c, largest), eigenvector(c, least)
+    fu, fv, ft = 1.0 / math.sqrt(largest), 1.0 / math.sqrt(max(middle, 1e-30)), 1.0 / math.sqrt(max(least, 1e-30))
+    e0, e1, e2 = b[1] * a[2] - b[2] * a[1], b[2] * a[0] - b[0] * a[2], b[0] * a[1] - b[1] * a[0]
     for i in range(n):
-        out[i] = axis[0] * x[i] + axis[1] * y[i] + axis[2] * z[i]
-        least = min(least, out[i])
-    for i in range(n):
-        out[i] -= least
+        dx, dy, dz = x[i] - m[0], y[i] - m[1], z[i] - m[2]
+        u[i] = fu * (a[0] * dx + a[1] * dy + a[2] * dz)
+        v[i] = fv * (e0 * dx + e1 * dy + e2 * dz)
+        t[i] = ft * (b[0] * dx + b[1] * dy + b[2] * dz)
 
 
 @njit(cache=True, error_model="numpy")
-def write_start(
-    start: int, x: Any, y: Any, z: Any, n: int, h: int, m: Any, c: Any, v: Any, w: Any, d2: Any, work: Any
-) -> None:
-    """Write the weights of one deterministic start; `m`, `c`, `v` are the classical mean, covariance and axes.
+def _write_start(start: int, x: Any, y: Any, z: Any, n: int, h: int, narrow: Any) -> None:
+    """Write the weights of one start into row 3.
 
-    0 the classical ellipsoid; 1 the points nearest to the centre; 2 the nearest quarter; 3-8 the lower and the upper
-    share along each axis (a sheet behind a sheet, the two sides of an edge).
+    0 the classical ellipsoid; 1 the points nearest to the centre; 2 the nearest quarter; 3-8 the upper and the lower
+    share along each axis (a sheet behind a sheet, the two sides of an edge); then four points drawn by xorshift64
+    (Marsaglia 2003), the same for the same number and n.
     """
+    w, d2, work = narrow[3], narrow[4], narrow[5]
+    if start >= N_SHAPED:
+        _write_random_start(start, n, w)
+        return
     n_kept = h
     if start == 0:
-        mahalanobis2(x, y, z, n, m, c, d2)
+        for i in range(n):
+            d2[i] = narrow[0, i] ** 2 + narrow[1, i] ** 2 + narrow[2, i] ** 2
     elif start <= 2:
         n_kept = h if start == 1 else max(5, n // 4)
+        scale = 0.0
         for i in range(n):
-            d2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
+            scale = max(scale, x[i] * x[i] + y[i] * y[i] + z[i] * z[i])
+        scale = 10.0 / max(scale, 1e-30)
+        for i in range(n):
+            d2[i] = scale * (x[i] * x[i] + y[i] * y[i] + z[i] * z[i])
     else:
-        sign = 1.0 if start % 2 else -1.0
-        axis = v[(start - 3) // 2]
-        _heights(x, y, z, n, (sign * axis[0], sign * axis[1], sign * axis[2]), d2)
-    keep_smallest(d2, n, n_kept, w, work)
+        axis, sign = narrow[(start - 3) // 2], 1.0 if start % 2 else -1.0
+        least = math.inf
+        for i in range(n):
+            d2[i] = sign * axis[i]
+            least = min(least, d2[i])
+        for i in range(n):
+            d2[i] -= least
+    keep_smallest(d2, n, n_kept, GUESS, w, work)
+
+
+@njit(cache=True, error_model="numpy")
+def _write_random_start(number: int, n: int, w: Any) -> None:
+    """Write weights 1 for four points drawn by their number."""
+    state = np.uint64(88172645463325252) + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15)
+    for i in range(n):
+        w[i] = 0.0
+    n_drawn = 0
+    while n_drawn < min(4, n):
+        state ^= state << np.uint64(13)
+        state ^= state >> np.uint64(7)
+        state ^= state << np.uint64(17)
+        drawn = (state >> np.uint64(33)) % np.uint64(n)
+        if w[drawn] == 0.0:
+            w[drawn] = 1.0
+            n_drawn += 1
+
+
+@njit(cache=True, error_model="numpy")
+def _pool_place(dets: Any, det: float) -> int:
+    """Return which row of the pool a subset of this determinant replaces: its like or the worst, -1 for none."""
+    worst = 0
+    for k in range(N_POOL):
+        if abs(dets[k] - det) <= SAME * det:
+            return k if det < dets[k] else -1
+        if dets[k] > dets[worst]:
+            worst = k
+    return worst if det < dets[worst] else -1
+
+
+@njit(cache=True, error_model="numpy")
+def _search(x: Any, y: Any, z: Any, n: int, h: int, narrow: Any, pairs: Any, dets: Any) -> None:
+    """Fill the pool (rows 7 on) with the best subsets; random starts follow until the best was met often enough."""
+    u, v, t, w, d2, work, last = narrow[0], narrow[1], narrow[2], narrow[3], narrow[4], narrow[5], narrow[6]
+    best, n_met = math.inf, 0
+    for start in range(N_SHAPED + N_RANDOM):
+        _write_start(start, x, y, z, n, h, narrow)
+        det = descend(u, v, t, n, h, w, d2, work, last)
+        if det < NEAR * best:
+            det = exchange(u, v, t, n, h, w, d2, pairs)
+        if det < best * (1.0 - SAME):
+            best, n_met = det, 0
+        if det <= best * (1.0 + SAME) and start >= N_SHAPED:
+            n_met += 1
+        place = _pool_place(dets, det)
+        if place >= 0:
+            dets[place] = det
+            for i in range(n):
+                narrow[7 + place, i] = w[i]
+        if n_met >= N_MET:
+            break
 
 
 @njit(cache=True, error_model="numpy")
 def minimum_covariance_determinant(
-    x: Any, y: Any, z: Any, n: int, h: int, w: Any, d2: Any, work: Any, subsets: Any
+    x: Any, y: Any, z: Any, n: int, h: int, w: Any, d2: Any, work: Any, narrow: Any, pairs: Any
 ) -> float:
     """Write weights 1 for the h of n points whose covariance has the least determinant, and return it [m6].
 
-    Deterministic starts take a few concentration steps each (Rousseeuw and van Driessen 1999, section 3.3); the best
-    are brought to where no exchange of a pair helps. `d2`, `work` (n,) and `subsets` (`N_STARTS` + 2, n) are scratch.
+    Scratch: `d2`, `work` (n,) float64, `narrow` (`NARROW_ROWS`, n) float32, `pairs` (2, n) int64.
     """
     for i in range(n):
         w[i] = 1.0
     _, m, c = moments(x, y, z, w, n)
-    largest, _, least = eigenvalues(c)
-    v1, v3 = eigenvector(c, largest), eigenvector(c, least)
-    v2 = (v3[1] * v1[2] - v3[2] * v1[1], v3[2] * v1[0] - v3[0] * v1[2], v3[0] * v1[1] - v3[1] * v1[0])
-    dets, inside, outside = np.empty(N_STARTS), np.empty(WIDTH, dtype=np.int64), np.empty(WIDTH, dtype=np.int64)
-    for start in range(N_STARTS):
-        subset = subsets[start]
-        write_start(start, x, y, z, n, h, m, c, (v3, v1, v2), subset, d2, work)
-        dets[start] = concentrate(x, y, z, n, h, N_STEPS, subset, d2, work)
+    _narrow(x, y, z, n, m, c, narrow[0], narrow[1], narrow[2])
+    dets = np.full(N_POOL, math.inf)
+    _search(x, y, z, n, h, narrow, pairs, dets)
     best = math.inf
     for _ in range(N_SURVIVORS):
-        start = int(np.argmin(dets))
-        if dets[start] == math.inf:
+        k = int(np.argmin(dets))
+        if dets[k] == math.inf:
             break
-        same = dets[start] * (1.0 + 1e-9)
-        for other in range(N_STARTS):  # starts that met are one
-            if dets[other] <= same:
-                dets[other] = math.inf
-        det = exchange(x, y, z, n, h, subsets[start], d2, inside, outside)
+        dets[k] = math.inf
+        for i in range(n):
+            work[i] = narrow[7 + k, i]
+        det = exchange(x, y, z, n, h, work, d2, pairs)
         if det < best:
             best = det
             for i in range(n):
-                w[i] = subsets[start, i]
+                w[i] = work[i]
     return best

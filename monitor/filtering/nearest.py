@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from monitor.filtering.mcd import smallest
+from monitor.filtering.covariance import smallest
 from projects.model import Floats, Ints
 
 MORTON_BITS = 21

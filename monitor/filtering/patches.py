@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from monitor.filtering.mcd import eigenvalues, eigenvector
+from monitor.filtering.covariance import eigenvalues, eigenvector
 from monitor.filtering.nearest import build_index, canonical_order, find_nearest
 from monitor.filtering.normals import MIN_POINTS, NormalSettings, fit_planes
 from projects.model import Bools, Floats, Ints

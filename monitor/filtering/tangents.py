@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from monitor.filtering.mcd import (
+from monitor.filtering.covariance import (
     FLOOR2,
-    N_STARTS,
     ORDER_FREE,
     eigenvalues,
     eigenvector,
+    keep_smallest,
     mahalanobis2,
-    minimum_covariance_determinant,
     moments,
     smallest,
 )
+from monitor.filtering.mcd import GUESS, NARROW_ROWS, minimum_covariance_determinant
 
 # Columns of the result: unit normal (sign arbitrary), eigenvalues of the consistent covariance [m2], height of the
 # point above the plane [m], noise used to judge it [m], state, points that define the plane, radius of the
@@ -52,13 +52,14 @@ MIN_COMPANIONS = 6
 MAX_COMPANIONS = 16
 FAR = 5.0
 CUT2 = 9.348403604496148  # chi-square, 3 degrees of freedom, 0.975 (Rousseeuw and van Driessen, reweighting step)
+MOST = 0.7  # share of the neighbours
 CHUNK = 256
 
 
 @njit(cache=True, error_model="numpy")
 def raw_factors(n: int) -> Any:
     """Return true over raw variance across and along a flat disc, for the h-subset with h = 0.55 n."""
-    return 3.65 * (1.0 + 4.6 / n), 1.4
+    return 3.95 * (1.0 + 3.2 / n), 1.27 * (1.0 + 2.0 / n)
 
 
 @njit(cache=True, error_model="numpy")
@@ -130,13 +131,43 @@ def companions(x: Any, y: Any, z: Any, n: int, w: Any, d2: Any, work: Any) -> An
 
 
 @njit(cache=True, error_model="numpy")
-def robust_plane(x: Any, y: Any, z: Any, n: int, h: int, noise: float, w: Any, d2: Any, work: Any, subsets: Any) -> Any:
+def plane_of_most(
+    x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: float, w: Any, d2: Any, work: Any
+) -> Any:
+    """Return (found, mean, covariance, lambda3) of a plane that `MOST` of the points keep to as noise alone makes them.
+
+    No other plane then has h of them: what the minimum covariance determinant would end in, found in two concentration
+    steps from the classical ellipsoid.
+    """
+    for i in range(n):
+        w[i] = 1.0
+    s, m, c = moments(x, y, z, w, n)
+    for _ in range(3):
+        mahalanobis2(x, y, z, n, m, c, d2)
+        keep_smallest(d2, n, h, GUESS, w, work)
+        _, m, c = moments(x, y, z, w, n)
+    least = 0.0
+    for _ in range(2):
+        _, v, _ = plane_of(m, c)
+        for i in range(n):
+            height = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
+            w[i] = 1.0 if height * height <= CUT2 * noise * noise else 0.0
+        s, m, c = moments(x, y, z, w, n)
+        least = eigenvalues(c)[2] * s / max(s - 3.0, 1.0)
+        if not (s >= MOST * n and least <= limit * noise * noise):
+            return False, m, c, least
+    return True, m, c, least
+
+
+@njit(cache=True, error_model="numpy")
+def robust_plane(x: Any, y: Any, z: Any, n: int, h: int, noise: float, wide: Any, narrow: Any, pairs: Any) -> Any:
     """Return (mean, covariance, lambda3 free of bias, determinant); `w` holds 1 for the points of the plane.
 
     The covariance of least determinant is made consistent and used to weigh all points; what that gives weighs them
     once more (with few points the first is too uncertain). No point within the noise is cast out.
     """
-    det = minimum_covariance_determinant(x, y, z, n, h, w, d2, work, subsets)
+    w, d2, work = wide[0], wide[1], wide[2]
+    det = minimum_covariance_determinant(x, y, z, n, h, w, d2, work, narrow, pairs)
     _, m, c = moments(x, y, z, w, n)
     across, along = raw_factors(n)
     across2 = max(eigenvalues(c)[2] * across, noise * noise, FLOOR2)
@@ -175,9 +206,11 @@ def second_plane(x: Any, y: Any, z: Any, n: int, radius: float, scale: float, w:
 
 
 @njit(cache=True, error_model="numpy")
-def fit_tangent(x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: float, scratch: Any) -> Any:
+def fit_tangent(
+    x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: float, wide: Any, narrow: Any, pairs: Any
+) -> Any:
     """Return the row of `COLUMNS` of the point at the origin, whose n neighbours (itself among them) are given."""
-    w, d2, work, subsets = scratch[0], scratch[1], scratch[2], scratch[3:]
+    w, d2, work = wide[0], wide[1], wide[2]
     radius2 = 0.0
     for i in range(n):
         w[i], d2[i] = 1.0, x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
@@ -187,7 +220,9 @@ def fit_tangent(x: Any, y: Any, z: Any, n: int, h: int, noise: float, limit: flo
     state, scale, det = CLEAN, noise, math.nan
     least = eigenvalues(c)[2] * n / max(n - 3.0, 1.0)
     if not clean_plane(x, y, z, n, noise, limit, m, c):
-        m, c, least, det = robust_plane(x, y, z, n, h, noise, w, d2, work, subsets)
+        found, m, c, least = plane_of_most(x, y, z, n, h, noise, limit, w, d2, work)
+        if not found:
+            m, c, least, det = robust_plane(x, y, z, n, h, noise, wide, narrow, pairs)
         scale = math.sqrt(max(least, noise * noise))
         height = plane_of(m, c)[2]
         state = INLIER if height * height <= CUT2 * scale * scale else OUTLIER
@@ -210,7 +245,8 @@ def fit_tangents(points: Any, which: Any, neighbours: Any, n_use: Any, noise: An
     n_rows, k = neighbours.shape
     out = np.empty((n_rows, N_COLUMNS))
     for chunk in prange((n_rows + CHUNK - 1) // CHUNK):
-        xyz, scratch = np.empty((3, k)), np.empty((3 + N_STARTS, k))
+        xyz, wide = np.empty((3, k)), np.empty((3, k))
+        narrow, pairs = np.empty((NARROW_ROWS, k), dtype=np.float32), np.empty((2, k), dtype=np.int64)
         for r in range(chunk * CHUNK, min(n_rows, (chunk + 1) * CHUNK)):
             i, n = which[r], n_use[r]
             for j in range(n):
@@ -218,7 +254,7 @@ def fit_tangents(points: Any, which: Any, neighbours: Any, n_use: Any, noise: An
                 for axis in range(3):
                     xyz[axis, j] = points[q, axis] - points[i, axis]
             h = max((n + 4) // 2, int(share * n))
-            row = fit_tangent(xyz[0], xyz[1], xyz[2], n, h, noise[r], limits[n], scratch)
+            row = fit_tangent(xyz[0], xyz[1], xyz[2], n, h, noise[r], limits[n], wide, narrow, pairs)
             for column in range(N_COLUMNS):
                 out[r, column] = row[column]
     return out

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from monitor.declare import check_settings, setting
-from monitor.filtering.mcd import smallest
+from monitor.filtering.covariance import smallest
 from monitor.filtering.nearest import PointIndex, gather_ball
 from monitor.filtering.normals import TangentPlanes
 from monitor.filtering.roughness import classify_roughness

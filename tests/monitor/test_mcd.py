@@ -1,10 +1,13 @@
 """The minimum covariance determinant against plain NumPy and against FAST-MCD with many random starts."""
 
+import itertools
+
 import numpy as np
 import pytest
 from numba import njit
 
-from monitor.filtering import mcd, tangents
+from monitor.filtering import covariance, mcd, tangents
+from monitor.filtering.normals import clean_limits
 
 N_POINTS = 48
 H = int(0.55 * N_POINTS)
@@ -35,12 +38,12 @@ def scene(rng, name, n_discs, n=N_POINTS):
 
 
 @njit
-def run_kernel(coordinates, h, determinants, weights, scratch):
+def run_kernel(coordinates, h, determinants, weights, wide, narrow, pairs):
     """Run the kernel over neighbourhoods given as (m, 3, n)."""
     for i in range(len(coordinates)):
         x, y, z = coordinates[i, 0], coordinates[i, 1], coordinates[i, 2]
         determinants[i] = mcd.minimum_covariance_determinant(
-            x, y, z, len(x), h, weights[i], scratch[0], scratch[1], scratch[2:]
+            x, y, z, len(x), h, weights[i], wide[0], wide[1], narrow, pairs
         )
 
 
@@ -49,8 +52,41 @@ def minimum_determinants(neighbourhoods, h=H):
     m, n, _ = neighbourhoods.shape
     determinants, weights = np.empty(m), np.empty((m, n))
     coordinates = np.ascontiguousarray(neighbourhoods.transpose(0, 2, 1))
-    run_kernel(coordinates, h, determinants, weights, np.empty((2 + mcd.N_STARTS, n)))
+    narrow, pairs = np.empty((mcd.NARROW_ROWS, n), dtype=np.float32), np.empty((2, n), dtype=np.int64)
+    run_kernel(coordinates, h, determinants, weights, np.empty((2, n)), narrow, pairs)
     return determinants, weights
+
+
+@njit
+def run_fast_mcd(coordinates, h, subsets, determinants):
+    """Run FAST-MCD from each of the subsets (s, 4); every step is that of Rousseeuw and van Driessen, in float64."""
+    n = coordinates.shape[2]
+    w, d2, work = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(len(coordinates)):
+        x, y, z, best = coordinates[i, 0], coordinates[i, 1], coordinates[i, 2], np.inf
+        for subset in subsets:
+            w[:] = 0.0
+            w[subset] = 1.0
+            _, m, c = covariance.moments(x, y, z, w, n)
+            last = np.inf
+            for _ in range(100):
+                covariance.mahalanobis2(x, y, z, n, m, c, d2)
+                covariance.keep_smallest(d2, n, h, 5.0, w, work)
+                _, m, c = covariance.moments(x, y, z, w, n)
+                det = covariance.determinant(c)
+                if det >= last:
+                    break
+                last = det
+            best = min(best, last)
+        determinants[i] = best
+
+
+def fast_mcds(neighbourhoods, h, n_starts, rng):
+    """Return the determinants that FAST-MCD reaches from random starts; each kernel of it has its own twin here."""
+    m, n, _ = neighbourhoods.shape
+    subsets, determinants = np.argsort(rng.random((n_starts, n)), axis=1)[:, :4], np.empty(m)
+    run_fast_mcd(np.ascontiguousarray(neighbourhoods.transpose(0, 2, 1)), h, subsets, determinants)
+    return determinants
 
 
 def fast_mcd(points, h, n_starts, rng):
@@ -78,23 +114,23 @@ def test_eigenvalues_and_vectors_are_those_of_lapack(rng):
         matrix = scale * root @ root.T
         six = tuple(matrix[np.triu_indices(3)])
         values, vectors = np.linalg.eigh(matrix)
-        assert np.allclose(mcd.eigenvalues(six), values[::-1], rtol=1e-9, atol=1e-14 * values[2])
-        assert abs(vectors[:, 0] @ mcd.eigenvector(six, mcd.eigenvalues(six)[2])) > 1 - 1e-9
+        assert np.allclose(covariance.eigenvalues(six), values[::-1], rtol=1e-9, atol=1e-14 * values[2])
+        assert abs(vectors[:, 0] @ covariance.eigenvector(six, covariance.eigenvalues(six)[2])) > 1 - 1e-9
 
 
 def test_mahalanobis_distances_are_those_of_the_inverse(rng):
     points, root = rng.normal(size=(20, 3)), rng.normal(size=(3, 3))
     cov, mean, d2 = root @ root.T, rng.normal(size=3), np.empty(20)
-    mcd.mahalanobis2(*points.T.copy(), 20, tuple(mean), tuple(cov[np.triu_indices(3)]), d2)
+    covariance.mahalanobis2(*points.T.copy(), 20, tuple(mean), tuple(cov[np.triu_indices(3)]), d2)
     away = points - mean
     assert np.allclose(d2, np.einsum("ni,ij,nj->n", away, np.linalg.inv(cov), away))
 
 
 def test_the_smallest_are_kept_and_of_equal_ones_the_first(rng):
     for values in (rng.chisquare(3, 31), np.repeat([3.0, 1.0, 2.0], 5), np.zeros(9), np.r_[1e12, rng.random(20)]):
-        for h in (1, len(values) // 2, len(values)):
+        for h, guess in itertools.product((1, len(values) // 2, len(values)), (1e-9, 1.0, 1e9)):
             weights = np.empty(len(values))
-            mcd.keep_smallest(values, len(values), h, weights, np.empty(len(values)))
+            covariance.keep_smallest(values, len(values), h, guess, weights, np.empty(len(values)))
             assert weights.sum() == h
             assert set(np.flatnonzero(weights)) == set(np.argsort(values, kind="stable")[:h])
 
@@ -107,13 +143,21 @@ def test_determinant_is_that_of_the_points_it_names(rng):
         assert np.isclose(det, np.linalg.det(np.cov(p[w > 0].T, bias=True)), rtol=1e-6)
 
 
-@pytest.mark.parametrize(("name", "share"), [("outliers", 0.95), ("two sheets", 0.9), ("edge", 0.88), ("bowl", 0.82)])
-def test_determinant_is_within_a_hundredth_of_fast_mcd_with_500_random_starts(rng, name, share):
-    points = scene(rng, name, 60)
-    theirs = np.array([fast_mcd(p, H, 500, rng) for p in points])
+@pytest.mark.parametrize("name", ["flat", "outliers", "two sheets", "edge", "bowl"])
+def test_determinant_is_within_a_hundredth_of_fast_mcd_with_500_random_starts(rng, name):
+    """Of 99 % of neighbourhoods; of 600, three standard errors more may miss it where 99 % are true."""
+    points = scene(rng, name, 600)
+    theirs = fast_mcds(points, H, 500, rng)
     ours, _ = minimum_determinants(points)
-    assert (ours <= 1.01 * theirs).mean() >= share
+    assert (ours > 1.01 * theirs).sum() <= 6 + 7
     assert (ours <= 1.5 * theirs).all()
+
+
+def test_fast_mcd_of_the_kernels_is_that_of_plain_numpy(rng):
+    points = scene(rng, "edge", 4)
+    theirs = fast_mcds(points, H, 60, np.random.default_rng(1))
+    plain = [fast_mcd(p, H, 60, np.random.default_rng(1)) for p in points]
+    assert np.allclose(theirs, plain, rtol=1e-6)
 
 
 def test_an_exchange_lowers_what_concentration_steps_leave(rng):
@@ -147,3 +191,20 @@ def test_lambda3_of_noise_alone_is_the_noise_variance(rng, n):
     sizes, unknown, limits = np.full(len(points), n), np.zeros(len(points)), np.full(n + 1, 2.0)
     rows = tangents.fit_tangents(flat, near[:, 0].astype(np.int64), near, sizes, unknown, limits, 0.55)
     assert np.isclose(np.median(rows[:, tangents.COLUMNS.index("lambda3")]), 0.1**2, rtol=0.08)
+
+
+def test_a_plane_that_most_points_keep_to_is_taken_without_a_search_and_is_the_right_one(rng):
+    """Ten per cent of outliers: noise alone in the others says so. Two sheets, or an edge, are searched through."""
+    n_discs, n_bad = 300, 5
+    points = discs(rng, n_discs)
+    points[:, 1 : 1 + n_bad, 2] += rng.uniform(1, 4, (n_discs, n_bad))
+    for neighbourhoods, searched in ((points, 0.0), (scene(rng, "two sheets", 300), 1.0)):
+        neighbourhoods[:, 0] = [0.0, 0.0, 0.0]
+        flat, k = neighbourhoods.reshape(-1, 3), neighbourhoods.shape[1]
+        near = np.arange(len(flat), dtype=np.int32).reshape(-1, k)
+        which, sizes, noise = near[:, 0].astype(np.int64), np.full(n_discs, k), np.full(n_discs, 0.1)
+        rows = tangents.fit_tangents(flat, which, near, sizes, noise, clean_limits(k), 0.55)
+        assert np.isclose(np.isfinite(rows[:, tangents.COLUMNS.index("det")]).mean(), searched, atol=0.05)
+        tilt = np.arccos(np.minimum(np.abs(rows[:, 2]), 1.0))
+        assert np.sqrt((tilt**2).mean()) < 1.5 * np.sqrt(2.0) * 0.1 / np.sqrt((k - k // 10) * k / (4 * np.pi))
+        assert np.isclose(np.median(rows[:, tangents.COLUMNS.index("lambda3")]), 0.1**2, rtol=0.1)
