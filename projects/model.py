@@ -117,6 +117,14 @@ class PointCloud:
     def __len__(self) -> int:
         return len(self.points)
 
+    def incidence_cosines(self) -> Floats:
+        """Return the cosine (n,) of the angle between each point's normal and its beam; 1 where that is not known."""
+        if self.origins is None or self.normals is None:
+            return np.ones(len(self))
+        beams = self.origins - self.points
+        cosines = np.abs(np.einsum("ij,ij->i", beams, self.normals)) / np.linalg.norm(beams, axis=1)
+        return np.asarray(np.where(np.isfinite(cosines), cosines, 1.0))
+
     def take(self, which: Bools | Ints) -> PointCloud:
         """Return the points selected by a mask or by indices, with all that is known of them."""
         picked = {}

@@ -25,7 +25,15 @@ from monitor.registration.network import (
     solve_network,
 )
 from monitor.registration.network_covariance import mean_motion, network_covariance
-from monitor.registration.overlaps import Overlaps, PairFit, describe_pairs, first_radius, match_overlaps, misfit_of
+from monitor.registration.overlaps import (
+    Overlaps,
+    PairFit,
+    Steepest,
+    describe_pairs,
+    first_radius,
+    match_overlaps,
+    misfit_of,
+)
 from monitor.registration.sampling import cell_numbers, sample_source
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder
@@ -230,8 +238,9 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
     motions, places = _start_by_ties(network, [np.eye(4) for _ in range(n)])
     ties, components, radius = network.ties, TieScales(), network.radius
     prior, fine, pace, last = float("nan"), False, 1.0, np.zeros((n, 6))
+    steepest: Steepest = {}
     for step in range(1, max_iterations + 1):
-        matches = match_overlaps(network.overlaps, motions, radius, fine=fine)
+        matches = match_overlaps(network.overlaps, motions, radius, fine=fine, steepest=steepest)
         sigma = misfit_of(matches) if matches else _tie_sigma(network.ties)
         prior = max(sigma, _given_misfit(network)) if step == 1 else prior
         scales = _scales(network, matches, (sigma, prior), fine, motions)

@@ -21,19 +21,26 @@ TANGENTIAL_SPACINGS = 1.5  # within a sheet the nearest point is never farther a
 
 @dataclass(frozen=True)
 class Samples:
-    """The source's points that are matched: positions, unit normals, sigma [m] (0 where not stated), m."""
+    """The source's points that are matched: positions, unit normals, sigma [m] (0 where not stated), m; their
+    numbers in their side, and one sigma [m] of the error that their neighbourhood shares."""
 
     points: Floats
     normals: Floats
     sigma: Floats
+    index: Ints
+    shared: Floats
 
     def every(self, step: int) -> Samples:
         """Return every `step`-th sample."""
-        return Samples(self.points[::step], self.normals[::step], self.sigma[::step])
+        return Samples(
+            self.points[::step], self.normals[::step], self.sigma[::step], self.index[::step], self.shared[::step]
+        )
 
     def take(self, which: Ints) -> Samples:
         """Return the samples selected."""
-        return Samples(self.points[which], self.normals[which], self.sigma[which])
+        return Samples(
+            self.points[which], self.normals[which], self.sigma[which], self.index[which], self.shared[which]
+        )
 
 
 @dataclass(frozen=True)
@@ -41,7 +48,8 @@ class Matches:
     """Pairs of a moved source point and a target point; all arrays have one row per pair.
 
     `residuals` [m] are positive where the source lies outside of the target along `normals`; `source` numbers the
-    samples; `sigma` [m] is of both points together (0 where neither states one).
+    samples, `target` the target's points; `sigma` [m] is of both points together (0 where neither states one),
+    `shared` [m] of the errors that the neighbourhoods of both share.
     """
 
     source: Ints
@@ -52,6 +60,8 @@ class Matches:
     normals_target: Floats
     sigma: Floats
     tangential: Floats
+    target: Ints
+    shared: Floats
 
     def __len__(self) -> int:
         return len(self.source)
@@ -74,7 +84,7 @@ class MatchLimits:
 def make_samples(side: Side, which: Ints) -> Samples:
     """Return the samples `which` of a side."""
     sigma = np.zeros(len(which)) if side.sigma is None else side.sigma[which]
-    return Samples(side.points[which], side.normals_of(which), sigma)
+    return Samples(side.points[which], side.normals_of(which), sigma, which, side.shared[which])
 
 
 def match(samples: Samples, target: Side, T_target_source: Floats, limits: MatchLimits, both_oriented: bool,
@@ -106,5 +116,6 @@ def match(samples: Samples, target: Side, T_target_source: Floats, limits: Match
     keep[far] = tangential[far] <= TANGENTIAL_SPACINGS * target.spacing_of(nearest[far])
     sigma_target = 0.0 if target.sigma is None else target.sigma[nearest]
     sigma = np.hypot(samples.sigma[source], sigma_target)
-    pairs = Matches(source, moved, residuals, normals, n_source, n_target, sigma, tangential)
+    shared = np.hypot(samples.shared[source], target.shared[nearest])
+    pairs = Matches(source, moved, residuals, normals, n_source, n_target, sigma, tangential, nearest, shared)
     return pairs.take(keep)

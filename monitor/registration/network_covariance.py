@@ -82,11 +82,15 @@ def _tie_information(solution: Solution, scales: Scales, n: int) -> tuple[Floats
 
 
 def _information(points: Floats, a: Floats, b: Floats, lever: float) -> Floats:
-    """Return the information (6, 6) that the shape of a pair holds, free of the noise of the normals."""
+    """Return the information (6, 6) that the shape of a pair holds, free of the noise of the normals.
+
+    With few points noise can make it indefinite; what is negative is no information.
+    """
     unit = np.repeat([1.0 / lever, 1.0], 3)
     one, other = motion_rows(points, a, np.zeros(3)) * unit, motion_rows(points, b, np.zeros(3)) * unit
     cross = one.T @ other
-    return 0.5 * (cross + cross.T)
+    values, vectors = np.linalg.eigh(0.5 * (cross + cross.T))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _add_pair(matrix: Floats, key: tuple[int, int], block: Floats) -> None:

@@ -19,8 +19,12 @@ from projects.model import Floats
 from projects.transforms import invert
 
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
+STEEP = np.radians(60.0)  # beyond this incidence part of the spot may miss a bent surface; so in `spheres`
 SEARCH_MEDIANS, SEARCH_SHARE = 4.0, 0.1  # of the distances between scans as given; of the smallest scan's diagonal
 CLOSURE_HELD = 0.1  # of the best held motion: what a pair by itself hardly holds is not asked of it
+
+
+Steepest = dict[tuple[int, int], float]  # cosine of the incidence up to which pairs of two scans count
 
 
 @dataclass(frozen=True)
@@ -62,16 +66,35 @@ def first_radius(sides: Sequence[Side], samples: Sequence[Samples]) -> float:
     return float(min(SEARCH_MEDIANS * np.median(distances), limit)) if len(distances) else 0.0
 
 
-def match_overlaps(overlaps: Overlaps, motions: Sequence[Floats], radius: float, *, fine: bool) -> Pairs:
-    """Return the matches of every pair of scans that share enough points, in the frame of the second as given."""
+def match_overlaps(
+    overlaps: Overlaps, motions: Sequence[Floats], radius: float, *, fine: bool, steepest: Steepest | None = None
+) -> Pairs:
+    """Return the matches of every pair of scans that share enough points, in the frame of the second as given.
+
+    Where one scan saw a bent surface steeply or at its limb, part of its spot missed it, and its points lie outside by
+    tenths of the spot. The other scan sees that place from the front and would be drawn outwards, each scan of a ring
+    by the next: such pairs count only as far as two scans share too little else, the flattest first. How steep they
+    may be is kept in `steepest` at the first fine matching, so that it swings no iteration.
+    """
+    steepest = {} if steepest is None else steepest
     aside = 1.5 * overlaps.spacing if fine else radius
     limits = MatchLimits(radius, aside, np.radians(30.0 if fine else 45.0))
     found = {}
     for i, j in overlaps.pairs:
         matches = match(overlaps.samples[i], overlaps.sides[j], invert(motions[j]) @ motions[i], limits, True)
         if len(matches) >= FEWEST_PAIRS:
-            found[i, j] = matches
+            own = overlaps.sides[i].frontality_of(overlaps.samples[i].index[matches.source])
+            cosines = np.minimum(own, overlaps.sides[j].frontality_of(matches.target))
+            limit = steepest.get((i, j), _steepest(cosines))
+            found[i, j] = matches.take(cosines >= limit)
+            if fine:
+                steepest[i, j] = limit
     return found
+
+
+def _steepest(cosines: Floats) -> float:
+    """Return the cosine of the steepest incidence that counts, such that enough pairs do."""
+    return float(min(np.cos(STEEP), np.partition(cosines, -FEWEST_PAIRS)[-FEWEST_PAIRS]))
 
 
 def misfit_of(matches: Pairs) -> float:

@@ -26,7 +26,8 @@ MEAN_OF_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 
 @dataclass(frozen=True)
 class Patches:
-    """Sums over the pairs of each patch: count, mean residual [m], mean row, normal equations."""
+    """Sums over the pairs of each patch: count, mean residual [m], mean row, normal equations, and the variance
+    `shared2` [m2] that the two surfaces state for whole neighbourhoods there."""
 
     count: Floats
     mean: Floats
@@ -34,6 +35,7 @@ class Patches:
     information: Floats
     right: Floats
     member: Ints
+    shared2: Floats
 
 
 def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
@@ -54,6 +56,7 @@ def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
         information=total(products).reshape(-1, 6, 6),
         right=-total(rows * matches.residuals[:, None]),
         member=member,
+        shared2=np.bincount(member, matches.shared**2, n) / count,
     )
 
 
@@ -101,7 +104,11 @@ def weighted_median(values: Floats, weights: Floats) -> float:
 
 
 def follows(patches: Patches, matches: Matches, motion: Floats, keep: Bools, centre: Floats) -> Bools:
-    """Return which patches' mean residual and scatter are explained by noise once `motion` is applied."""
+    """Return which patches' mean residual and scatter are explained by noise once `motion` is applied.
+
+    A patch that is off by no more than what its epochs' scans disagree by has not been seen to move; without it the
+    motion would be that of one side, and the other side twice as far off.
+    """
     left = patches.mean + patches.row @ motion
     residuals = matches.residuals + motion_rows(matches.points, matches.normals, centre) @ motion
     among = keep if keep.any() else np.abs(left) <= weighted_median(np.abs(left), patches.count)
@@ -111,5 +118,6 @@ def follows(patches: Patches, matches: Matches, motion: Floats, keep: Bools, cen
     spread2 = robust_scale(left[among]) ** 2
     common2 = max(spread2 - float(np.median(noise2[among])), 0.0)
     scatter = np.bincount(patches.member, np.abs(residuals)) / patches.count
-    quiet = scatter < KEEP_SCATTER * max(float(np.median(scatter[among])), 1e-300)
-    return (np.abs(left) <= KEEP_SIGMAS * np.sqrt(noise2 + common2) + 1e-12) & quiet
+    usual = max(float(np.median(scatter[among])), 1e-300)
+    quiet = scatter < KEEP_SCATTER * np.hypot(usual, MEAN_OF_ABSOLUTE * np.sqrt(patches.shared2))
+    return (np.abs(left) <= KEEP_SIGMAS * np.sqrt(noise2 + np.maximum(common2, patches.shared2)) + 1e-12) & quiet

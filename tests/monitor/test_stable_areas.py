@@ -22,7 +22,18 @@ def make_pairs(rng: np.random.Generator, changed: float, motion: Floats) -> tupl
     residuals += np.where(is_changed, 0.002 + 0.001 * np.sin(30 * points[:, 0]), 0.0)
     zeros = np.zeros(len(points))
     return (
-        Matches(np.arange(len(points)), points, residuals, normals, normals, normals, zeros, zeros),
+        Matches(
+            np.arange(len(points)),
+            points,
+            residuals,
+            normals,
+            normals,
+            normals,
+            zeros,
+            zeros,
+            np.arange(len(points)),
+            zeros,
+        ),
         numbers,
         is_changed,
     )
@@ -38,6 +49,14 @@ def test_the_majority_is_found_while_the_rest_changed_to_one_side(rng: np.random
     assert found[:3] == pytest.approx(motion[:3], abs=15e-6 / 0.15)
     assert is_stable[~is_changed].mean() > 0.93
     assert not changed or is_stable[is_changed].mean() < 0.02
+
+
+def test_what_scans_of_an_epoch_disagree_by_has_not_moved(rng: np.random.Generator) -> None:
+    pairs, numbers, is_off = make_pairs(rng, 0.4, np.zeros(6))  # off by 1 to 3 mm, all to one side
+    stated = Matches(**{**vars(pairs), "shared": np.full(len(pairs), 0.0015)})
+    motion, is_stable = find_stable(stated, numbers, np.zeros(3), np.random.default_rng(0))
+    assert is_stable[is_off].mean() > 0.95  # without: less than 0.02, and the motion that of the other side
+    assert np.linalg.norm(motion[3:]) > 1e-4
 
 
 def test_a_patch_that_roughened_without_moving_is_not_stable(rng: np.random.Generator) -> None:
