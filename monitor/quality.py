@@ -5,12 +5,14 @@ In come a surface and the filtered clouds of its scans, out come signed distance
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from monitor.reconstruction import surface_to_points
 from monitor.registration.agreement import Agreement, assess_agreement
+from monitor.registration.placement import placement_sigma
+from monitor.registration.sides import prepare_side
 from projects.model import Floats, PointCloud, Surface
 
 
@@ -22,9 +24,31 @@ def distances_to_surface(surface: Surface, clouds: Sequence[PointCloud]) -> list
 def assess_scans(surface: Surface, clouds: Sequence[PointCloud]) -> Agreement:
     """Return how well the scans agree with each other, over their common surface."""
     distances = distances_to_surface(surface, clouds)
+    spacing = _typical_spacing(clouds)
+    points, cosines = [c.points for c in clouds], [_frontality(c) for c in clouds]
+    return assess_agreement(surface.vertices, points, distances, spacing, cosines)
+
+
+def _frontality(cloud: PointCloud) -> Floats:
+    """Return how frontally each point (n,) was seen: the cosine of its incidence, 0 at a rim or without a normal."""
+    cosines = np.zeros(len(cloud))
+    if len(cloud):
+        side = prepare_side(cloud, np.zeros(3))
+        cosines[side.index] = side.frontality_of(np.arange(len(side)))
+    return cosines
+
+
+def assess_placement(surface: Surface, clouds: Sequence[PointCloud], network: Mapping[str, Floats]) -> Floats:
+    """Return one sigma (n,) [m] of the surface by where the adjustment put its scans (named by `scan_index`)."""
+    scans = [0 if c.scan_index is None else int(c.scan_index[0]) for c in clouds]
+    covariances, centres = network["covariances"][scans], network["centres"][scans]
+    return placement_sigma(surface.vertices, clouds, _typical_spacing(clouds), covariances, centres)
+
+
+def _typical_spacing(clouds: Sequence[PointCloud]) -> float:
+    """Return the median distance [m] between neighbouring measurements of all scans."""
     spacings = [c.spacing for c in clouds if c.spacing is not None and len(c)]
-    spacing = float(np.nanmedian(np.concatenate(spacings)))
-    return assess_agreement(surface.vertices, [c.points for c in clouds], distances, spacing)
+    return float(np.nanmedian(np.concatenate(spacings)))
 
 
 def describe_distances(distances: Floats) -> dict[str, float]:

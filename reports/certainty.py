@@ -130,6 +130,7 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
         ("Scans against each other before adjustment", *_lengths(found, "network", "misfit_before_m")),
         ("after adjustment", *(_adjusted(f.get("network", {})) for f in found)),
         ("Disagreement left between scans (one sigma)", *_lengths(found, "surface", "scan_disagreement_m")),
+        ("Placement of the scans by the adjustment (one sigma)", *_lengths(found, "surface", "scan_placement_m")),
         ("Surface against its scans: mean", *(_length(f, "bias_m", signed=True) for f in fitted)),
         ("scatter (robust sigma, NMAD)", *(_length(f, "nmad_m") for f in fitted)),
         ("95\u00a0% of the points within", *(_length(f, "p95_m") for f in fitted)),

@@ -60,3 +60,23 @@ def test_without_overlap_the_misfit_is_unknown_and_not_zero(rng: np.random.Gener
     agreement = assess_agreement(points[0][:10], points, distances, 0.01)
     assert np.isnan(agreement.sigma).all()
     assert np.isnan(agreement.sigma_scan)
+
+
+def test_a_scan_that_saw_a_place_steeply_is_less_sure_there(rng: np.random.Generator) -> None:
+    points = [patch_of_points(rng, 0.0, 2.0) for _ in range(2)]
+    steep = points[0][:, 0] > 1.0  # the first scan sees the farther half at 75 degrees
+    cosines = [np.where(steep, np.cos(np.radians(75.0)), 1.0), np.ones(len(points[1]))]
+    errors = np.where(steep, offsets_by_cube(points[0], rng, 0.003), offsets_by_cube(points[0], rng, 0.0004))
+    distances = [errors, offsets_by_cube(points[1], rng, 0.0004)]
+    found = assess_agreement(points[0][:5], points, distances, 0.01, cosines)
+    assert found.sigma_by_incidence[0] == pytest.approx(0.0004, rel=0.15)  # all in one class: 0.0016
+    assert found.sigma_by_incidence[3] == pytest.approx(0.003, rel=0.15)
+    assert found.sigma_by_incidence[4] == found.sigma_by_incidence[3]  # steeper than anything that overlaps
+    alone = patch_of_points(rng, 3.0, 4.0)  # seen by the first scan only, as steeply
+    more = [np.concatenate([points[0], alone]), points[1]]
+    cosines[0] = np.concatenate([cosines[0], np.full(len(alone), np.cos(np.radians(75.0)))])
+    distances[0] = np.concatenate([distances[0], np.zeros(len(alone))])
+    where = np.array([[3.5, 0.5, 0.0], [0.5, 0.5, 0.0]])
+    sigma = assess_agreement(where, more, distances, 0.01, cosines).sigma
+    assert sigma[0] == pytest.approx(0.003, rel=0.2)
+    assert sigma[1] == pytest.approx(0.0004, rel=0.6)
