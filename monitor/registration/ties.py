@@ -18,6 +18,7 @@ from projects.model import Bools, ControlPoint, Floats, Ints, SurveyTarget
 from projects.transforms import apply
 
 FARTHEST = 0.1  # m, apart as given, that two scans' views of one target may lie
+CLEARLY_MORE = 3  # pairs by invariants than by nearness: a place far from the given one is only then believed
 SHARE_OF_SPACING = 0.4  # of the distance to the next target of the same scan
 UNSTATED_CONTROL = 0.004  # m, one sigma of a control network by tachymetry (`papers/002`)
 LEAST_SIGMA = 0.0005  # m, below which points are not held to be known when they are told apart
@@ -76,8 +77,10 @@ def identify_targets(targets: Sequence[Sequence[SurveyTarget]], control: Sequenc
 
     Notes
     -----
-    Three targets or more of a scan are matched with the control points by invariants, wherever the scan lies as given;
-    fewer, and those that are no control points, by nearness. A point seen once that is no control point ties nothing.
+    Three targets or more of a scan are matched with the control points by invariants, wherever the scan lies as given,
+    unless some already lie on control as given and the invariants would carry the scan elsewhere (targets placed alike
+    on both sides of an axis); fewer, and those that are no control points, by nearness. A point seen once that is no
+    control point ties nothing.
     """
     named = [_name_targets(seen, control) for seen in targets]
     groups: list[_Group] = [_Group(c.name, c.position, c) for c in control]
@@ -145,9 +148,21 @@ def _name_targets(seen: Sequence[SurveyTarget], control: Sequence[ControlPoint])
         pairs = match_points(np.array([t.centre for t in seen]), positions, sigma_of(seen), sigma)
     except RegistrationError:
         return names
+    moved = apply(pairs.T_target_source, np.array([t.centre for t in seen]))
+    n_near = _count_near(seen, positions)
+    goes_far = any(np.linalg.norm(moved[i] - seen[i].centre) > FARTHEST for i in pairs.source)
+    if goes_far and n_near and len(pairs) < n_near + CLEARLY_MORE:
+        return names  # targets that lie on control as given: a symmetric arrangement fits elsewhere as well
     for i, j in zip(pairs.source, pairs.target, strict=True):
         names[i] = control[j].name
     return names
+
+
+def _count_near(seen: Sequence[SurveyTarget], positions: Floats) -> int:
+    """Return how many targets of a scan lie, as given, where a control point is."""
+    places = np.array([t.centre for t in seen])
+    apart = np.linalg.norm(places[:, None] - positions[None], axis=2)
+    return int((apart.min(axis=1) <= _gate(places)).sum())
 
 
 def _onto_control(seen: Sequence[SurveyTarget], names: Sequence[str], control: Sequence[ControlPoint]) -> Floats:

@@ -114,6 +114,24 @@ def test_the_true_poses_lie_in_the_95_percent_ellipsoids_as_often_as_stated(is_a
     assert np.mean(np.array(each) < chi2.ppf(0.95, 6)) >= 0.88
 
 
+def test_targets_placed_alike_on_both_sides_are_those_where_the_scan_was_given(rng: np.random.Generator) -> None:
+    # of control the scan sees Q alone; three of its targets lie as control does, mirrored about x = 0
+    known = {"P": (-9.0, -4.0, 1.2), "Q": (3.0, -4.0, 1.2), "R": (-5.0, -6.5, 0.2)}
+    seen = {"other": (-3.0, -4.0, 1.2), "Q": (3.0, -4.0, 1.2), "far": (9.0, -4.0, 1.2), "foot": (5.0, -6.5, 0.2)}
+    control = [ControlPoint(name, np.array(at), 0.0005) for name, at in known.items()]
+    sigma = np.eye(3) * 0.0003**2
+    targets = [
+        SurveyTarget("sphere", np.array(at) + rng.normal(0, 0.0003, 3) + 0.01, sigma, 0.07, 0.001, 100, 1.0)
+        for at in seen.values()
+    ]
+    ties = identify_targets([targets], control)
+    assert [ties.names[p] for p in ties.point] == ["Q"]
+    # where nothing lies on control as given, the frames differ and the invariants decide
+    away = [dataclasses.replace(t, centre=t.centre + 0.7) for t in targets]
+    ties = identify_targets([away], control)
+    assert sorted(ties.names[p] for p in ties.point) == ["P", "Q", "R"]
+
+
 def test_targets_are_identified_by_invariants_however_far_the_poses_are_off(rng: np.random.Generator) -> None:
     places = target_places(6)
     errors = [np.eye(4), perturb(np.eye(4), np.zeros(3), np.array([0.5, 1.2, -0.3, 4.0, -2.0, 1.0]))]
