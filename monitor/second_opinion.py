@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from monitor.comparison.m3c2 import M3C2Result, m3c2
-from monitor.comparison.side import vertex_areas
 from monitor.comparison.sight import StationSight, gather_sight
+from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.record import Place
 from monitor.registration.covariance import propagate
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
@@ -59,7 +59,8 @@ def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud
     if not len(cores) or side.surface.normals is None:
         return {"n_core_points": 0}
     fewest = min(len(reference), len(compared))
-    radius = float(np.sqrt(PER_CYLINDER * vertex_areas(side.surface).sum() / max(fewest, 1) / np.pi))
+    area = float(vertex_areas(make_mesh(side.surface.vertices, side.surface.faces)).sum())
+    radius = float(np.sqrt(PER_CYLINDER * area / max(fewest, 1) / np.pi))
     points, normals = side.surface.vertices[cores], side.surface.normals[cores]
     motion = propagate(registration.covariance, registration.centre, points, normals)
     shared = _median_shared(side.surface.sigma_shared, cores)

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER, find_feet
-from monitor.comparison.mesh_tree import MeshTree, angle_weighted_normals, build_tree, morton_codes
+from monitor.comparison.mesh_tree import MeshTree, build_tree
+from monitor.comparison.morton import point_order
+from monitor.comparison.rim import distance_to_rim
+from monitor.comparison.stars import angle_weighted_normals, make_mesh
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
-
-FAR_EDGES = 40.0  # a free edge farther than this many edges has no influence
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def unit_normals(surface: Surface, from_faces: Floats | None = None) -> Floats:
     `from_faces` (n, 3) are the angle-weighted ones, where they are known already.
     """
     if from_faces is None:
-        from_faces = angle_weighted_normals(surface.vertices - surface.vertices.mean(axis=0), surface.faces)
+        from_faces = angle_weighted_normals(make_mesh(surface.vertices - surface.vertices.mean(axis=0), surface.faces))
     if surface.normals is None:
         return from_faces
     length = np.linalg.norm(surface.normals, axis=1, keepdims=True)
@@ -82,46 +82,21 @@ def distances_to_tree(surface: Surface, normals: Floats, tree: MeshTree, other: 
     `normals` (n, 3) are the vertices' unit normals, `limits` the search limit [m] and the largest angle [rad].
     """
     limit, max_angle = limits
-    points = np.ascontiguousarray(surface.vertices - tree.shift)
-    normals = np.ascontiguousarray(normals)
-    order = np.argsort(morton_codes(points), kind="stable")
-    face, weights, distances, outcome = find_feet(tree, points, normals, order, (limit, np.cos(max_angle)))
-    reasons = np.full(len(points), NotAssessed.SHEET_BETWEEN, dtype=np.uint8)
+    vertices, normals = np.ascontiguousarray(surface.vertices), np.ascontiguousarray(normals)
+    faces, weights, distances, outcome = find_feet(
+        tree, vertices, normals, point_order(vertices), (limit, np.cos(max_angle))
+    )
+    reasons = np.full(len(faces), NotAssessed.SHEET_BETWEEN, dtype=np.uint8)
     reasons[outcome == FOOT] = NotAssessed.ASSESSED
     reasons[outcome == ON_BORDER] = NotAssessed.FREE_EDGE
     reasons[outcome == NO_FOOT] = NotAssessed.NO_FACE
     reasons[outcome == NOTHING_NEAR] = NotAssessed.BEYOND_SEARCH
-    weights = np.column_stack((1.0 - weights.sum(axis=1), weights))
-    faces = np.where(face >= 0, tree.order[face], -1)
-    to_rim = np.full(len(points), np.nan)
-    found = faces >= 0
-    to_rim[found] = distance_to_rim(
-        tree, np.einsum("ni,nij->nj", weights[found], tree.vertices[tree.faces[face[found]]]), limit
-    )
+    to_rim, found = np.full(len(faces), np.nan), faces >= 0
+    feet = np.einsum("ni,nij->nj", weights[found], other.vertices[other.faces[faces[found]]])
+    to_rim[found] = distance_to_rim(tree, feet - tree.shift, limit)
     reasons[(reasons == NotAssessed.ASSESSED) & (to_rim < np.abs(distances))] = NotAssessed.FREE_EDGE
     reasons[(reasons == NotAssessed.ASSESSED) & _is_invented(other, faces)] = NotAssessed.NOT_SEEN
     return Feet(distances, faces, weights, reasons, to_rim)
-
-
-def distance_to_rim(tree: MeshTree, points: Floats, limit: float) -> Floats:
-    """Return the distance (n,) [m] of points to the free edges of a surface, to a quarter edge.
-
-    It is inf beyond the larger of `limit` [m] and `FAR_EDGES` median edges, and where there is no free edge. Points are
-    in the tree's coordinates; long free edges are taken in steps of half the surface's median edge.
-    """
-    face, side = np.nonzero(tree.neighbours < 0)
-    if not len(face):
-        return np.full(len(points), np.inf)
-    start = tree.vertices[tree.faces[face, side]]
-    end = tree.vertices[tree.faces[face, (side + 1) % 3]]
-    inner = tree.vertices[tree.faces[:, 0]] - tree.vertices[tree.faces[:, 1]]
-    step = 0.5 * float(np.median(np.linalg.norm(inner, axis=1)))
-    n_steps = np.clip(np.ceil(np.linalg.norm(end - start, axis=1) / max(step, 1e-300)), 1, 1000).astype(np.int64)
-    which = np.repeat(np.arange(len(face)), n_steps)
-    t = (np.arange(len(which)) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps)) / n_steps[which]
-    rim = start[which] + t[:, None] * (end - start)[which]
-    farthest = max(limit, 2.0 * FAR_EDGES * step)
-    return np.asarray(cKDTree(rim).query(points, distance_upper_bound=farthest, workers=-1)[0])
 
 
 def interpolate_at_feet(values: Floats, other: Surface, feet: Feet) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.side import vertex_areas
+from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.comparison.trend import Course, fit_course, fit_polynomial, predict
 from projects.errors import ComparisonError
 from projects.model import (
@@ -92,7 +92,8 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     sigma_reference = reference_share(changes[0].side, sigmas)
     line = fit_polynomial(years, distances, sigmas, sigma_reference, degree=1)
     curve = fit_polynomial(years, distances, sigmas, sigma_reference, degree=2)
-    areas = vertex_areas(changes[0].side.surface)
+    surface = changes[0].side.surface
+    areas = vertex_areas(make_mesh(surface.vertices, surface.faces))
     followed = follow_regions([c.side for c in changes], [sign_of_regions(c.comparison) for c in changes], areas)
     share = (sigma_reference / np.fmin.reduce(sigmas)) ** 2
     measured = [measure_footprint(f, changes, areas, share) for f in followed]

@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor.comparison.distances import Feet, distance_to_rim, distances_to_tree, interpolate_at_feet, unit_normals
+from monitor.comparison.distances import Feet, distances_to_tree, interpolate_at_feet, unit_normals
 from monitor.comparison.mesh_tree import MeshTree
+from monitor.comparison.rim import distance_to_rim
+from monitor.comparison.stars import mesh_edges
 from monitor.registration.covariance import propagate
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, rotate
@@ -91,7 +93,7 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     sigma = np.hypot(own, foot)
     reasons = feet.reasons.copy()
     reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
-    edges, areas = mesh_edges(trees[0]), vertex_areas(surface)
+    edges, areas = mesh_edges(trees[0]), trees[0].areas
     at_rim = to_rim < EXTRAPOLATED * np.sqrt(np.median(areas))  # False where there is no rim (NaN)
     reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
     reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
@@ -110,20 +112,6 @@ def _shared_sigma(surface: Surface) -> Floats:
     if surface.sigma_shared is None:
         return np.zeros(len(surface.vertices))
     return np.where(np.isfinite(surface.sigma_shared), surface.sigma_shared, 0.0)
-
-
-def vertex_areas(surface: Surface) -> Floats:
-    """Return the area each vertex stands for (n,) [m2]: a third of the faces around it."""
-    corners = surface.vertices[surface.faces]
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    total = np.bincount(surface.faces.ravel(), np.repeat(area / 3.0, 3), minlength=len(surface.vertices))
-    return np.asarray(total, dtype=np.float64)
-
-
-def mesh_edges(tree: MeshTree) -> Ints:
-    """Return the edges (e, 2) of a surface, each once."""
-    face, side = np.nonzero(tree.neighbours < np.arange(len(tree.faces))[:, None])  # its one face, or the later of two
-    return np.column_stack([tree.faces[face, side], tree.faces[face, (side + 1) % 3]]).astype(np.int64)
 
 
 def cosine_to_foot(side: Side, vertices: Ints) -> Floats:

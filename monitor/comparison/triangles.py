@@ -11,25 +11,25 @@ from numba import jit
 FACE, EDGE_AB, EDGE_BC, EDGE_CA, CORNER_A, CORNER_B, CORNER_C = range(7)
 
 
-@jit(nopython=True, cache=True, inline="always")
+@jit(nopython=True, cache=True)
 def sub(a, b):  # type: ignore[no-untyped-def]
     """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@jit(nopython=True, cache=True, inline="always")
+@jit(nopython=True, cache=True)
 def dot(a, b):  # type: ignore[no-untyped-def]
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@jit(nopython=True, cache=True, inline="always")
+@jit(nopython=True, cache=True)
 def cross(a, b):  # type: ignore[no-untyped-def]
     """Return the vector product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@jit(nopython=True, cache=True, inline="always")
+@jit(nopython=True, cache=True)
 def along(a, t, b):  # type: ignore[no-untyped-def]
     """Return a + t b."""
     return (a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2])
@@ -81,7 +81,7 @@ def crosses_triangle(p, direction, a, b, c):  # type: ignore[no-untyped-def]
     return dot(ac, q) / det
 
 
-@jit(nopython=True, cache=True, inline="always")
+@jit(nopython=True, cache=True)
 def box_distance2(p, nodes, i):  # type: ignore[no-untyped-def]
     """Return the squared distance of p to the box in nodes[i, 0:3], nodes[i, 3:6]; 0 inside."""
     dx = max(nodes[i, 0] - p[0], p[0] - nodes[i, 3], 0.0)
@@ -90,7 +90,7 @@ def box_distance2(p, nodes, i):  # type: ignore[no-untyped-def]
     return dx * dx + dy * dy + dz * dz
 
 
-@jit(nopython=True, cache=True, inline="always")
+@jit(nopython=True, cache=True)
 def cone_looks(looks, nodes, i):  # type: ignore[no-untyped-def]
     """Whether some face under node i may look the same way: its cone's axis is nodes[i, 6:9], its limit nodes[i, 9]."""
     return looks[0] * nodes[i, 6] + looks[1] * nodes[i, 7] + looks[2] * nodes[i, 8] >= nodes[i, 9]

@@ -9,7 +9,9 @@ import pytest
 import trimesh
 
 from monitor.comparison.distances import Feet, interpolate_at_feet, normal_distances
-from monitor.comparison.mesh_tree import angle_weighted_normals, face_neighbours
+from monitor.comparison.mesh_tree import build_tree
+from monitor.comparison.search import ANY, DEPTH, LOOKING, STANDING, nearest_point
+from monitor.comparison.stars import angle_weighted_normals, make_mesh
 from projects.errors import ComparisonError
 from projects.model import Floats, NotAssessed, Surface
 from projects.transforms import rotation_from_vector
@@ -194,12 +196,11 @@ def slow_twin(points: Floats, looks: Floats, other: Surface, limit: float) -> tu
     tri = other.vertices[other.faces]
     normals = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    pseudo = angle_weighted_normals(other.vertices, other.faces)
-    neighbours = face_neighbours(other.faces)
-    border = {v for f, k in zip(*np.nonzero(neighbours < 0), strict=True)
-              for v in (other.faces[f, k], other.faces[f, (k + 1) % 3])}  # fmt: skip
-    rim = [(other.vertices[other.faces[f, k]], other.vertices[other.faces[f, (k + 1) % 3]])
-           for f, k in zip(*np.nonzero(neighbours < 0), strict=True)]  # fmt: skip
+    pseudo = angle_weighted_normals(make_mesh(other.vertices, other.faces))
+    sides = np.vstack([other.faces[:, [0, 1]], other.faces[:, [1, 2]], other.faces[:, [2, 0]]])
+    _, which, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+    border = set(sides[which[count == 1]].ravel())
+    rim = [(other.vertices[a], other.vertices[b]) for a, b in sides[which[count == 1]]]
     distances, reasons = np.full(len(points), np.nan), np.full(len(points), int(NotAssessed.NO_FACE))
     to_rim = np.full(len(points), np.nan)
     for i, (p, look) in enumerate(zip(points, looks, strict=True)):
@@ -289,3 +290,34 @@ def test_any_number_of_threads_gives_the_same_bits(rng: np.random.Generator) -> 
     many = normal_distances(surface, other, LIMIT)
     np.testing.assert_array_equal(one.distances, many.distances)
     np.testing.assert_array_equal(one.faces, many.faces)
+
+
+def test_where_a_search_begins_changes_nothing(rng: np.random.Generator) -> None:
+    other = rough_ball(rng)
+    tree = build_tree(other, np.zeros(3), np.pi / 3)
+    points = rng.normal(size=(40, 3))
+    points *= (rng.uniform(0.8, 1.2, 40) / np.linalg.norm(points, axis=1))[:, None]
+    stack, bounds = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    for p in points:
+        looks = tuple(p / np.linalg.norm(p))
+        for kind in (ANY, LOOKING, STANDING):
+            found = {
+                nearest_point(tree, tuple(p), looks, (LIMIT, 0.5), seed, kind, stack, bounds)[:5]
+                for seed in (-1, 0, 77, len(tree.faces) - 1)
+            }
+            assert len(found) == 1
+
+
+def test_points_that_no_face_of_a_node_can_stand_under_are_passed_by_without_loss(rng: np.random.Generator) -> None:
+    other = rough_ball(rng)
+    tree = build_tree(other, np.zeros(3), np.pi / 3)
+    nodes = tree.nodes.copy()
+    nodes[:, 10] = np.pi  # nothing is passed by
+    stack, bounds = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    for p in rng.normal(0.0, 0.6, (200, 3)):
+        looks = tuple(p / np.linalg.norm(p))
+        both = [
+            nearest_point(t, tuple(p), looks, (LIMIT, 0.5), -1, STANDING, stack, bounds)[:5]
+            for t in (tree, tree._replace(nodes=nodes))
+        ]
+        assert both[0] == both[1]

@@ -1,0 +1,61 @@
+"""How far places on a surface are from its free edges: there it goes on beyond its samples, or was not seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from monitor.comparison.mesh_tree import MeshTree
+from monitor.comparison.stars import free_edges
+from projects.model import Bools, Floats
+
+FAR_EDGES = 40.0  # a free edge farther than this many edges has no influence
+MOST_CELLS = 100  # of the coarse grid that tells which points have a free edge near, along its longest side
+
+
+def distance_to_rim(tree: MeshTree, points: Floats, limit: float) -> Floats:
+    """Return the distance (n,) [m] of points to the free edges of a surface, to a quarter edge.
+
+    It is inf beyond the larger of `limit` [m] and `FAR_EDGES` median edges, and where there is no free edge. Points are
+    in the tree's coordinates; long free edges are taken in steps of half the surface's median edge.
+    """
+    edges = free_edges(tree, tree.is_border)
+    out = np.full(len(points), np.inf)
+    if not len(edges):
+        return out
+    inner = tree.vertices[tree.faces[:, 0]] - tree.vertices[tree.faces[:, 1]]
+    step = 0.5 * float(np.median(np.linalg.norm(inner, axis=1)))
+    rim = _points_along(tree.vertices[edges[:, 0]], tree.vertices[edges[:, 1]], step)
+    farthest = max(limit, 2.0 * FAR_EDGES * step)
+    near = np.flatnonzero(_is_near(rim, points, farthest))
+    out[near] = cKDTree(rim).query(points[near], distance_upper_bound=farthest, workers=-1)[0]
+    return out
+
+
+def _points_along(start: Floats, end: Floats, step: float) -> Floats:
+    """Return points (k, 3) along edges, their starts first, no farther apart than `step` [m]."""
+    n_steps = np.clip(np.ceil(np.linalg.norm(end - start, axis=1) / max(step, 1e-300)), 1, 1000).astype(np.int64)
+    which = np.repeat(np.arange(len(start)), n_steps)
+    t = (np.arange(len(which)) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps)) / n_steps[which]
+    return start[which] + t[:, None] * (end - start)[which]
+
+
+def _is_near(rim: Floats, points: Floats, farthest: float) -> Bools:
+    """Return whether each point (n,) lies in a cell of a coarse grid that has `rim` in it or beside it.
+
+    Cells are no smaller than `farthest` [m]: what is nearer than that is not passed over.
+    """
+    low = rim.min(axis=0)
+    size = np.ptp(rim, axis=0)
+    cell = max(farthest, float(size.max()) / MOST_CELLS)
+    n = np.floor(size / cell).astype(np.int64) + 3  # a cell more on either side
+    marked = np.zeros(n, dtype=np.bool_)
+    i, j, k = (np.floor((rim - low) / cell).astype(np.int64) + 1).T
+    for di in (-1, 0, 1):
+        for dj in (-1, 0, 1):
+            for dk in (-1, 0, 1):
+                marked[i + di, j + dj, k + dk] = True
+    at = np.floor((points - low) / cell).astype(np.int64) + 1
+    inside = ((at >= 0) & (at < n)).all(axis=1)
+    i, j, k = np.where(inside[:, None], at, 0).T
+    return inside & marked[i, j, k]

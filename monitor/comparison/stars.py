@@ -1,0 +1,236 @@
+"""Who touches whom on a mesh: the faces around each vertex, and what follows from them.
+
+In: vertices and faces. Out: normals, areas, edges and the border, made where they are asked for and not kept: the stars
+are all that a mesh holds beside its faces. Each loop step writes its own output, so threads change nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import jit, prange
+
+from monitor.comparison.triangles import along, cross, dot, sub
+from projects.model import Bools, Floats, Ints
+
+
+class Mesh(NamedTuple):  # a named tuple, since kernels take it whole; a `MeshTree` has these fields too
+    """Vertices (n, 3) [m], faces (m, 3), and the faces around vertex v, rising: from star_starts[v] on."""
+
+    vertices: Floats
+    faces: Ints
+    star_starts: Ints
+    star_faces: Ints
+
+
+def make_mesh(vertices: Floats, faces: Ints) -> Mesh:
+    """Return a mesh with its stars."""
+    faces = np.ascontiguousarray(faces)
+    return Mesh(np.ascontiguousarray(vertices), faces, *_gather_stars(faces, len(vertices)))
+
+
+def survey_vertices(mesh: Mesh) -> tuple[Floats, Floats, Floats, Bools]:
+    """Return of each vertex the normal (n, 3), area (n,) [m2], star angle (n,) [rad] and whether it is on the border.
+
+    The normal is the unit pseudo-normal, face normals weighted by their angle there, 0 without faces; the area a third
+    of the faces around; the star angle the largest of a face's normal to the vertex's, pi on the border, which is
+    where an edge is free.
+
+    References
+    ----------
+    Baerentzen and Aanaes (2005), Signed distance computation using the angle weighted pseudonormal.
+    """
+    return _survey_stars(mesh, _widest_star(mesh))
+
+
+def angle_weighted_normals(mesh: Mesh) -> Floats:
+    """Return the unit pseudo-normal of each vertex (n, 3); see `survey_vertices`."""
+    return survey_vertices(mesh)[0]
+
+
+def vertex_areas(mesh: Mesh) -> Floats:
+    """Return the area each vertex stands for (n,) [m2]; see `survey_vertices`."""
+    return survey_vertices(mesh)[1]
+
+
+def mesh_edges(mesh: Any) -> Ints:
+    """Return the edges (e, 2) of a mesh, each once: the smaller vertex first, rising."""
+    return np.asarray(_list_edges(mesh, _widest_star(mesh)))
+
+
+def free_edges(mesh: Any, is_border: Bools) -> Ints:
+    """Return the free edges (e, 2), each in the direction of its face."""
+    face, side = np.nonzero(_find_free_sides(mesh, is_border))
+    return np.column_stack([mesh.faces[face, side], mesh.faces[face, (side + 1) % 3]])
+
+
+def _widest_star(mesh: Any) -> int:
+    """Return the most ends that edges in the star of one vertex can have."""
+    return 3 * int(np.diff(mesh.star_starts).max(initial=0))
+
+
+@jit(nopython=True, cache=True)
+def _gather_stars(faces, n_vertices):  # type: ignore[no-untyped-def]
+    """Return starts (n + 1,) and faces (3 m,) of the stars."""
+    starts = np.zeros(n_vertices + 1, dtype=np.int32)
+    for f in range(len(faces)):
+        for k in range(3):
+            starts[faces[f, k] + 1] += 1
+    for v in range(n_vertices):
+        starts[v + 1] += starts[v]
+    around, filled = np.empty(3 * len(faces), dtype=np.int32), starts[:-1].copy()
+    for f in range(len(faces)):
+        for k in range(3):
+            v = faces[f, k]
+            around[filled[v]] = f
+            filled[v] += 1
+    return starts, around
+
+
+@jit(nopython=True, cache=True)
+def vertex_of(mesh, v):  # type: ignore[no-untyped-def]
+    """Return vertex v as a tuple."""
+    return (mesh.vertices[v, 0], mesh.vertices[v, 1], mesh.vertices[v, 2])
+
+
+@jit(nopython=True, cache=True)
+def corner_of(mesh, f, k):  # type: ignore[no-untyped-def]
+    """Return corner k of face f as a tuple."""
+    return vertex_of(mesh, mesh.faces[f, k])
+
+
+@jit(nopython=True, cache=True)
+def face_normal(mesh, f):  # type: ignore[no-untyped-def]
+    """Return the unit normal of face f; zeros where it has no area."""
+    a = corner_of(mesh, f, 0)
+    n = cross(sub(corner_of(mesh, f, 1), a), sub(corner_of(mesh, f, 2), a))
+    length = np.sqrt(dot(n, n))
+    scale = 1.0 / length if length > 0.0 else 0.0
+    return (n[0] * scale, n[1] * scale, n[2] * scale)
+
+
+@jit(nopython=True, cache=True)
+def face_across(mesh, f, side):  # type: ignore[no-untyped-def]
+    """Return the face across the edge ab, bc or ca (`side`) of face f; -1 where the edge is free.
+
+    Where more than two faces share the edge they follow each other in their order, the first after the last.
+    """
+    start, end = mesh.faces[f, side], mesh.faces[f, (side + 1) % 3]
+    here, first, before = 3 * f + side, -1, -1
+    for s in range(mesh.star_starts[start], mesh.star_starts[start + 1]):
+        g = mesh.star_faces[s]
+        if g == before:  # a face without area that has the vertex twice
+            continue
+        before = g
+        for k in range(3):
+            a, b = mesh.faces[g, k], mesh.faces[g, (k + 1) % 3]
+            if (a == start and b == end) or (a == end and b == start):
+                if 3 * g + k > here:
+                    return g
+                if first < 0:
+                    first = 3 * g + k
+    return first // 3 if first != here else -1
+
+
+@jit(nopython=True, cache=True)
+def _edge_ends(mesh, v, ends):  # type: ignore[no-untyped-def]
+    """Write the other ends of the edges of v's faces at v, one for each face; return how many they are."""
+    n, before = 0, -1
+    for s in range(mesh.star_starts[v], mesh.star_starts[v + 1]):
+        f = mesh.star_faces[s]
+        if f == before:
+            continue
+        before = f
+        for k in range(3):
+            a, b = mesh.faces[f, k], mesh.faces[f, (k + 1) % 3]
+            if (a == v) != (b == v):
+                ends[n] = b if a == v else a
+                n += 1
+    return n
+
+
+@jit(nopython=True, cache=True)
+def _keep_larger(ends, n, v):  # type: ignore[no-untyped-def]
+    """Keep the first `n` ends beyond v, each once, in front; return how many they are."""
+    kept = 0
+    for i in range(n):
+        is_new = ends[i] > v
+        for j in range(kept):
+            is_new = is_new and ends[j] != ends[i]
+        if is_new:
+            ends[kept] = ends[i]
+            kept += 1
+    return kept
+
+
+@jit(nopython=True, cache=True)
+def _list_edges(mesh, widest):  # type: ignore[no-untyped-def]
+    out, n = np.empty((3 * len(mesh.faces), 2), dtype=np.int32), 0
+    ends = np.empty(widest, dtype=np.int32)
+    for v in range(len(mesh.vertices)):
+        for k in range(_keep_larger(ends, _edge_ends(mesh, v, ends), v)):
+            out[n, 0], out[n, 1] = v, ends[k]
+            n += 1
+    return out[:n].copy()
+
+
+@jit(nopython=True, cache=True)
+def _has_lone_end(ends, n):  # type: ignore[no-untyped-def]
+    """Whether one of the first `n` ends is there once only: its edge has one face."""
+    for i in range(n):
+        n_same = 0
+        for j in range(n):
+            n_same += ends[i] == ends[j]
+        if n_same == 1:
+            return True
+    return False
+
+
+@jit(nopython=True, cache=True)
+def _find_free_sides(mesh, is_border):  # type: ignore[no-untyped-def]
+    out = np.zeros((len(mesh.faces), 3), dtype=np.bool_)
+    for f in range(len(mesh.faces)):
+        for side in range(3):
+            a, b = mesh.faces[f, side], mesh.faces[f, (side + 1) % 3]
+            out[f, side] = a != b and is_border[a] and is_border[b] and face_across(mesh, f, side) < 0
+    return out
+
+
+@jit(nopython=True, cache=True)
+def _weigh_star(mesh, v):  # type: ignore[no-untyped-def]
+    """Return the angle-weighted unit normal of vertex v, zeros without faces, and a third of the faces' area."""
+    at, total, area = vertex_of(mesh, v), (0.0, 0.0, 0.0), 0.0
+    for s in range(mesh.star_starts[v], mesh.star_starts[v + 1]):
+        f = mesh.star_faces[s]
+        k = 0 if mesh.faces[f, 0] == v else 1 if mesh.faces[f, 1] == v else 2
+        to_next, to_last = sub(corner_of(mesh, f, (k + 1) % 3), at), sub(corner_of(mesh, f, (k + 2) % 3), at)
+        across = cross(to_next, to_last)
+        size = np.sqrt(dot(across, across))
+        area += size / 6.0
+        if size > 0.0:
+            total = along(total, np.arctan2(size, dot(to_next, to_last)) / size, across)
+    length = np.sqrt(dot(total, total))
+    scale = 1.0 / length if length > 0.0 else 0.0
+    return (total[0] * scale, total[1] * scale, total[2] * scale), area
+
+
+CHUNK = 4096  # vertices that a thread takes at once, with one buffer
+
+
+@jit(nopython=True, parallel=True, cache=True)
+def _survey_stars(mesh, widest):  # type: ignore[no-untyped-def]
+    n = len(mesh.vertices)
+    normals, areas, angles = np.empty((n, 3)), np.empty(n), np.empty(n, dtype=np.float32)
+    is_border = np.empty(n, dtype=np.bool_)
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        ends = np.empty(widest, dtype=np.int32)
+        for v in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
+            normal, areas[v] = _weigh_star(mesh, v)
+            normals[v, 0], normals[v, 1], normals[v, 2] = normal
+            is_border[v] = _has_lone_end(ends, _edge_ends(mesh, v, ends))
+            least = -1.0 if is_border[v] else 1.0
+            for s in range(mesh.star_starts[v], mesh.star_starts[v + 1]):
+                least = min(least, dot(normal, face_normal(mesh, mesh.star_faces[s])))
+            angles[v] = np.arccos(max(least, -1.0)) if least < 1.0 else 0.0
+    return normals, areas, angles, is_border
