@@ -1,8 +1,12 @@
 """How many neighbours a tangent plane needs, and the noise of the scan (Nothegger and Dorninger, section 2.3).
 
 lambda3 of growing neighbourhoods is a variogram in n: it rises while the neighbourhood is a blob within the band of
-noise and stays once it is a disc. In: lambda3 at sampled points; out: the range n_o and the sill (the noise variance)
-of a spherical model fitted by generalized least squares (Genton 1998), interpolated over the scan.
+noise and stays once it is a disc. In: lambda3 at sampled points; out: the sill (the noise variance) and the range of a
+spherical model fitted by generalized least squares (Genton 1998), interpolated over the scan.
+
+The paper takes the range for n_o. From there on the normal means something, but its error goes on falling with 1 / n
+until the shape of the surface takes over: on simulated waves and spheres it is two to eight times what the best n
+leaves. n_o is therefore the n of least error, measured on the normals themselves as n grows (`find_sizes`).
 """
 
 from __future__ import annotations
@@ -17,6 +21,9 @@ from projects.model import Floats, Ints
 GROUP = 15  # sampled points whose curves are put together before fitting
 N_RANGES = 60
 SIGNIFICANT = 6.6 / GROUP  # chi-square, 1 degree of freedom, 0.99; a curve is the median of GROUP others
+N_POOLED = 40  # sampled points whose normals are put together
+N_APART = 4  # sizes apart, up to which normals are compared: farther ones differ by more than the third order
+LARGEST = 400  # n_o that can be told
 N_ITERATIONS = 3  # of the covariance, which depends on the model it serves to fit
 
 
@@ -111,10 +118,44 @@ def _fit_linear(
     return np.where(better, both, misfit), np.where(better, both_a, sill), np.where(better, both_b, growth)
 
 
-def model_neighbourhoods(
-    points: Floats, sizes: Ints, lambda3: Floats, radii: Floats, bounds: tuple[int, int]
-) -> NeighbourhoodModel:
-    """Fit n_o and the noise at sampled points.
+def find_sizes(points: Floats, sizes: Ints, normals: Floats, least: Floats) -> Floats:
+    """Return the neighbourhood size n_o (s,) whose normals have the least error, within 10 and `LARGEST`.
+
+    Parameters
+    ----------
+    points : (s, 3) m, sampled points.
+    sizes : (j,) growing neighbourhood sizes.
+    normals : (s, j, 3) unit normals at each sample and size, of either sign.
+    least : (s,) size from which on a neighbourhood reaches beyond the band of noise; smaller ones say nothing.
+
+    Notes
+    -----
+    Noise turns the normal of a disc of n points by a variance a / n^2 (that of the points over their number and the
+    mean square radius, which is as n); a surface of third order by an angle as r^2, b n. Neighbourhoods are nested, so
+    that normals at n and m differ by a (1 / n^2 - 1 / m^2) + b^2 (m - n)^2 in the mean square, whatever the true one.
+    The error a / n^2 + b^2 n^2 is least at n_o = (a / b^2)^(1/4): the n_o whose differences, on a logarithmic scale
+    and up to a common factor, come nearest to those measured, the squared mean of angles among `N_POOLED` samples.
+    Where fewer than three pairs are above `least`, n_o is `LARGEST`.
+    """
+    if len(sizes) < 3:
+        return np.full(len(points), float(sizes[-1]))
+    i, j = np.triu_indices(len(sizes), 1)
+    i, j = i[j - i <= N_APART], j[j - i <= N_APART]
+    sines = np.sqrt(np.maximum(1.0 - (normals[:, i] * normals[:, j]).sum(axis=2) ** 2, 0.0))
+    _, groups = cKDTree(points).query(points, min(N_POOLED, len(points)))
+    measured = 2.0 * np.log(np.maximum(sines[groups.reshape(len(points), -1)].mean(axis=1), 1e-9))
+    n, m = np.asarray(sizes, dtype=float)[i], np.asarray(sizes, dtype=float)[j]
+    candidates = np.geomspace(10.0, LARGEST, N_RANGES)
+    models = np.log(1.0 / n**2 - 1.0 / m**2 + (m - n) ** 2 / candidates[:, None] ** 4)
+    is_disc = n >= least[:, None]
+    is_known = is_disc.sum(axis=1) >= 3
+    used = is_disc | ~is_known[:, None]
+    misfit = np.stack([np.var(measured - model, axis=1, where=used) for model in models])
+    return np.where(is_known, candidates[np.argmin(misfit, axis=0)], float(LARGEST))
+
+
+def model_noise(points: Floats, sizes: Ints, lambda3: Floats, radii: Floats, largest: int) -> NeighbourhoodModel:
+    """Fit the noise at sampled points; their sizes are the ranges of the variograms, where the level is reached.
 
     Parameters
     ----------
@@ -122,16 +163,14 @@ def model_neighbourhoods(
     sizes : (j,) the neighbourhood sizes tried.
     lambda3 : (s, j) m2, robust least eigenvalue at each sample and size, free of the bias of small n.
     radii : (s,) m, radius of the largest neighbourhood.
-    bounds : least and largest n_o.
+    largest : the largest size that has a meaning.
     """
     _, groups = cKDTree(points).query(points, min(GROUP, len(points)))
     curves = np.median(lambda3[groups.reshape(len(points), -1)], axis=1)
     floor = 1e-12 * float(np.median(curves[:, -1])) + 1e-18
-    n_range, sill, growth = fit_spherical(sizes, np.maximum(curves, floor))
+    n_range, sill, _ = fit_spherical(sizes, np.maximum(curves, floor))
     sill = np.maximum(sill, floor)
-    # Beyond the second of the two the shape of the surface outweighs the noise.
-    n_best = np.minimum(n_range, np.sqrt(sill / np.maximum(growth, 1e-12 * sill)))
-    return NeighbourhoodModel(points, np.clip(n_best, *bounds), np.sqrt(undo_ball(sill, radii**2)))
+    return NeighbourhoodModel(points, np.minimum(n_range, largest), np.sqrt(undo_ball(sill, radii**2)))
 
 
 def undo_ball(lambda3: Floats, radii2: Floats) -> Floats:

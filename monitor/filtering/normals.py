@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_nearest, find_nearest_sorted
-from monitor.filtering.neighbourhoods import NeighbourhoodModel, model_neighbourhoods, undo_ball
+from monitor.filtering.neighbourhoods import NeighbourhoodModel, find_sizes, model_noise, undo_ball
 from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.tangents import OUTLIER, fit_tangents
@@ -24,6 +24,7 @@ from projects.model import Bools, Floats, Ints, PointCloud
 BLOCK = 32_768  # points whose neighbours are in memory at once; a multiple of LEAF
 N_SIZES = 14
 LEAST_SIZE = 10
+BAND = 3.0  # sigmas of the noise that a neighbourhood's radius must exceed for its normal to mean something
 MIN_POINTS = 8
 
 
@@ -34,7 +35,7 @@ class NormalSettings:
     n_neighbours: int | None = setting(
         None,
         unit="points",
-        meaning="neighbours of a tangent plane; auto: range of the variogram of lambda3",
+        meaning="neighbours of a tangent plane; auto: those whose normals have the least error",
         low=8,
         high=400,
     )
@@ -113,15 +114,20 @@ def sample_neighbourhoods(index: PointIndex, settings: NormalSettings) -> Neighb
     sizes = np.unique(np.rint(np.geomspace(min(LEAST_SIZE, largest), largest, N_SIZES)).astype(np.int64))
     which = np.unique(np.linspace(0, n_points - 1, min(settings.n_samples, n_points)).astype(np.int64))
     near = find_nearest_sorted(index, which, largest)
-    lambda3 = np.empty((len(which), len(sizes)))
-    for column, n in enumerate(sizes):
-        rows = _fit(index, which, near[:, :n], np.full(len(which), n), np.zeros(len(which)), settings)
-        lambda3[:, column] = rows[:, 5]
-    low, high = min(settings.min_neighbours, largest), largest
-    model = model_neighbourhoods(index.points[which], sizes, lambda3, rows[:, 10], (low, high))
+
+    def fit_sizes(noise: Floats) -> Floats:
+        return np.stack(
+            [_fit(index, which, near[:, :n], np.full(len(which), n), noise, settings) for n in sizes], axis=1
+        )
+
+    rows = fit_sizes(np.zeros(len(which)))
+    model = model_noise(index.points[which], sizes, rows[:, :, 5], rows[:, -1, 10], largest)
     if settings.n_neighbours is not None:
-        model = dataclasses.replace(model, sizes=np.full(len(which), float(min(settings.n_neighbours, n_points))))
-    return model
+        return dataclasses.replace(model, sizes=np.full(len(which), float(min(settings.n_neighbours, n_points))))
+    noise = model.at(model.points)[1]
+    normals = fit_sizes(noise)[:, :, :3]  # once more as they will be estimated, the noise known
+    best = find_sizes(model.points, sizes, normals, largest * (BAND * noise / rows[:, -1, 10]) ** 2)
+    return dataclasses.replace(model, sizes=np.clip(best, min(settings.min_neighbours, largest), largest))
 
 
 def _fit(index: PointIndex, which: Ints, near: Ints, n: Ints, noise: Floats, settings: NormalSettings) -> Floats:
