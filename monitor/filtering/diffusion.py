@@ -21,6 +21,7 @@ from monitor.filtering.normals import NormalSettings, fit_planes, known_directio
 from projects.model import Floats, Ints, PointCloud
 
 N_NEIGHBOURS = 8  # of a grid's pixel
+LOCAL = 25  # neighbours of a normal: as many as two steps reach, a point, its eight neighbours and theirs
 COMPATIBLE = 0.5  # cosine: only what looks the same way within 60 degrees exchanges heat
 RATE = 0.5  # share of its difference that a point exchanges in one step; stable below 1
 WHITE = 2.33  # sigmas: neighbours in what was removed agree more often than noise lets them once in a hundred
@@ -105,7 +106,7 @@ def diffuse_with_record(cloud: PointCloud, settings: DiffusionSettings | None = 
     require_points(cloud.points)
     order = canonical_order(cloud.points)
     ordered = cloud.take(order)
-    planes = fit_planes(build_index(ordered.points), known_directions(ordered), NormalSettings())
+    planes = fit_planes(build_index(ordered.points), known_directions(ordered), NormalSettings(max_neighbours=LOCAL))
     foot = ordered.points - planes.heights[:, None] * planes.normals
     graph = _link(ordered.points, foot, planes.normals)
     noise = 1.4826 * float(np.median(np.abs(graph.heights))) if len(graph.heights) else 0.0
