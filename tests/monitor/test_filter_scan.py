@@ -106,6 +106,9 @@ def test_a_grid_loses_its_mixed_pixels(rng):
     inner = (np.abs(rows - 49.5) < 48) & (np.abs(columns - 49.5) < 48) & (np.abs(columns - 50) > 2)
     assert result.cloud.n_merged.sum() > 0.99 * inner.sum()
     assert result.counts["rim"] < 1.2 * (4 * 99 + 2 * 100)  # the border of the field, and one column on either side
+    kept = filter_scan_with_record(scan).cloud  # rims stay by default
+    assert ((np.abs(kept.points[:, 2] - 3.0) < 0.01) | (np.abs(kept.points[:, 2] - 3.4) < 0.01)).mean() > 0.999
+    assert kept.n_merged.sum() > 0.97 * (~mixed).sum()
 
 
 def test_a_scan_without_enough_points_gives_an_empty_cloud(rng):
