@@ -26,6 +26,7 @@ from monitor.filtering.cyclic_adjustment import (
     search_wavelength,
     true_ranges,
 )
+from monitor.filtering.nearest import BLOCK
 from monitor.filtering.patches import find_plane_patches
 from monitor.filtering.thinning import draw_order
 from projects.model import Floats, Ints, Scan
@@ -138,13 +139,16 @@ def correct_range(scan: Scan, calibration: Calibration) -> Scan:
     """Return the scan with its points moved along their beams by the cyclic error; as it is where none is applied."""
     if not calibration.is_applied:
         return scan
-    beams = scan.cloud.points - scan.origin
-    ranges = np.linalg.norm(beams, axis=1)
     coefficients = np.concatenate(
         [calibration.amplitudes * np.cos(calibration.phases), calibration.amplitudes * np.sin(calibration.phases)]
     )
-    true = true_ranges(ranges, coefficients, calibration.wavelengths)
-    points = scan.origin + beams * (true / np.maximum(ranges, 1e-12))[:, None]
+    points = np.empty_like(scan.cloud.points)
+    for first in range(0, len(points), BLOCK):
+        block = slice(first, first + BLOCK)
+        beams = scan.cloud.points[block] - scan.origin
+        ranges = np.linalg.norm(beams, axis=1)
+        true = true_ranges(ranges, coefficients, calibration.wavelengths)
+        points[block] = scan.origin + beams * (true / np.maximum(ranges, 1e-12))[:, None]
     return dataclasses.replace(scan, cloud=dataclasses.replace(scan.cloud, points=points))
 
 

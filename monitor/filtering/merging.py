@@ -15,7 +15,7 @@ import numpy as np
 from monitor.filtering.diffusion import diffuse_with_record
 from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import MIN_POINTS, fit_planes, require_points
-from monitor.filtering.scan import FilterResult, FilterSettings, count_thinned, describe, thin_cloud
+from monitor.filtering.scan import FilterResult, FilterSettings, count_thinned, thin_cloud
 from monitor.filtering.seen_through import find_seen_through
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud
@@ -48,14 +48,14 @@ def merge_scans(
     require_points(merged.points)
     n_merged = len(merged)
     merged = merged.take(canonical_order(merged.points))
-    planes = fit_planes(build_index(merged.points), orientation_of(merged), settings.normals)
+    index = build_index(merged.points)
+    planes = fit_planes(index, orientation_of(merged), settings.normals)
     keep = ~planes.is_outlier
-    cloud, thinned, targets = thin_cloud(merged.take(keep), planes.take(keep), settings.thinning)
+    cloud, thinned, automatic = thin_cloud(merged, index, planes, keep, settings.thinning)
     counts = {
         "in": n_before, "seen_through": n_before - n_merged, "outlier": int((~keep).sum()),
         **count_thinned(int(keep.sum()), thinned),
     }  # fmt: skip
-    automatic = describe(planes.take(keep), thinned, targets)
     if settings.diffusion.enabled and len(cloud) >= MIN_POINTS:
         diffused = diffuse_with_record(cloud, settings.diffusion)
         return FilterResult(diffused.cloud, counts, {**automatic, "diffusion": diffused.automatic})

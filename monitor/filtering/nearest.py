@@ -17,6 +17,7 @@ from monitor.filtering.covariance import smallest
 from projects.model import Floats, Ints
 
 MORTON_BITS = 21
+BLOCK = 1 << 18  # points at a time
 LEAF = 8  # points of a leaf, whose neighbours are gathered together
 
 
@@ -27,9 +28,14 @@ def canonical_order(points: Floats) -> Ints:
     """
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
-    side = max(float(np.ptp(points, axis=0).max()), 1e-300)
-    cells = ((points - points.min(axis=0)) * ((2**MORTON_BITS - 1) / side)).astype(np.uint64)
-    code = _spread_bits(cells[:, 0]) << 2 | _spread_bits(cells[:, 1]) << 1 | _spread_bits(cells[:, 2])
+    least = points.min(axis=0)
+    scale = (2**MORTON_BITS - 1) / max(float((points.max(axis=0) - least).max()), 1e-300)
+    code = np.zeros(len(points), dtype=np.uint64)
+    for first in range(0, len(points), BLOCK):  # so that only the code is as long as the points
+        block = slice(first, first + BLOCK)
+        for axis in range(3):
+            cell = ((points[block, axis] - least[axis]) * scale).astype(np.uint64)
+            code[block] |= _spread_bits(cell) << np.uint64(2 - axis)
     order = np.argsort(code, kind="stable")
     equal = np.flatnonzero(np.diff(code[order]) == 0)
     if len(equal):
@@ -49,7 +55,10 @@ def _spread_bits(cell: Ints) -> Ints:
 
 @dataclass(frozen=True)
 class PointIndex:
-    """Points in canonical order and the boxes over their runs; node 1 is the root, 2i and 2i + 1 the children of i."""
+    """Points in canonical order and the boxes over their runs; node 1 is the root, 2i and 2i + 1 the children of i.
+
+    Boxes are in float32, rounded outward.
+    """
 
     points: Floats
     low: Floats
@@ -61,13 +70,18 @@ class PointIndex:
         return len(self.low) // 2
 
 
+def _outward(corners: Floats, towards: float) -> Floats:
+    """Return corners in float32, the next number towards minus or plus infinity."""
+    return np.nextafter(corners.astype(np.float32), np.float32(towards))
+
+
 def build_index(points: Floats) -> PointIndex:
     """Return the index of points (n, 3) [m] that are in canonical order."""
     n_leaves = 1 << max(0, math.ceil(math.log2(max(1, math.ceil(len(points) / LEAF)))))
-    low, high = np.full((2 * n_leaves, 3), np.inf), np.full((2 * n_leaves, 3), -np.inf)
+    low, high = (np.full((2 * n_leaves, 3), far, dtype=np.float32) for far in (np.inf, -np.inf))
     starts = np.arange(0, len(points), LEAF)
-    low[n_leaves : n_leaves + len(starts)] = np.minimum.reduceat(points, starts)
-    high[n_leaves : n_leaves + len(starts)] = np.maximum.reduceat(points, starts)
+    low[n_leaves : n_leaves + len(starts)] = _outward(np.minimum.reduceat(points, starts), -np.inf)
+    high[n_leaves : n_leaves + len(starts)] = _outward(np.maximum.reduceat(points, starts), np.inf)
     level = n_leaves
     while level > 1:
         children = slice(level, 2 * level)

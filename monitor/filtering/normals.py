@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -66,14 +67,13 @@ class NormalSettings:
 
 @dataclass(frozen=True)
 class TangentPlanes:
-    """The tangent plane of every point, in the order of the points.
+    """The tangent plane of every point, in the order of the points; in float32, of which there are tens of millions.
 
     Attributes
     ----------
     normals : (n, 3) unit vectors towards the scanner, or outward where its place is not known.
     lambda3, surface_variation : (n,) m2, 1: least eigenvalue (free of the bias of small n) and its share of the sum.
     relief2 : (n,) m2, mean square height of all neighbours over the plane: what roughness is told by.
-    sigma : (n,) m, spread of the neighbours across the plane: noise and what roughness the plane cannot follow.
     noise : (n,) m, noise alone, from the sills of the variograms around.
     heights : (n,) m, height of the point above its plane, along the normal.
     sigma_normal : (n,) rad, one sigma of the normal about its less certain axis.
@@ -87,7 +87,6 @@ class TangentPlanes:
     lambda3: Floats
     surface_variation: Floats
     relief2: Floats
-    sigma: Floats
     noise: Floats
     heights: Floats
     sigma_normal: Floats
@@ -95,6 +94,11 @@ class TangentPlanes:
     spacing: Floats
     reach: Floats
     is_outlier: Bools
+
+    @property
+    def sigma(self) -> Floats:
+        """(n,) m, spread of the neighbours across the plane: noise and what roughness the plane cannot follow."""
+        return np.sqrt(self.lambda3)
 
     def take(self, which: Bools | Ints) -> TangentPlanes:
         """Return the planes of the points selected."""
@@ -141,23 +145,35 @@ def fit_planes(index: PointIndex, towards: Floats | None, settings: NormalSettin
 
     Parameters
     ----------
-    towards : (n, 3) directions that each normal shall have a positive product with: to the scanner, or of an earlier
-        normal. None: neighbouring normals are made to agree and to look outward (`consistent_signs`).
+    towards : where the scanner stood (3,), or directions (n, 3) that each normal shall have a positive product with:
+        to the scanner, or of an earlier normal. None: neighbouring normals are made to agree and to look outward
+        (`consistent_signs`).
     """
-    model = sample_neighbourhoods(index, settings)
-    blocks = []
-    for first in range(0, len(index.points), BLOCK):
-        last = min(first + BLOCK, len(index.points))
-        n, noise = model.at(index.points[first:last])
-        n = np.minimum(n, len(index.points))
-        rows = _fit(index, np.arange(first, last), find_nearest(index, first, last, n), n, noise, settings)
-        blocks.append(_planes(rows, n, noise, None if towards is None else towards[first:last]))
-    names = [f.name for f in dataclasses.fields(TangentPlanes)]
-    planes = TangentPlanes(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in names})
+    model, n_points = sample_neighbourhoods(index, settings), len(index.points)
+    planes = _no_planes(n_points)
+    for first in range(0, n_points, BLOCK):
+        block = slice(first, min(first + BLOCK, n_points))
+        points = index.points[block]
+        n, noise = model.at(points)
+        n = np.minimum(n, n_points)
+        rows = _fit(index, np.arange(first, block.stop), find_nearest(index, first, block.stop, n), n, noise, settings)
+        ahead = None if towards is None else towards - points if towards.ndim == 1 else towards[block]
+        for name, values in vars(_planes(rows, n, noise, ahead)).items():
+            getattr(planes, name)[block] = values
     if towards is not None:
         return planes
     signs = consistent_signs(index.points, planes.normals)
-    return dataclasses.replace(planes, normals=planes.normals * signs[:, None], heights=planes.heights * signs)
+    planes.normals[:] *= signs[:, None]
+    planes.heights[:] *= signs
+    return planes
+
+
+def _no_planes(n_points: int) -> TangentPlanes:
+    """Return room for the planes of so many points."""
+    room: dict[str, Any] = {f.name: np.empty(n_points, dtype=np.float32) for f in dataclasses.fields(TangentPlanes)}
+    room["normals"] = np.empty((n_points, 3), dtype=np.float32)
+    room["n_neighbours"], room["is_outlier"] = np.empty(n_points, dtype=np.int32), np.empty(n_points, dtype=bool)
+    return TangentPlanes(**room)
 
 
 def _planes(rows: Floats, n: Ints, noise: Floats, towards: Floats | None) -> TangentPlanes:
@@ -169,7 +185,6 @@ def _planes(rows: Floats, n: Ints, noise: Floats, towards: Floats | None) -> Tan
         lambda3=lambda3,
         surface_variation=lambda3 / np.maximum(rows[:, 3] + middle + lambda3, 1e-300),
         relief2=rows[:, 13],
-        sigma=np.sqrt(lambda3),
         noise=noise,
         heights=rows[:, 6] * sign,
         sigma_normal=np.sqrt(lambda3 / np.maximum(rows[:, 9] * middle, 1e-300)),

@@ -28,7 +28,7 @@ def consistent_signs(points: Floats, normals: Floats) -> Floats:
     k = min(N_NEIGHBOURS, n_points)
     near = cKDTree(points).query(points, k, workers=2)[1].reshape(n_points, k)[:, 1:]
     rows, columns = np.repeat(np.arange(n_points), near.shape[1]), near.ravel()
-    agreement = np.abs((normals[rows] * normals[columns]).sum(axis=1))
+    agreement = np.abs((normals[rows] * normals[columns]).sum(axis=1, dtype=np.float64))
     graph = coo_array((1.0 + 1e-9 - np.minimum(agreement, 1.0), (rows, columns)), shape=(n_points, n_points)).tocsr()
     tree = minimum_spanning_tree(graph)
     _, part = connected_components(tree, directed=False)

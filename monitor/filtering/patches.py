@@ -54,7 +54,7 @@ def find_plane_patches(points: Floats, span: float, thickness: float) -> PlanePa
         return PlanePatches(np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
     points = points[canonical_order(points)]
     index = build_index(points)
-    planes = fit_planes(index, -points, NormalSettings(n_neighbours=16, n_samples=150))
+    planes = fit_planes(index, np.zeros(3), NormalSettings(n_neighbours=16, n_samples=150))
     near = find_nearest(index, 0, len(points), np.full(len(points), min(N_LINKS, len(points))))
     slopes = np.abs((planes.normals * points).sum(axis=1)) / np.linalg.norm(points, axis=1)
     usable = ~planes.is_outlier & (slopes > math.cos(MAX_INCIDENCE))

@@ -27,8 +27,11 @@ def classify_roughness(relief2: Floats, noise: Floats, n_neighbours: Ints) -> ND
     that; ROUGH: three times the noise or more. Surface variation is this over the sum of the eigenvalues, which is
     that of the neighbourhood whatever the noise: comparing one compares the other.
     """
-    degrees = np.maximum(np.asarray(n_neighbours) - 3.0, 1.0)
-    noise2 = np.maximum(np.asarray(noise) ** 2, 1e-300)
-    ratio = np.asarray(relief2) / noise2
-    classes = np.where(ratio > chi2.ppf(0.99, degrees) / degrees, Roughness.MEDIUM, Roughness.SMOOTH)
-    return np.where(ratio > ROUGH_TIMES_NOISE**2, Roughness.ROUGH, classes).astype(np.uint8)
+    sizes, size_of = np.unique(np.asarray(n_neighbours), return_inverse=True)
+    degrees = np.maximum(sizes - 3.0, 1.0)
+    limits = (chi2.ppf(0.99, degrees) / degrees)[size_of]
+    ratio = np.asarray(relief2) / np.maximum(np.asarray(noise) ** 2, 1e-30)
+    classes = np.full(len(ratio), Roughness.SMOOTH, dtype=np.uint8)
+    classes[ratio > limits] = Roughness.MEDIUM
+    classes[ratio > ROUGH_TIMES_NOISE**2] = Roughness.ROUGH
+    return classes

@@ -15,10 +15,17 @@ import numpy as np
 from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
 from monitor.filtering.diffusion import DiffusionSettings
-from monitor.filtering.nearest import build_index, canonical_order
+from monitor.filtering.nearest import PointIndex, build_index, canonical_order
 from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_finite
 from monitor.filtering.roughness import classify_roughness
-from monitor.filtering.silhouettes import SilhouetteSettings, find_grazing, find_mixed, find_rims, find_specks
+from monitor.filtering.silhouettes import (
+    SilhouetteSettings,
+    find_grazing,
+    find_mixed,
+    find_rims,
+    find_specks,
+    measure_ranges,
+)
 from monitor.filtering.thinning import ThinnedPoints, ThinningSettings, target_spacings, thin
 from monitor.filtering.voxel_median import take_medians
 from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan
@@ -85,13 +92,12 @@ def filter_scan_with_record(
     if calibration is not None:
         scan = correct_range(scan, calibration)
     scan = scan.take(canonical_order(scan.cloud.points))
-    beams = scan.origin - scan.cloud.points if np.isfinite(scan.origin).all() else None
-    planes = fit_planes(build_index(scan.cloud.points), beams, settings.normals)
-    reasons = _reasons(scan, beams, planes, settings.silhouettes)
+    index = build_index(scan.cloud.points)
+    planes = fit_planes(index, scan.origin if np.isfinite(scan.origin).all() else None, settings.normals)
+    reasons = _reasons(scan, planes, settings.silhouettes)
     keep = ~np.any(list(reasons.values()), axis=0)
-    kept = planes.take(keep)
-    del planes, beams  # of tens of millions of points, before the thinning takes its own
-    cloud, thinned, targets = thin_cloud(scan.cloud.take(keep), kept, settings.thinning)
+    scan = dataclasses.replace(scan, rows=None, columns=None)  # of tens of millions of points: no longer needed
+    cloud, thinned, automatic = thin_cloud(scan.cloud, index, planes, keep, settings.thinning)
     cloud = dataclasses.replace(
         cloud,
         points=apply(scan.pose, cloud.points),
@@ -99,7 +105,7 @@ def filter_scan_with_record(
         origins=apply(scan.pose, scan.origin),
     )
     counts = {"in": len(scan.cloud), **_count_first(reasons), **count_thinned(int(keep.sum()), thinned)}
-    return FilterResult(cloud, counts, describe(kept, thinned, targets))
+    return FilterResult(cloud, counts, automatic)
 
 
 def _nothing_left(scan: Scan) -> FilterResult:
@@ -108,20 +114,23 @@ def _nothing_left(scan: Scan) -> FilterResult:
     return FilterResult(PointCloud(np.empty((0, 3)), origins=apply(scan.pose, scan.origin)), counts, {})
 
 
-def _reasons(scan: Scan, beams: Floats | None, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
+def _reasons(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
     """Return for each reason to drop points the mask of those that it holds for; the first that holds is counted.
 
-    `beams` (n, 3) lead to the scanner; what needs them is left out where its place is not known.
+    What needs the place of the scanner is left out where that is not known.
     """
-    if beams is None:
+    points, origin = scan.cloud.points, scan.origin
+    if not np.isfinite(origin).all():
         return {"speck": find_specks(planes.reach, planes.spacing, settings.isolation), "outlier": planes.is_outlier}
-    ranges = np.linalg.norm(beams, axis=1)
+    ranges = measure_ranges(points, origin)
     reasons = {"speck": find_specks(planes.reach, ranges, settings.isolation), "outlier": planes.is_outlier}
     if scan.rows is not None and scan.columns is not None:
-        reasons["mixed_pixel"] = find_mixed(-beams, scan.rows, scan.columns, planes.noise, settings.max_incidence)
+        reasons["mixed_pixel"] = find_mixed(
+            points, origin, scan.rows, scan.columns, planes.noise, settings.max_incidence
+        )
     if settings.drop_rims:
-        reasons["rim"] = find_rims(-beams, planes.noise, settings.max_incidence)
-    reasons["grazing"] = find_grazing(beams, planes.normals, settings.max_incidence)
+        reasons["rim"] = find_rims(points - origin, planes.noise, settings.max_incidence)
+    reasons["grazing"] = find_grazing(points, origin, planes.normals, settings.max_incidence)
     return reasons
 
 
@@ -135,17 +144,21 @@ def _count_first(reasons: Mapping[str, Bools]) -> dict[str, int]:
 
 
 def thin_cloud(
-    cloud: PointCloud, planes: TangentPlanes, settings: ThinningSettings
-) -> tuple[PointCloud, ThinnedPoints, Floats]:
-    """Thin a cloud in canonical order to its modes; return it with the thinning's result and the target spacings."""
+    cloud: PointCloud, index: PointIndex, planes: TangentPlanes, keep: Bools, settings: ThinningSettings
+) -> tuple[PointCloud, ThinnedPoints, dict[str, Any]]:
+    """Thin the points `keep` (n,) of an indexed cloud to their modes; return it, what became of them, and `describe`.
+
+    Nothing that is as long as the cloud is copied for the points that go.
+    """
     roughness = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours)
     targets = target_spacings(planes.spacing, planes.noise, roughness, settings)
     merged = np.ones(len(cloud), dtype=np.int32) if cloud.n_merged is None else cloud.n_merged
     if settings.method == "voxel_median":
-        size = float(np.median(targets)) if len(targets) else 1.0
-        thinned = take_medians(cloud.points, planes.normals, planes.noise, merged, size)
+        size, kept = float(np.median(targets[keep])) if keep.any() else 1.0, np.flatnonzero(keep)
+        thinned = take_medians(cloud.points[kept], planes.normals[kept], planes.noise[kept], merged[kept], size)
+        thinned = dataclasses.replace(thinned, nearest=kept[thinned.nearest], members=kept[thinned.members])
     else:
-        thinned = thin(build_index(cloud.points), planes, merged, targets, settings.seed)
+        thinned = thin(index, planes, merged, targets, settings.seed, keep)
     chosen = cloud.take(thinned.nearest)
     thin_one = dataclasses.replace(
         chosen, points=thinned.points, normals=thinned.normals, sigma=thinned.sigma, n_merged=thinned.n_merged,
@@ -153,7 +166,7 @@ def thin_cloud(
         roughness=roughness[thinned.nearest], spacing=planes.spacing[thinned.nearest],
         colors=_mean_of_members(cloud.colors, thinned), intensity=_mean_of_members(cloud.intensity, thinned),
     )  # fmt: skip
-    return thin_one, thinned, targets
+    return thin_one, thinned, describe(planes, roughness, thinned, targets, keep)
 
 
 def count_thinned(n_given: int, thinned: ThinnedPoints) -> dict[str, int]:
@@ -173,18 +186,19 @@ def _mean_of_members(values: Any, thinned: ThinnedPoints) -> Any:
     return np.rint(means).astype(values.dtype) if values.dtype.kind in "ui" else means.astype(values.dtype)
 
 
-def describe(planes: TangentPlanes, thinned: ThinnedPoints, targets: Floats) -> dict[str, Any]:
+def describe(
+    planes: TangentPlanes, roughness: Ints, thinned: ThinnedPoints, targets: Floats, keep: Bools
+) -> dict[str, Any]:
     """Return the values that were found from the data: quartiles of sizes and lengths [m], noise before and after."""
-    n_points = max(len(planes.noise), 1)
-    classes = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours)
+    n_points = max(int(keep.sum()), 1)
     return {
-        "n_neighbours_quartiles": _quartiles(planes.n_neighbours),
-        "spacing_quartiles": _quartiles(planes.spacing),
-        "target_spacing_quartiles": _quartiles(targets),
-        "noise_before": _median(planes.noise),
+        "n_neighbours_quartiles": _quartiles(planes.n_neighbours[keep]),
+        "spacing_quartiles": _quartiles(planes.spacing[keep]),
+        "target_spacing_quartiles": _quartiles(targets[keep]),
+        "noise_before": _median(planes.noise[keep]),
         "noise_after": _median(thinned.sigma),
         "n_merged_quartiles": _quartiles(thinned.n_merged),
-        "roughness_shares": {c.name.lower(): float((classes == c).sum() / n_points) for c in Roughness},
+        "roughness_shares": {c.name.lower(): float(((roughness == c) & keep).sum() / n_points) for c in Roughness},
     }
 
 

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.nearest import build_index, canonical_order, find_nearest, find_nearest_sorted
@@ -56,12 +57,30 @@ class SilhouetteSettings:
         check_settings(self)
 
 
-def find_grazing(beams: Floats, normals: Floats, max_incidence: float) -> Bools:
-    """Return the points (n,) whose incidence angle, between beam (n, 3) and normal, exceeds `max_incidence` [rad]."""
-    return np.abs((beams * normals).sum(axis=1)) < math.cos(max_incidence) * np.linalg.norm(beams, axis=1)
+def measure_ranges(points: Floats, origin: Floats) -> Floats:
+    """Return the distance (n,) [m] of points (n, 3) from the scanner (3,)."""
+    ranges = np.empty(len(points))
+    for block in _blocks(len(points)):
+        ranges[block] = np.linalg.norm(points[block] - origin, axis=1)
+    return ranges
 
 
-def find_mixed(beams: Floats, rows: Ints, columns: Ints, noise: Floats, max_incidence: float) -> Bools:
+def _blocks(n_points: int) -> list[slice]:
+    """Return runs of points; what is made of each of them need not be as long as the scan."""
+    return [slice(first, first + BLOCK) for first in range(0, n_points, BLOCK)]
+
+
+def find_grazing(points: Floats, origin: Floats, normals: Floats, max_incidence: float) -> Bools:
+    """Return the points (n,) whose incidence angle, between beam and normal (n, 3), exceeds `max_incidence` [rad]."""
+    grazing = np.empty(len(points), dtype=bool)
+    for block in _blocks(len(points)):
+        beams = points[block] - origin
+        across = np.abs((beams * normals[block]).sum(axis=1))
+        grazing[block] = across < math.cos(max_incidence) * np.linalg.norm(beams, axis=1)
+    return grazing
+
+
+def find_mixed(points: Floats, origin: Floats, rows: Ints, columns: Ints, noise: Floats, max_incidence: float) -> Bools:
     """Return the points (n,) of a grid scan whose range lies between those of the two sides of a jump.
 
     Along the row or the column the neighbour on one side is nearer and that on the other side farther, both by more
@@ -69,28 +88,42 @@ def find_mixed(beams: Floats, rows: Ints, columns: Ints, noise: Floats, max_inci
 
     Parameters
     ----------
-    beams : (n, 3) m, from the scanner to the points.
+    points, origin : (n, 3) and (3,) m, of the scan and its scanner.
     rows, columns : (n,) place in the grid; -1 where a point has none.
     noise : (n,) m, one sigma of a range.
     """
-    along_rows = _mixed_along(np.lexsort((columns, rows)), rows, columns, beams, noise, max_incidence)
-    return along_rows | _mixed_along(np.lexsort((rows, columns)), columns, rows, beams, noise, max_incidence)
-
-
-def _mixed_along(order: Ints, line: Ints, place: Ints, beams: Floats, noise: Floats, max_incidence: float) -> Bools:
-    """Return the mixed points along the lines of a grid, whose points come line by line in `order`."""
-    mixed = np.zeros(len(order), dtype=bool)
-    ranges, sigma = np.linalg.norm(beams[order], axis=1), noise[order]
-    adjacent = (np.diff(line[order]) == 0) & (np.diff(place[order]) == 1) & (line[order][1:] >= 0)
-    if not adjacent.any():
-        return mixed
-    directions = beams[order] / ranges[:, None]
-    step = float(np.median(np.linalg.norm(np.diff(directions, axis=0)[adjacent], axis=1)))
-    rise = np.diff(ranges)
-    limit = ranges[1:] * step * math.tan(max_incidence) + BETWEEN_SIGMAS * math.sqrt(2.0) * sigma[1:]
-    jump = np.where(adjacent & (np.abs(rise) > limit), np.sign(rise), 0.0)
-    mixed[order[1:-1]] = (jump[:-1] != 0) & (jump[:-1] == jump[1:])
+    mixed = np.zeros(len(points), dtype=bool)
+    for line, place in ((rows, columns), (columns, rows)):
+        order = np.lexsort((place, line))
+        jump = _jumps_along(order, line, place, (points, origin, noise), max_incidence)
+        mixed[order[1:-1]] |= (jump[:-1] != 0) & (jump[:-1] == jump[1:])
     return mixed
+
+
+def _jumps_along(
+    order: Ints, line: Ints, place: Ints, scan: tuple[Floats, Floats, Floats], max_incidence: float
+) -> NDArray[np.int8]:
+    """Return for each point but the first, line by line in `order`, whether its range jumps up, down (1, -1) or not."""
+    points, origin, noise = scan
+    n_jumps = len(order) - 1
+    steps, jump = np.full(n_jumps, np.nan, dtype=np.float32), np.zeros(n_jumps, dtype=np.int8)
+    for block in _blocks(n_jumps):  # the step of the grid first
+        some = order[block.start : block.stop + 1]
+        directions = points[some] - origin
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        adjacent = (np.diff(line[some]) == 0) & (np.diff(place[some]) == 1) & (line[some][1:] >= 0)
+        apart = np.linalg.norm(np.diff(directions, axis=0), axis=1)
+        steps[block] = np.where(adjacent, apart, np.nan)
+    if np.isnan(steps).all():
+        return jump
+    step = float(np.median(steps[~np.isnan(steps)]))
+    for block in _blocks(n_jumps):
+        some = order[block.start : block.stop + 1]
+        ranges = np.linalg.norm(points[some] - origin, axis=1)
+        rise = np.diff(ranges)
+        limit = ranges[1:] * step * math.tan(max_incidence) + BETWEEN_SIGMAS * math.sqrt(2.0) * noise[some[1:]]
+        jump[block] = np.where(~np.isnan(steps[block]) & (np.abs(rise) > limit), np.sign(rise), 0.0)
+    return jump
 
 
 def find_rims(beams: Floats, noise: Floats, max_incidence: float) -> Bools:

@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.covariance import smallest
-from monitor.filtering.nearest import PointIndex, gather_ball
+from monitor.filtering.nearest import BLOCK, PointIndex, gather_ball
 from monitor.filtering.normals import TangentPlanes
 from monitor.filtering.roughness import classify_roughness
-from projects.model import Floats, Ints, Roughness
+from projects.model import Bools, Floats, Ints, Roughness
 
 DISC_PACKING = 1.2  # mean spacing over radius of points thrown at random, none nearer than the radius to another
 MODE_WIDTH = 4.0  # half width of the kernel in sigmas of the noise
 MODE_SPREAD = 1.05  # standard error of that mode over that of the mean, normal errors (simulated: test_thinning.py)
 SLOPE_SHARE = 0.9
+FREE, DROPPED = -1, -2  # owner of a point
 COMPATIBLE = 0.5  # cosine: members of a cylinder look the same way within 60 degrees
 
 
@@ -114,7 +115,10 @@ def target_spacings(spacing: Floats, noise: Floats, roughness: Ints, settings: T
 
 def draw_order(points: Floats, seed: int) -> Ints:
     """Return the order (n,) in which points are drawn: by a hash of their coordinates, whatever their place."""
-    return np.argsort(hash_points(points, seed), kind="stable")
+    key = np.empty(len(points), dtype=np.uint64)
+    for first in range(0, len(points), BLOCK):
+        key[first : first + BLOCK] = hash_points(points[first : first + BLOCK], seed)
+    return np.argsort(key, kind="stable").astype(np.int32 if len(points) < 2**31 else np.int64)
 
 
 def hash_points(points: Floats, seed: int) -> NDArray[np.uint64]:
@@ -130,7 +134,9 @@ def hash_points(points: Floats, seed: int) -> NDArray[np.uint64]:
     return key
 
 
-def thin(index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats, seed: int) -> ThinnedPoints:
+def thin(
+    index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats, seed: int, keep: Bools | None = None
+) -> ThinnedPoints:
     """Thin points to the modes of cylinders drawn at random until every point is a representative or in one.
 
     Parameters
@@ -139,12 +145,16 @@ def thin(index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats
     planes : their tangent planes, of which normals, noise, spacing and size are used.
     merged : (n,) measurements that each point stands for already.
     targets : (n,) m, target spacing.
+    keep : (n,) points to be thinned; the others stand in no representative. None: all.
     """
     radii = np.where(targets > planes.spacing, targets / DISC_PACKING, 0.0)
     is_smooth = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
-    carry = np.where(is_smooth, 0.0, 0.5)
+    carry = np.where(is_smooth, np.float32(0.0), np.float32(0.5))
+    owner = np.full(len(radii), FREE, dtype=np.int32)
+    if keep is not None:
+        owner[~keep] = DROPPED
     order = draw_order(index.points, seed)
-    rows, owner = _draw(
+    rows = _draw(
         index.points,
         index.low,
         index.high,
@@ -155,9 +165,10 @@ def thin(index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats
         merged,
         radii,
         order,
+        owner,
     )
-    members = np.argsort(owner, kind="stable")
-    counts = np.bincount(owner, minlength=len(rows))
+    members = np.argsort(owner, kind="stable")[np.count_nonzero(owner == DROPPED) :]
+    counts = np.bincount(owner[owner >= 0], minlength=len(rows))
     return ThinnedPoints(
         points=rows[:, :3], normals=rows[:, 3:6], nearest=rows[:, 6].astype(np.int64), members=members,
         starts=np.concatenate([[0], np.cumsum(counts)]), n_merged=rows[:, 7].astype(np.int32), spread=rows[:, 8],
@@ -213,7 +224,7 @@ def _select_members(
     n_members = 0
     for j in range(n):
         q = found[j]
-        if owner[q] >= 0:
+        if owner[q] != FREE:
             continue
         turn = normals[q, 0] * axis[0] + normals[q, 1] * axis[1] + normals[q, 2] * axis[2]
         dx, dy, dz = points[q, 0] - foot[0], points[q, 1] - foot[1], points[q, 2] - foot[2]
@@ -305,17 +316,20 @@ def _draw(
     merged: Any,
     radii: Any,
     order: Any,
+    owner: Any,
 ) -> Any:
-    """Draw cylinders in the given order; return a row for each representative and the owner of each point."""
-    n_points = points.shape[0]
-    owner = np.full(n_points, -1, dtype=np.int64)
-    rows = np.empty((n_points, 10))
+    """Draw cylinders in the given order; return a row for each representative and write the owner of each point."""
+    rows = np.empty((max(1, points.shape[0] // 8), 10))
     stack, found = np.empty(128, dtype=np.int64), np.empty(4096, dtype=np.int32)
     heights, weights = np.empty(4096), np.empty(4096)
     n_rows = 0
     for seed in order:
-        if owner[seed] >= 0:
+        if owner[seed] != FREE:
             continue
+        if n_rows == rows.shape[0]:
+            longer = np.empty((n_rows + n_rows // 2 + 1, 10))
+            longer[:n_rows] = rows
+            rows = longer
         n, axis = 1, (normals[seed, 0], normals[seed, 1], normals[seed, 2])
         found[0] = seed
         radius = radii[seed]
@@ -333,4 +347,4 @@ def _draw(
         for j in range(n):
             owner[found[j]] = n_rows
         n_rows += 1
-    return rows[:n_rows].copy(), owner
+    return rows[:n_rows]

@@ -10,7 +10,8 @@ from monitor.filtering.silhouettes import find_grazing, find_mixed, find_rims, f
 def test_grazing_is_beyond_the_largest_incidence():
     normals = np.array([[math.sin(a), 0, math.cos(a)] for a in np.deg2rad([0, 60, 79, 81, 99, 101])])
     beams = np.tile([0, 0, 5.0], (6, 1))
-    assert find_grazing(beams, normals, math.radians(80)).tolist() == [False, False, False, True, True, False]
+    grazing = find_grazing(-beams, np.zeros(3), normals, math.radians(80))
+    assert np.flatnonzero(grazing).tolist() == [3, 4]
 
 
 def grid_scan(n=40, step=0.001):
@@ -29,7 +30,12 @@ def test_points_between_the_two_sides_of_a_jump_are_mixed_and_no_others(rng):
     ranges += rng.normal(0, 0.001, len(ranges))
     shuffle = rng.permutation(len(ranges))
     mixed = find_mixed(
-        (directions * ranges[:, None])[shuffle], rows[shuffle], columns[shuffle], np.full(1600, 0.001), math.radians(80)
+        (directions * ranges[:, None])[shuffle],
+        np.zeros(3),
+        rows[shuffle],
+        columns[shuffle],
+        np.full(1600, 0.001),
+        math.radians(80),
     )
     assert np.array_equal(mixed, between[shuffle])
 
@@ -38,7 +44,7 @@ def test_a_wall_seen_at_75_degrees_has_no_mixed_pixels(rng):
     directions, rows, columns = grid_scan()
     slope = math.tan(math.radians(75))
     ranges = 3.0 / (directions[:, 2] - slope * directions[:, 0]) + rng.normal(0, 0.001, 1600)
-    mixed = find_mixed(directions * ranges[:, None], rows, columns, np.full(1600, 0.001), math.radians(80))
+    mixed = find_mixed(directions * ranges[:, None], np.zeros(3), rows, columns, np.full(1600, 0.001), math.radians(80))
     assert not mixed.any()
 
 
@@ -48,7 +54,9 @@ def test_neighbours_in_the_grid_must_be_adjacent():
     ranges = np.where(columns < 20, 3.0, 4.0)
     ranges[columns == 20] = 3.5
     keep = (columns != 19) & (columns != 21)
-    mixed = find_mixed((directions * ranges[:, None])[keep], rows[keep], columns[keep], np.full(keep.sum(), 1e-3), 1.4)
+    mixed = find_mixed(
+        (directions * ranges[:, None])[keep], np.zeros(3), rows[keep], columns[keep], np.full(keep.sum(), 1e-3), 1.4
+    )
     assert not mixed.any()
 
 
@@ -57,7 +65,7 @@ def test_points_without_a_place_in_the_grid_are_never_mixed():
     ranges = np.where(columns < 20, 3.0, 4.0)
     ranges[columns == 20] = 3.5
     nowhere = np.full_like(rows, -1)
-    assert not find_mixed(directions * ranges[:, None], nowhere, nowhere, np.full(1600, 1e-3), 1.4).any()
+    assert not find_mixed(directions * ranges[:, None], np.zeros(3), nowhere, nowhere, np.full(1600, 1e-3), 1.4).any()
 
 
 def test_specks_are_judged_by_the_spacing_at_their_range():

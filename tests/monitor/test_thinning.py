@@ -21,7 +21,7 @@ def thin_all(points, normals, noise, targets, spacing=0.001, seed=0, relief2=0.0
     """Thin with the same noise [m], target and spacing everywhere; `relief2` above the noise marks a curved surface."""
     ones = np.ones(len(points))
     planes = TangentPlanes(
-        normals=normals, lambda3=ones, relief2=relief2 * ones, surface_variation=ones, sigma=ones,
+        normals=normals, lambda3=ones, relief2=relief2 * ones, surface_variation=ones,
         noise=noise * ones, heights=ones,
         sigma_normal=ones, n_neighbours=40 * ones.astype(int), spacing=spacing * ones, reach=ones, is_outlier=ones < 0,
     )  # fmt: skip
