@@ -12,15 +12,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from monitor.declare import check_settings, setting
-from monitor.registration.covariance import about
+from monitor.registration.covariance import about, moved_by
 from monitor.registration.matching import make_samples
 from monitor.registration.network import (
     Pairs,
     Scales,
     Solution,
     TieScales,
+    estimate_prior,
     pair_equations,
     solve_network,
 )
@@ -50,6 +52,7 @@ MOST_POINTS = 300_000  # of a scan that others are matched with: 40 scans then n
 SHRINK = 0.7  # of the search radius, from step to step
 MANY_MORE = 1.5  # times as many points that find partners: the motions are right, whatever the misfit was
 N_TIE_STEPS = 4  # steps by targets alone, before surfaces are matched
+NEAR = 4.0  # spacings: scans whose first search radius is no larger lie on each other as well as points can tell
 TURN_BACK = 0.7  # of the length of steps is kept where a step goes back
 
 
@@ -76,6 +79,7 @@ class Adjustment:
     `applied` is False, with its `reason`, where the given poses stay. `converged` is False, with its `reason`, where
     nothing may be built on the result. `covariances` (n, 6, 6) are of each scan's motion about `centres` (n, 3) [m]
     (rad, m; design section 3): relative to the mean of all scans, or, with control, in the project's frame; then
+    `joint_covariance` (6 n, 6 n) is of all of them together, so that what they do in common is known too, and
     `covariance` (6, 6) is that of the epoch as a whole about `centre`, NaN otherwise. `ties` and `components` are the
     residuals of targets and control points and the variance components (1: as stated).
     """
@@ -90,6 +94,7 @@ class Adjustment:
     converged: bool = True
     covariances: Floats = field(default_factory=lambda: np.empty((0, 6, 6)))
     centres: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    joint_covariance: Floats = field(default_factory=lambda: np.empty((0, 0)))
     covariance: Floats = field(default_factory=lambda: np.full((6, 6), np.nan))
     centre: Floats = field(default_factory=lambda: np.full(3, np.nan))
     ties: tuple[TieFit, ...] = ()
@@ -103,13 +108,15 @@ class Adjustment:
 
 @dataclass(frozen=True)
 class _Network:
-    """The scans, less `shift`, and the ties; partners are looked for within `radius`, at last `finest_radius` [m]."""
+    """The scans, less `shift`, and the ties; partners are looked for within `radius`, at last `finest_radius` [m], at
+    once so where the scans lie near each other as given."""
 
     overlaps: Overlaps
     radius: float
     finest_radius: float
     shift: Floats
     ties: Ties
+    lies_near: bool = False
 
     @property
     def lever(self) -> float:
@@ -155,8 +162,11 @@ def adjust_scans(
     pairs of all overlapping scans and over targets and control points, Huber first and Tukey when settled, by
     Gauss-Newton steps. Neighbouring residuals agree, so each pair of scans counts as many witnesses as it has patches.
     The stated variances of targets and of control are raised by what their residuals show, and those that contradict
-    the rest are left out (Baarda 1968). The prior on each scan's motion is the misfit as given: it holds what few
-    patches hold, such as a ring of scans that could bend. Without targets a good network of poses is better than what
+    the rest are left out (Baarda 1968). The prior on each scan's motion, turns and ways apart, is the misfit as given
+    or, once the scans lie on each other, the variance component that the motions themselves show: it holds what few
+    patches hold, such as a ring of scans that could bend, or scans around a body that all move outward together.
+    Scans that lie near each other as given are matched finely at once: the first, wide matching would draw them out,
+    and from there they come back only in part. Without targets a good network of poses is better than what
     five scans can say of themselves, so the given poses stay unless the motions explain a third of the misfit.
     """
     settings, ties = settings or AdjustmentSettings(), ties or no_ties()
@@ -169,6 +179,7 @@ def adjust_scans(
     before = match_overlaps(network.overlaps, unmoved, network.finest_radius, fine=True)
     if not is_tied and not match_overlaps(network.overlaps, unmoved, network.radius, fine=False):
         return Adjustment(unmoved, (), False, "no two scans overlap", float("nan"), float("nan"), 0)
+    network = replace(network, lies_near=network.lies_near and len(before) > 0)
     state = _iterate(network, settings.max_iterations)
     after = match_overlaps(network.overlaps, state.motions, network.finest_radius, fine=True)
     pairs = describe_pairs(before, after)
@@ -193,9 +204,10 @@ def _with_covariances(found: Adjustment, state: _State, network: _Network) -> Ad
     centres = np.array(
         [apply(T, s.points.mean(axis=0)) for T, s in zip(state.motions, network.overlaps.samples, strict=True)]
     )
-    blocks = [full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(len(centres))]
-    each = np.array([about(block, centre) for block, centre in zip(blocks, centres, strict=True)])
-    found = replace(found, covariances=each, centres=centres + network.shift)
+    to_centres = block_diag(*(moved_by(centre) for centre in centres))
+    joint = to_centres @ full @ to_centres.T
+    each = np.array([joint[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(len(centres))])
+    found = replace(found, covariances=each, joint_covariance=joint, centres=centres + network.shift)
     if not is_absolute:
         return found
     middle = centres.mean(axis=0)
@@ -207,29 +219,30 @@ def _prepare(clouds: Iterable[PointCloud], settings: AdjustmentSettings, ties: T
     rng = np.random.default_rng(settings.seed)
     sides: list[Side] = []
     means: list[Floats] = []
-    first: Floats = np.zeros(3)
+    origin: Floats = np.zeros(3)
     for cloud in clouds:
         means.append(cloud.points.mean(axis=0))
-        first = means[0]
+        origin = means[0]
         if len(cloud) > MOST_POINTS:
             cloud = cloud.take(np.sort(rng.choice(len(cloud), MOST_POINTS, replace=False)))
-        sides.append(prepare_side(cloud, first))
+        sides.append(prepare_side(cloud, origin))
     if not sides:
-        return _Network(Overlaps((), (), (), np.nan), np.nan, np.nan, first, ties)
-    offset = np.mean(means, axis=0) - first
+        return _Network(Overlaps((), (), (), np.nan), np.nan, np.nan, origin, ties)
+    offset = np.mean(means, axis=0) - origin
     sides = [side.shifted(offset) for side in sides]
     chosen = [sample_source(side, settings.n_samples, rng) for side in sides]
     samples = tuple(make_samples(side, which) for side, which in zip(sides, chosen, strict=True))
     spacing = float(np.median([np.median(side.spacing_of(w)) for side, w in zip(sides, chosen, strict=True)]))
     finest = settings.search_radius or 10.0 * spacing
-    radius = settings.search_radius or max(finest, first_radius(sides, samples))
+    first = first_radius(sides, samples)
+    radius = settings.search_radius or max(finest, first)
     low = np.array([side.points.min(axis=0) - radius for side in sides])
     high = np.array([side.points.max(axis=0) for side in sides])
     n = len(sides)
     meet = [(i, j) for i in range(n) for j in range(n) if i != j and np.all((low[i] < high[j]) & (low[j] < high[i]))]
-    shift = first + offset
+    shift = origin + offset
     overlaps = Overlaps(tuple(sides), samples, tuple(meet), spacing)
-    return _Network(overlaps, radius, finest, shift, ties.shifted(shift))
+    return _Network(overlaps, radius, finest, shift, ties.shifted(shift), first <= NEAR * spacing)
 
 
 def _iterate(network: _Network, max_iterations: int) -> _State:
@@ -237,13 +250,13 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
     n = len(network.overlaps.sides)
     motions, places = _start_by_ties(network, [np.eye(4) for _ in range(n)])
     ties, components, radius = network.ties, TieScales(), network.radius
-    prior, fine, pace, last = float("nan"), False, 1.0, np.zeros((n, 6))
+    prior, fine, pace, last = np.full(2, np.nan), network.lies_near, 1.0, np.zeros((n, 6))
     steepest: Steepest = {}
     for step in range(1, max_iterations + 1):
         matches = match_overlaps(network.overlaps, motions, radius, fine=fine, steepest=steepest)
         sigma = misfit_of(matches) if matches else _tie_sigma(network.ties)
-        prior = max(sigma, _given_misfit(network)) if step == 1 else prior
-        scales = _scales(network, matches, (sigma, prior), fine, motions)
+        prior = np.full(2, max(sigma, _given_misfit(network))) if step == 1 else prior
+        scales = _scales(network, matches, sigma, prior, fine, motions)
         solution = solve_network(pair_equations(matches, motions, scales), ties, places, motions, (scales, components))
         way = solution.delta * np.repeat([scales.lever, 1.0], 3)
         # where pairs swap to and fro the poses swing about a place without a zero: go there by ever shorter steps
@@ -259,6 +272,7 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
             ties, pace = blunder, 1.0
         elif fine or not matches:
             components = estimate_components(solution, components)
+            prior = np.minimum(prior, estimate_prior(solution, motions, scales))
         shrunk = radius <= network.finest_radius
         radius = max(SHRINK * radius, network.finest_radius)
         fine = fine or not matches or (shrunk and length < 0.3 * sigma)
@@ -274,7 +288,7 @@ def _start_by_ties(network: _Network, motions: list[Floats]) -> tuple[list[Float
     if not len(ties):
         return motions, places
     u = 6 * len(motions)
-    scales = Scales(1.0, max(_given_misfit(network), 1e-6), network.lever, 1.0, False)
+    scales = Scales(1.0, np.full(2, max(_given_misfit(network), 1e-6)), network.lever, 1.0, False)
     for _ in range(N_TIE_STEPS):
         step = solve_network((np.zeros((u, u)), np.zeros(u)), ties, places, motions, (scales, TieScales()))
         motions = [perturb(T, np.zeros(3), d) for T, d in zip(motions, step.delta, strict=True)]
@@ -306,10 +320,9 @@ def _tie_sigma(ties: Ties) -> float:
 
 
 def _scales(
-    network: _Network, matches: Pairs, sigmas: tuple[float, float], fine: bool, motions: Sequence[Floats]
+    network: _Network, matches: Pairs, sigma: float, prior: Floats, fine: bool, motions: Sequence[Floats]
 ) -> Scales:
     """Return the scales of the weights; beside targets, patches of a pair have the variance that their means show."""
-    sigma, prior = sigmas
     scales = Scales(sigma, prior, network.lever, PATCH_IN_SPACINGS * network.overlaps.spacing, fine)
     if not len(network.ties) or not matches:
         return scales

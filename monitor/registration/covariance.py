@@ -54,9 +54,15 @@ def about(covariance: Floats, offset: Floats) -> Floats:
 
     With x -> c + exp([w]) (x - c) + t the part t about c + o is t + w x o.
     """
+    J = moved_by(offset)
+    return np.asarray(J @ covariance @ J.T)
+
+
+def moved_by(offset: Floats) -> Floats:
+    """Return J (6, 6) that turns (w, t) of a motion about a point into that about the point `offset` (3,) [m] off."""
     J = np.eye(6)
     J[3:, :3] = -cross_matrix(offset)
-    return np.asarray(J @ covariance @ J.T)
+    return J
 
 
 def shape_information(matches: Matches, centre: Floats, weights: Floats) -> Floats:

@@ -29,7 +29,7 @@ class Scales:
     Attributes
     ----------
     sigma : of the distances of pairs.
-    prior : of each scan's motion as given, at the `lever`.
+    prior : (2,) of each scan's pose as given, turns at the `lever` and ways.
     lever : root mean square distance of the points from the origin.
     patch : edge of the cube within which distances err together; pairs in it are one witness of variance
         `pair_factor` sigma^2.
@@ -37,7 +37,7 @@ class Scales:
     """
 
     sigma: float
-    prior: float
+    prior: Floats
     lever: float
     patch: float
     fine: bool
@@ -143,14 +143,33 @@ def solve_network(
     normal += np.einsum("kau,kav->uv", equations.rows, weighted, optimize=True)
     right -= np.einsum("kau,ka->u", weighted, equations.misclosures)
     gone = np.concatenate([as_motion(T, scale.lever) for T in motions])
-    hold = 1.0 / scale.prior**2
-    normal[: 6 * n, : 6 * n] += hold * np.eye(6 * n)
+    hold = prior_weights(scale, n)
+    normal[: 6 * n, : 6 * n] += np.diag(hold)
     right[: 6 * n] -= hold * gone
     lonely = np.flatnonzero(np.diag(normal) == 0.0)  # a point whose ties are all blunders
-    normal[lonely, lonely] = hold
+    normal[lonely, lonely] = hold.min()
     step = np.linalg.solve(normal, right)
     unit = np.repeat([1.0 / scale.lever, 1.0], 3)
     return Solution(step[: 6 * n].reshape(n, 6) * unit, step[6 * n :].reshape(m, 3), normal, equations, scaled)
+
+
+def prior_weights(scales: Scales, n: int) -> Floats:
+    """Return the weights (6 n,) [1 / m2] of the poses as given."""
+    return np.tile(np.repeat(1.0 / scales.prior**2, 3), n)
+
+
+def estimate_prior(solution: Solution, motions: Sequence[Floats], scales: Scales) -> Floats:
+    """Return one sigma (2,) [m] of the poses as given, the roots of their variance components, turns and ways.
+
+    With r the redundancy of the turns, of what pairs and ties tell better than the poses do, sum delta^2 / (r - 2) is
+    the mean of their variance given the motions; infinite where too little is told. So for the ways.
+    """
+    n = len(motions)
+    left = np.diag(np.linalg.inv(solution.normal))[: 6 * n] * prior_weights(scales, n)
+    gone = np.concatenate([as_motion(T, scales.lever) for T in motions])
+    redundancy, square = ((part.reshape(n, 2, 3)).sum(axis=(0, 2)) for part in (1.0 - left, gone**2))
+    told = redundancy > LEAST_TOLD
+    return np.where(told, np.sqrt(square / np.where(told, redundancy - 2.0, 1.0)), np.inf)
 
 
 def as_motion(T: Floats, lever: float) -> Floats:
@@ -180,6 +199,7 @@ def tie_statistics(solution: Solution) -> tuple[Floats, Floats]:
     return statistics, redundancy
 
 
+LEAST_TOLD = 4.0  # of turns or of ways: below that the variance itself has no variance (inverse chi2)
 LEAST_REDUNDANCY = 0.02  # of a direction of a target: what no other observation checks says nothing
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.registration.correlation import correlate, fit_correlation
 from monitor.registration.covariance import sum_by
-from monitor.registration.network import Pairs, Scales, Solution
+from monitor.registration.network import Pairs, Scales, Solution, prior_weights
 from monitor.registration.patches import cut_patches
 from monitor.registration.sampling import cell_numbers, motion_rows
 from monitor.registration.weights import tukey_slope, tukey_weights
@@ -77,7 +77,7 @@ def _tie_information(solution: Solution, scales: Scales, n: int) -> tuple[Floats
     if len(solution.equations.rows):
         rows = solution.equations.rows
         information += np.einsum("kau,kab,kbv->uv", rows, np.linalg.inv(solution.scaled), rows, optimize=True)
-    information[: 6 * n, : 6 * n] += np.eye(6 * n) / scales.prior**2
+    information[: 6 * n, : 6 * n] += np.diag(prior_weights(scales, n))
     return information, information.copy()
 
 

@@ -19,13 +19,16 @@ from test_adjustment import displaced
 from monitor.registration.adjustment import Adjustment, AdjustmentSettings, adjust_scans
 from monitor.registration.network import (
     Scales,
+    Solution,
     TieScales,
+    estimate_prior,
+    prior_weights,
     solve_network,
     tie_equations,
     tie_statistics,
 )
 from monitor.registration.placing import place_scans
-from monitor.registration.ties import identify_targets
+from monitor.registration.ties import identify_targets, no_ties
 from projects.model import ControlPoint, PointCloud, SurveyTarget
 from projects.transforms import apply, perturb
 
@@ -195,10 +198,23 @@ def test_rows_of_ties_are_the_derivative_of_their_misclosures(rng: np.random.Gen
         assert np.abs(change - at.rows[:, :, u]).max() < 1e-5
 
 
+def test_the_sigma_of_poses_as_given_is_what_the_motions_show(rng: np.random.Generator) -> None:
+    n, turn, way = 8, 0.0004, 0.002
+    motions = [perturb(np.eye(4), np.zeros(3), d) for d in rng.normal(0, [turn] * 3 + [way] * 3, (n, 6))]
+    scales = Scales(1.0, np.full(2, 0.01), 1.0, 1.0, True)
+    held = np.diag(prior_weights(scales, n))
+    none = tie_equations(no_ties(), motions, np.empty((0, 3)), 1.0)
+    known = Solution(np.zeros((n, 6)), np.empty((0, 3)), held + 1e12 * np.eye(6 * n), none, none.covariances)
+    # 22 of 24 redundancies: one sigma of a sigma is 15 %
+    assert estimate_prior(known, motions, scales) == pytest.approx([turn, way], rel=0.45)
+    free = Solution(np.zeros((n, 6)), np.empty((0, 3)), held, none, none.covariances)
+    assert np.isinf(estimate_prior(free, motions, scales)).all()  # nothing is told beyond the poses themselves
+
+
 def test_redundancies_sum_up_to_the_surplus_of_observations(rng: np.random.Generator) -> None:
     places = target_places(5)
     ties = identify_targets(seen_targets(rng, places, [np.eye(4)] * 3), known_points(rng, places))
-    scales = Scales(1.0, 1e3, 1.0, 1.0, False)
+    scales = Scales(1.0, np.full(2, 1e3), 1.0, 1.0, False)
     solution = solve_network((np.zeros((18, 18)), np.zeros(18)), ties, places, [np.eye(4)] * 3, (scales, TieScales()))
     redundancy = tie_statistics(solution)[1]
     assert 3 * redundancy.sum() == pytest.approx(3 * 20 - (18 + 15), abs=1e-3)  # observations less unknowns
