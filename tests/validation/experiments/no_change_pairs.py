@@ -83,17 +83,24 @@ def make_body(seed: int) -> Scene:
 
 def scan_epoch(scene: Scene, seed: int, rng: np.random.Generator, instrument: str, spacing: float) -> list[Scan]:
     """Return the scans of one epoch from stations of its own."""
-    start, sigma = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(1e-4, 3e-4)
     scans = []
-    for k in range(N_STATIONS):
-        turn = start + 2.0 * np.pi * k / N_STATIONS + rng.normal(scale=0.15)
-        place = np.array([2.0 * np.cos(turn), 2.0 * np.sin(turn), rng.uniform(-0.6, 0.9)])
-        pose = stand_at(place, facing=np.zeros(3), heading=rng.uniform(-0.3, 0.3))
-        registered = misregister(pose, rng, sigma_position=sigma, sigma_angle=3e-5)
+    for k, (pose, registered) in enumerate(spread_stations(rng)):
         window = window_around(scene.bounds(), pose, margin=0.01)
         scans.append(simulate_scan(scene, INSTRUMENTS[instrument], pose, window, step=spacing / 1.9,
                                    seed=1000 * seed + k, registered=registered, name=f"station {k + 1}"))  # fmt: skip
     return scans
+
+
+def spread_stations(rng: np.random.Generator) -> list[tuple[Floats, Floats]]:
+    """Return the true pose of each station around the body and the one that it is registered with."""
+    start, sigma = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(1e-4, 3e-4)
+    stations = []
+    for k in range(N_STATIONS):
+        turn = start + 2.0 * np.pi * k / N_STATIONS + rng.normal(scale=0.15)
+        place = np.array([2.0 * np.cos(turn), 2.0 * np.sin(turn), rng.uniform(-0.6, 0.9)])
+        pose = stand_at(place, facing=np.zeros(3), heading=rng.uniform(-0.3, 0.3))
+        stations.append((pose, misregister(pose, rng, sigma_position=sigma, sigma_angle=3e-5)))
+    return stations
 
 
 def stream(scan: Scan, index: int, path: Path) -> ScanStream:
