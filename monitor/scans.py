@@ -23,6 +23,9 @@ from projects.model import ControlPoint, Floats, PointCloud, Scan
 from projects.store import Project
 from projects.transforms import apply
 
+BY_TARGETS = "survey targets"
+BY_SHAPE = "shape alone"
+
 
 @dataclass(frozen=True)
 class UnitCheck:
@@ -72,9 +75,9 @@ def _place(streams: list[ScanStream], control: Sequence[ControlPoint]) -> list[S
     """Return the scans with the poses that their survey targets give, else their shapes, or raise."""
     targets = [find_targets(join_chunks(list(stream.chunks()))) for stream in streams]
     placed = place_scans(targets, [stream.pose for stream in streams], control)
-    poses, lost = placed.poses, _without_pose(placed.poses)
+    poses, lost, found_by = placed.poses, _without_pose(placed.poses), BY_TARGETS
     if lost and not control:
-        poses = assemble_streams(streams)
+        poses, found_by = assemble_streams(streams), BY_SHAPE
         lost = _without_pose(poses)
     if lost:
         by_shape = "" if control else " nor do their shapes"
@@ -84,7 +87,8 @@ def _place(streams: list[ScanStream], control: Sequence[ControlPoint]) -> list[S
             f"({len(targets[lost[0]])} found; {placed.reasons[lost[0]]}){by_shape}; "
             "give --poses FILE with a line for each"
         )
-    return [replace(s, pose=pose) for s, pose in zip(streams, poses, strict=True)]
+    return [replace(s, pose=pose, placed_by=found_by if s.pose is None else "")
+            for s, pose in zip(streams, poses, strict=True)]  # fmt: skip
 
 
 def _without_pose(poses: Floats) -> list[int]:

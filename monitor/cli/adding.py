@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import typer
 from monitor.cli.progress import show_progress
 from monitor.scans import UnitCheck, open_scans, with_questioned_unit
 from projects.errors import ParameterError, StoreError
-from projects.formats import PoseLine, metres_per_unit, question_unit, read_control, read_mesh, read_poses
+from projects.formats import PoseLine, ScanStream, metres_per_unit, question_unit, read_control, read_mesh, read_poses
 from projects.identifiers import require_id
 from projects.model import ControlPoint, EpochRecord
 from projects.provenance import hash_file
@@ -47,10 +48,13 @@ def add_epoch_to_project(path: Path, request: EpochRequest, as_json: bool) -> No
     record = _record(request, unit)
     with show_progress() as notify:
         notify(f"{request.epoch_id}: reading {len(request.files)} file{'s' if len(request.files) > 1 else ''}")
+        streams = [] if request.mesh else _open_scans(record, request, unit)
         stored = (
-            _add_mesh(project, record, request, unit) if request.mesh else _add_scans(project, record, request, unit)
+            _add_mesh(project, record, request, unit)
+            if request.mesh
+            else project.add_epoch(record, with_questioned_unit(streams, unit))
         )
-    _tell(project, stored, as_json)
+    _tell(project, stored, count_placed(streams), as_json)
 
 
 def _require_new(project: Project, request: EpochRequest) -> None:
@@ -108,10 +112,14 @@ def _poses(request: EpochRequest, unit: UnitCheck) -> Mapping[str, PoseLine]:
     return {} if request.poses is None else read_poses(request.poses, unit=unit.metres)
 
 
-def _add_scans(project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> EpochRecord:
-    """Stream the scans into the store."""
-    streams = open_scans(request.files, _poses(request, unit), unit, repeated=request.repeated, control=record.control)
-    return project.add_epoch(record, with_questioned_unit(streams, unit))
+def _open_scans(record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> list[ScanStream]:
+    """Return the scans, ready to be streamed into the store."""
+    return open_scans(request.files, _poses(request, unit), unit, repeated=request.repeated, control=record.control)
+
+
+def count_placed(streams: Sequence[ScanStream]) -> dict[str, int]:
+    """Return of how many scans nobody stated the pose, by what it was found by."""
+    return dict(Counter(stream.placed_by for stream in streams if stream.placed_by))
 
 
 def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> EpochRecord:
@@ -130,8 +138,8 @@ def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit
     return project.add_epoch(dataclasses.replace(record, sources=(source,)), (), mesh=mesh)
 
 
-def _tell(project: Project, record: EpochRecord, as_json: bool) -> None:
-    """Say what was kept and what was dropped."""
+def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:
+    """Say what was kept, what was dropped, and of how many scans the pose was found by what."""
     headers = project.scan_headers(record.object_id, record.epoch_id)
     dropped: dict[str, int] = {}
     for header in headers:
@@ -140,8 +148,9 @@ def _tell(project: Project, record: EpochRecord, as_json: bool) -> None:
     n_points = sum(header.n_points for header in headers)
     if as_json:
         facts = {"object": record.object_id, "epoch": record.epoch_id, "n_scans": len(headers), "n_points": n_points}
-        typer.echo(json.dumps({**facts, "dropped": dropped}, indent=2))
+        typer.echo(json.dumps({**facts, "dropped": dropped, "placed_by": dict(placed)}, indent=2))
         return
     what = "a mesh" if record.is_mesh else f"{len(headers)} scan{'s' if len(headers) != 1 else ''}, {n_points} points"
     left_out = "".join(f"; {n} {reason.replace('_', ' ')} left out" for reason, n in dropped.items() if n)
-    typer.echo(f"epoch {record.epoch_id} added to object {record.object_id}: {what}{left_out}")
+    found = "".join(f"; {n} without a pose placed by {means}" for means, n in placed.items())
+    typer.echo(f"epoch {record.epoch_id} added to object {record.object_id}: {what}{left_out}{found}")

@@ -44,6 +44,7 @@ class ScanStream:
     format : of `sniff_format`.
     chunks : called without arguments, yields `Scan`s of at most a million points; `Scan.dropped` counts what was
         dropped since the chunk before. Raises `FormatError` where the file is broken or holds no measurement.
+    placed_by : what the pose was found by where nobody stated it, in words; empty where it was stated.
     """
 
     name: str
@@ -58,6 +59,7 @@ class ScanStream:
     label: str
     format: str
     chunks: Callable[[], Iterator[Scan]]
+    placed_by: str = ""
 
 
 def read_scans(

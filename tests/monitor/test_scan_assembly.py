@@ -27,9 +27,12 @@ def project(tmp_path: Path) -> Path:
     return path
 
 
-def test_range_images_without_poses_stand_together_in_the_first_ones_frame(project: Path, real_data: Path) -> None:
+def test_range_images_without_poses_stand_together_in_the_first_ones_frame(
+    project: Path, real_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = real_data / "stanford_bunny" / "range"
     assert add(project, "bare", [folder / name for name in NAMES]) == 0
+    assert "3 without a pose placed by shape alone" in capsys.readouterr().out
     truth = [read_range_image(folder, name, 8) for name in NAMES]
     T_first = truth[0][1]
     for header, (cloud, T) in zip(Project.open(project).scan_headers("bunny", "bare"), truth, strict=True):
