@@ -38,6 +38,7 @@ from projects.store import Project
 from projects.transforms import apply, rotate
 
 Notify = Callable[[str], None]
+SLACK_SIGMAS = 3.0  # of the misfit of the scans: nearly all points lie no farther off those of another scan
 
 
 @dataclass(frozen=True)
@@ -197,12 +198,17 @@ def _merge(place: Place, settings: Settings, scans: list[Step], network: Step, n
 
     def make() -> Made:
         notify(f"{place.epoch_id}: merging {len(scans)} scan{'s' if len(scans) > 1 else ''}")
-        slack = 3.0 * np.nan_to_num(float(network.automatic["misfit_after_m"]))
-        result = merge_scans(_adjusted_clouds(place, scans, network), settings.filter, slack)
+        result = merge_scans(_adjusted_clouds(place, scans, network), settings.filter, _slack(network))
         return Made(result.cloud, result.automatic, result.counts)
 
     asked = Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, (*scans, network))
     return once_step(place, asked, make)
+
+
+def _slack(network: Step) -> float:
+    """Return by how much [m] the scans may still lie off each other; NaN where no two of them overlap."""
+    stands = "misfit_after_m" if network.automatic["applied"] else "misfit_before_m"
+    return SLACK_SIGMAS * float(network.automatic[stands])
 
 
 def _reconstruct(place: Place, settings: Settings, parts: tuple[Step, ...], filtered: Step, notify: Notify) -> Step:

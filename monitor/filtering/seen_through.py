@@ -30,7 +30,7 @@ def find_seen_through(clouds: Sequence[PointCloud], slack: float = 0.0) -> list[
     Parameters
     ----------
     clouds : with one origin (3,) each, in one frame; those of unknown origin, or with fewer than 8 points, say nothing.
-    slack : m, by which the clouds may lie off each other.
+    slack : m, by which the clouds may lie off each other. NaN, where that is not known: then nothing is contradicted.
     """
     masks = [np.zeros(len(c), dtype=bool) for c in clouds]
     for j, other in enumerate(clouds):

@@ -174,9 +174,12 @@ def adjust_scans(
     n = len(network.overlaps.sides)
     unmoved = tuple(np.eye(4) for _ in range(n))
     is_tied = len(ties) > 0
-    if not settings.enabled or not n or (n < 2 and not is_tied):
+    if not n or (n < 2 and not is_tied):
         return Adjustment(unmoved, (), False, "nothing to adjust", float("nan"), float("nan"), 0)
     before = match_overlaps(network.overlaps, unmoved, network.finest_radius, fine=True)
+    if not settings.enabled:
+        given = misfit_of(before)
+        return Adjustment(unmoved, describe_pairs(before, before), False, "switched off", given, given, 0)
     if not is_tied and not match_overlaps(network.overlaps, unmoved, network.radius, fine=False):
         return Adjustment(unmoved, (), False, "no two scans overlap", float("nan"), float("nan"), 0)
     network = replace(network, lies_near=network.lies_near and len(before) > 0)

@@ -54,6 +54,15 @@ def test_the_mean_of_the_given_poses_stays(rng: np.random.Generator) -> None:
     assert adjustment.motions[0][0, 3] == pytest.approx(-0.002, abs=0.0003)
 
 
+def test_switched_off_it_moves_nothing_and_still_says_how_the_scans_fit(rng: np.random.Generator) -> None:
+    clouds = [displaced(bumpy_cap(rng, turn, 0.0002), perturb(np.eye(4), np.zeros(3), np.array([0, 0, 0, dx, 0, 0])))
+              for turn, dx in ((0.0, 0.001), (0.8, -0.001))]  # fmt: skip
+    found = adjust_scans(clouds, AdjustmentSettings(enabled=False))
+    assert not found.applied
+    assert all((np.eye(4) == M).all() for M in found.motions)
+    assert 0.0006 < found.sigma_after < 0.002  # 2 mm along x, seen along normals that lie 0 to 80 degrees off it
+
+
 def test_scans_that_fit_already_are_left_alone(rng: np.random.Generator) -> None:
     clouds = [bumpy_cap(rng, turn, 0.0003) for turn in (0.0, 0.8)]
     adjustment = adjust_scans(clouds)

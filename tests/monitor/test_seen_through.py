@@ -66,6 +66,12 @@ def test_clouds_that_lie_off_each_other_by_less_than_the_slack_stay_whole(rng):
     assert sum(mask.sum() for mask in find_seen_through([wall(rng, LEFT), off], slack=5e-3)) == 0
 
 
+def test_where_it_is_not_known_how_far_clouds_lie_off_nothing_is_said(rng):
+    ghost = blob(rng, [0.0, 0.1, 0.3], 0.04, 60)
+    first, _ = find_seen_through([wall(rng, LEFT, more=ghost), wall(rng, RIGHT)], slack=np.nan)
+    assert first.sum() == 0
+
+
 def test_without_known_stations_nothing_is_said(rng):
     ghost = blob(rng, [0.0, 0.1, 0.3], 0.04, 60)
     unknown = wall(rng, np.full(3, np.nan))
