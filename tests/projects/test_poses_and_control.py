@@ -139,8 +139,10 @@ def test_unknown_units_are_refused():
 
 
 @pytest.mark.parametrize("size", [0.006, 0.3, 2.0, 40.0, 99.0])
-def test_size_of_a_monument_in_metres_is_not_questioned(size):
-    question_unit(box(size), unit_stated=False)
+def test_size_of_a_monument_in_metres_is_not_questioned_and_a_grain_of_dust_is(size):
+    question_unit(box(size), unit_stated=False)  # raises where it questions
+    with pytest.raises(UnitError, match="m if in mm"):
+        question_unit(box(1e-5 * size), unit_stated=False)
 
 
 @pytest.mark.parametrize(
