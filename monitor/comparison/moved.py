@@ -2,6 +2,10 @@
 
 In: the regions of a comparison. Out: which of them are two sides of a part that moved. A part of which only one side
 was seen cannot be told from material lost or added, and stays so.
+
+This asks the regions alone, in every comparison, and so names also small or plain parts whose shape holds no six
+parameters; it measures nothing. Parts that can be laid back onto the reference are found with their six parameters and
+covariance by `registration.parts`, and `moved_parts` then calls their regions moved too.
 """
 
 from __future__ import annotations

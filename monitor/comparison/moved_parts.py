@@ -1,7 +1,8 @@
 """Tells regions of change that are a part's motion from those that are wear.
 
 In: a comparison and the parts that moved rigidly (`registration.parts`). Out: the comparison with these regions called
-"moved", and the parts with their six parameters among its statistics.
+"moved", and the parts with their six parameters among its statistics. Regions that `moved` named before, from their
+distances alone, keep that name: such a part may be too small or too plain to be laid back.
 """
 
 from __future__ import annotations

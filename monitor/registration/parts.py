@@ -3,7 +3,8 @@
 In: both surfaces and the registration on what is stable. Out: `MovedParts`, each with its six parameters and their
 covariance, and the part of each point of the source. Motions share out the surface (`part_growth`); a part is what of
 it is held by its shape, significant, and bounded as a part is. Wear is no motion: it runs out where a part has a joint,
-and it does not bring to one side what it takes from the other.
+and it does not bring to one side what it takes from the other. (What no six parameters can be stated of may still show
+as moved: `comparison.moved`.)
 """
 
 from __future__ import annotations
