@@ -1,10 +1,9 @@
-"""Registration: speed against Open3D and small_gicp in one run, and the calibration of the covariance.
+"""Registration: speed against Open3D and small_gicp in one run.
 
-    python tests/benchmarks/bench_registration.py [speed] [calibration]
+    python tests/benchmarks/bench_registration.py
 
-Two clouds of the same bumpy body, 1 degree and 10 mm apart; errors are of the worst point against the truth. The
-calibration registers 200 pairs each with independent and with spatially correlated noise and counts how often the
-true motion lies within the 95 % ellipsoid.
+Two clouds of the same bumpy body, 1 degree and 10 mm apart; errors are of the worst point against the truth. (How often
+the true motion lies within its ellipsoid: `python tests/validation/validate.py registration_covariance`.)
 """
 
 import sys
@@ -13,12 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "monitor"))
 
 from bumpy_body import move, noisy_cloud
-from test_motion_covariance import squared_error
 
 from monitor.registration import register
 from projects.model import Floats, PointCloud
@@ -26,7 +23,6 @@ from projects.open3d_library import load_open3d
 from projects.transforms import apply, invert, perturb
 
 SIZES = (10_000, 100_000, 1_000_000)
-N_SIMULATED = 200
 
 
 def run_open3d(source: PointCloud, target: PointCloud) -> Floats:
@@ -77,17 +73,5 @@ def bench_speed() -> None:
             assert name != "ours" or n not in SIZES or worst < 2e-4
 
 
-def bench_calibration() -> None:
-    for reach in (None, 0.01, 0.03, 0.1):
-        errors = [squared_error(np.random.default_rng(10_000 + seed), reach) for seed in range(N_SIMULATED)]
-        inside = float(np.mean(np.array(errors) < chi2.ppf(0.95, 6)))
-        noise = "independent" if reach is None else f"correlated over {1e3 * reach:.0f} mm"
-        print(f"{noise:24s} inside the 95 % ellipsoid: {100 * inside:.1f} %, mean chi2 of 6: {np.mean(errors):.2f}")
-
-
 if __name__ == "__main__":
-    wanted = sys.argv[1:] or ["speed", "calibration"]
-    if "speed" in wanted:
-        bench_speed()
-    if "calibration" in wanted:
-        bench_calibration()
+    bench_speed()
