@@ -71,7 +71,8 @@ def _offset(field: Field, depth: Field) -> Field:
         found, deep = field(p), depth(p)
         # Only near the surface does the distance itself matter; fields here are sloped 0.5 to 2.
         near = (deep != 0.0) & (np.abs(found) < 3.0 * np.abs(deep).max(initial=0.0))
-        found[near] = _distance_along_normal(field, p[:, near])
+        if near.any():  # a solid asks for a point at least
+            found[near] = _distance_along_normal(field, p[:, near])
         return found + deep
 
     return value

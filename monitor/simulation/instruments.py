@@ -1,7 +1,8 @@
-"""Instruments that can be simulated: panoramic phase-shift scanners as their makers and the papers describe them.
+"""Instruments that can be simulated: panoramic phase-shift scanners as the papers and public sources describe them.
 
 The laser footprint, the noise and the cyclic error of an instrument go in; nothing here computes. What a figure
-rests on is said in the docstring of each preset.
+rests on is said in the docstring of each preset, and what is only assumed; makers' data sheets were not at hand. Who
+has one replaces the figures: `dataclasses.replace(INSTRUMENTS["phase-2020"], noise_floor=0.0002)`.
 """
 
 from __future__ import annotations
@@ -75,9 +76,10 @@ def faro_ls880() -> Instrument:
 
     Sources: 000 section 2.1 and fig. 1: cyclic error of 0.6, 0.3, 0.2, 0.15 m; median absolute deviation of a plane
     patch 1 mm before and 0.4 mm after calibration, hence one sigma of 0.6 mm at a few metres (its range axis) and an
-    amplitude of about 1.9 mm for the strongest wave; 002: the whole effect is below 3 mm. Assumed: how the amplitude
-    is shared among the four waves, the phases. Remembered, the maker's data sheet was looked for and not found: beam
-    3 mm at exit and 0.25 mrad, 0.6 to 76 m, 40000 steps a turn, vertical field 320 degrees.
+    amplitude of about 1.9 mm for the strongest wave; 002: the whole effect is below 3 mm. 000 section 2.4 and 002:
+    0.7 mm between pulses on a stove, less than the footprint: as 40000 steps a turn give at 4.5 m and a beam of 3 mm
+    and 0.25 mrad has. No source was found for these three, nor for 0.6 to 76 m, a vertical field of 320 degrees, the
+    angular noise, the phases, and how the amplitude is shared among the four waves: assumed.
     """
     return Instrument(
         name="Faro LS 880HE", beam_diameter=0.003, beam_divergence=0.25e-3, noise_floor=0.5e-3, noise_10m=0.7e-3,
@@ -90,11 +92,10 @@ def faro_ls880() -> Instrument:
 def faro_photon120() -> Instrument:
     """Return the Faro Photon 120 of papers 001 and 002.
 
-    Sources: 001 section 4.1: noise of 0.3 to 0.5 mm within 10 m; 001 section 4.1, sculptures: 2 mm on average at
-    quarter resolution from at most 5 m, as 40000 steps a turn (as remembered) give from 3.2 m. Remembered, the
-    maker's data sheet was looked for and not found: beam 3.3 mm at exit and 0.16 mrad, 0.4 mm noise at 10 m on 90
-    %, 0.6 to 120 m (the name gives the 120). Assumed: the residual cyclic error (0.2 mm), that this noise is half
-    floor and half light, angular noise.
+    Sources: 001 section 4.1: noise of 0.3 to 0.5 mm within 10 m, hence 0.4 mm at 10 m on 90 %; 001 section 4.1,
+    sculptures: 2 mm on average at quarter resolution from at most 5 m, as 40000 steps a turn give from 3.2 m; the
+    name: 120 m. No source was found for the beam, 3.3 mm at exit and 0.16 mrad, the residual cyclic error (0.2 mm),
+    that this noise is half floor and half light, the shortest range and the angular noise: assumed.
     """
     return Instrument(
         name="Faro Photon 120", beam_diameter=0.0033, beam_divergence=0.16e-3, noise_floor=0.28e-3, noise_10m=0.28e-3,
@@ -107,8 +108,8 @@ def leica_hds6000() -> Instrument:
     """Return the Leica HDS 6000 of papers 001 and 003.
 
     Sources: 003 section 4.1: ambiguity range 79 m, shortest distance 1 m, finest step 0.009 degrees; section 1.2.2: a
-    spot of 3 mm at 3.5 m and, with the motion of the beam, about 4 mm at 5 m. The 0.22 mrad as remembered (the
-    maker's data sheet was looked for and not found) fit that: 3.2 mm of beam at 5 m and 0.8 mm of one step make 4 mm.
+    spot of 3 mm at 3.5 m and, with the motion of the beam, about 4 mm at 5 m: a beam of 3 mm at exit that widens by
+    0.22 mrad is 3.1 mm wide at 3.5 m, and its 3.2 mm at 5 m and the 0.8 mm of one step make 4 mm.
     Section 4.3: one scan of the relief lies 0.7 mm (one sigma) from the reference. Assumed: that 0.6 mm of those
     0.7 mm is range noise, its split, no cyclic error left, angular noise. Sections 1.2.2 and 1.3 also draw on 1 and
     2 mm (maker's figures for any target and range); section 3.1 measured 0.4 mm on one point in 20 repetitions.
@@ -127,9 +128,10 @@ def current_phase_scanner() -> Instrument:
     the scanner models of the plant simulator Helios): beam 2.12 mm at exit and 0.3 mrad, both to 1/e of its power;
     vertical field of 300 degrees. A beam of 1550 nm and 3.0 mm (2.12 mm * sqrt 2, to 1/e2) cannot diverge by less than
     4 lambda / (pi D) = 0.66 mrad in full, so those 0.3 mrad must be the half angle: 0.85 mrad in full to 1/e2.
-    Remembered, not found: the 1550 nm, 0.3 mm noise at 10 m on 90 %, angles to 19 arc seconds (of which a few are
-    noise within one scan), 0.6 to 150 m. Assumed: the split of the noise, no cyclic error. The lowest elevation, -60
-    degrees in that sheet, stays at -65.
+    Angular noise: 2 to 4 arc seconds were measured of a Z+F Imager 5016A (Methodological framework for determining
+    vertical angular variances of terrestrial laser scanners, ISPRS Annals XI-1-2026, 363). No source was found for
+    the 1550 nm, 0.3 mm noise at 10 m on 90 % and its split, 0.6 to 150 m, and that no cyclic error is left: assumed.
+    The lowest elevation, -60 degrees in that sheet, stays at -65.
     """
     return Instrument(
         name="phase scanner 2020", beam_diameter=0.0030, beam_divergence=0.85e-3, noise_floor=0.15e-3,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from monitor.simulation import attic_model, attic_stations, break_off, build_scene, measure_changes, move_part
+from monitor.simulation import attic_model, attic_stations, break_off, build_scene, erode, measure_changes, move_part
 from monitor.simulation.attic_sculpture import HEAD, PEDESTAL_HEIGHT
 from monitor.simulation.model import change_model
 from monitor.simulation.solid import evaluate
@@ -77,3 +77,12 @@ def test_the_broken_end_of_the_baton_is_lost_with_its_volume(rng):
     assert change.kind == "lost"
     assert abs(volume * lost.mean() - change.volume) < 4 * volume * lost.std() / np.sqrt(len(points))
     assert -0.08 < change.extreme < -0.03
+
+
+def test_wear_leaves_what_lies_far_from_it_and_asks_nothing_of_no_points(scene):
+    figure = attic_model(cell=CELL).part("figure").field
+    knee = scene.truth.closest_point(in_metres([(-0.50, -0.90, 2.30)]))
+    worn = erode("worn knee", knee[0], radius=0.04, depth=0.003).apply(figure)
+    far = in_metres([(0.30, -0.60, 5.10), (0.0, 0.0, 7.0)]).T
+    np.testing.assert_array_equal(worn(far), figure(far))
+    assert worn(knee.T) - figure(knee.T) == pytest.approx(0.003, abs=1e-5)

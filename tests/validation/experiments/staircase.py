@@ -34,7 +34,7 @@ TITLE = "Staircase (paper 002, fig. 4): control points, and a settlement of 6 mm
 INSTRUMENT = INSTRUMENTS["leica-hds6000"]
 PLACES = {"small": (2, 6), "full": (2, 3, 6, 7, 8)}  # of STATIONS
 STEPS = {"small": 0.008, "full": 0.005}  # rad, of the panoramas
-GROWTH: dict[Size, tuple[float, ...]] = {"small": (), "full": (0.009,)}  # rad, for the law of growth
+GROWTH: dict[Size, tuple[float, ...]] = {"small": (), "full": (0.02, 0.009)}  # rad; the first compiles, not counted
 SIGMA_POSITION, SIGMA_ANGLE = 0.010, float(np.radians(0.05))
 ACROSS, FARTHEST, STEEPEST = 40, 10.0, float(np.radians(60.0))  # pulses, m, rad: fine scans of the targets
 BOX = np.array([[-8.0, -4.2, 0.05], [8.0, 4.2, 8.0]])
@@ -119,7 +119,7 @@ def run(size: Size) -> list[Row]:
     after = staircase_scene(changes=[move_whole("settlement", settlement(SINKS))])
     near = [t for t in before.targets if abs(t.centre[0]) < 10.0]
     control, check = near[0::2], near[1::2]
-    costs = [cost_of(before, control, size, step) for step in GROWTH[size]]
+    costs = [cost_of(before, control, size, step) for step in GROWTH[size]][1:]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         surveys = [survey(scene, size, folder, seed) for seed, scene in enumerate((before, after))]
