@@ -41,8 +41,9 @@ def _frontality(cloud: PointCloud) -> Floats:
 def assess_placement(surface: Surface, clouds: Sequence[PointCloud], network: Mapping[str, Floats]) -> Floats:
     """Return one sigma (n,) [m] of the surface by where the adjustment put its scans (named by `scan_index`)."""
     scans = [0 if c.scan_index is None else int(c.scan_index[0]) for c in clouds]
-    covariances, centres = network["covariances"][scans], network["centres"][scans]
-    return placement_sigma(surface.vertices, clouds, _typical_spacing(clouds), covariances, centres)
+    unknowns = (6 * np.array(scans)[:, None] + np.arange(6)).ravel()
+    joint = network["joint_covariance"][np.ix_(unknowns, unknowns)]
+    return placement_sigma(surface.vertices, clouds, _typical_spacing(clouds), joint, network["centres"][scans])
 
 
 def _typical_spacing(clouds: Sequence[PointCloud]) -> float:

@@ -92,14 +92,26 @@ def _as_arrays(found: Adjustment, seen: Sequence[int], setups: Ints) -> dict[str
     NaN."""
     n_scans = len(setups)
     motions, centres = np.tile(np.eye(4), (n_scans, 1, 1)), np.full((n_scans, 3), np.nan)
-    covariances = np.full((n_scans, 6, 6), np.nan)
+    covariances, is_of = np.full((n_scans, 6, 6), np.nan), np.zeros((n_scans, len(seen)))
     for j, first in enumerate(seen):
         members = setups == setups[first]
         motions[members] = found.motions[j]
+        is_of[members, j] = 1.0
         if len(found.covariances):
             covariances[members], centres[members] = found.covariances[j], found.centres[j]
     return {"T_project_given": motions, "covariances": covariances, "centres": centres, "setups": setups,
+            "joint_covariance": _spread(found.joint_covariance, is_of),
             "covariance": found.covariance, "centre": found.centre}  # fmt: skip
+
+
+def _spread(joint: Floats, is_of: Floats) -> Floats:
+    """Return the joint covariance of all scans (6 n, 6 n) from that of the set-ups that saw something; `is_of` (n, s)
+    is 1 where a scan is of a set-up; NaN for the others, and all over where none is known."""
+    take = np.kron(is_of, np.eye(6))
+    if not len(joint):
+        return np.full((len(take), len(take)), np.nan)
+    unknown = np.where(take.any(axis=1), 0.0, np.nan)
+    return take @ joint @ take.T + unknown[:, None] + unknown
 
 
 def _figures(found: Adjustment, seen: Sequence[int]) -> dict[str, Any]:

@@ -71,9 +71,11 @@ class Detection:
 
 @dataclass(frozen=True)
 class Detected:
-    """The answer for both sides (reference, compared), the noise, and the test that it rests on."""
+    """The answer for both sides (reference, compared), the sides with their errors scaled to what the stable areas
+    show, the noise, and the test that it rests on."""
 
     sides: tuple[Detection, Detection]
+    scaled: tuple[Side, Side]
     noise: Noise
     test: Tested
 
@@ -83,15 +85,22 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     rng = np.random.default_rng(seed)
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
-    test = judge_units(sides, calm, noise, registration, level, first_errors)
+    scaled = scale_both(sides, noise)
+    test = judge_units(scaled, calm, noise, registration, level, first_errors)
     for limit in (test.limit, None):
         rest = tuple(away_from(s, test, k, level / test.n_tested if limit is None else limit)
                      for k, s in enumerate(sides))  # fmt: skip
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
-            calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation.area)
-            test = judge_units(sides, calm, noise, registration, level, calm_errors)
-    found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(sides))
-    return Detected((found[0], found[1]), noise, test)
+            calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
+            scaled = scale_both(sides, noise)
+            test = judge_units(scaled, calm, noise, registration, level, calm_errors)
+    found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(scaled))
+    return Detected((found[0], found[1]), scaled, noise, test)
+
+
+def scale_both(sides: tuple[Side, Side], noise: Noise) -> tuple[Side, Side]:
+    """Return both sides with their errors scaled."""
+    return noise.scaled(sides[0]), noise.scaled(sides[1])
 
 
 def stable_or_all(side: Side) -> Bools:

@@ -1,8 +1,8 @@
 """How well the scans of an epoch are placed, seen at its surface: the part of the network's error that overlaps hide.
 
-In: the surface's vertices, the scans' points with normals, and the covariances of an adjustment. Out: for every vertex
-one sigma along the normal. Scans around a body that all lie outwards by as much fit each other as well as before, and
-the body is too large: only the covariance of the adjustment knows how little holds that (n' J C J' n).
+In: the surface's vertices, the scans' points with normals, and the joint covariance of an adjustment. Out: for every
+vertex one sigma along the normal. Scans around a body that all lie outwards by as much fit each other as well as
+before, and the body is too large: only the covariance of the adjustment knows how little holds that (n' J C J' n).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from projects.model import Floats, Ints, PointCloud
 
 
 def placement_sigma(
-    vertices: Floats, clouds: Sequence[PointCloud], spacing: float, covariances: Floats, centres: Floats
+    vertices: Floats, clouds: Sequence[PointCloud], spacing: float, joint_covariance: Floats, centres: Floats
 ) -> Floats:
     """Return one sigma (n,) [m] along the normal of where the adjustment put the scans that each vertex comes from.
 
@@ -26,34 +26,45 @@ def placement_sigma(
     vertices : (n, 3) m.
     clouds : of each scan, registered, with normals.
     spacing : m, typical distance between neighbouring points.
-    covariances, centres : (s, 6, 6) rad, m about (s, 3) m, of each scan's motion; a scan of which they are NaN (its
-        pose was given and stays) counts as well placed, since its error shows where it overlaps others.
+    joint_covariance, centres : (6 s, 6 s) rad, m about (s, 3) m, of the motions of all scans; one of which they are NaN
+        (its pose was given and stays) counts as well placed, since its error shows where it overlaps others.
 
     Notes
     -----
-    Where several scans see a patch, their variances are averaged over the points and not divided by their number: scans
-    that were fitted onto each other err together.
+    The surface follows the mean of the scans that see a patch, each by its share of the points: its row over all
+    motions is the mean of n'(w x (x - c) + t). What the scans do in common as one rigid body is taken out, since the
+    registration of the epoch finds that anew and states it (least squares over the patches, each by its points); what
+    bends or swells the whole stays.
     """
-    known = [k for k, c in enumerate(clouds) if c.normals is not None and len(c) and np.isfinite(covariances[k]).all()]
+    known = [k for k, c in enumerate(clouds) if c.normals is not None and len(c)]
+    known = [k for k in known if np.isfinite(joint_covariance[6 * k, 6 * k])]
     if not known:
         return np.zeros(len(vertices))
     points = np.concatenate([clouds[k].points for k in known])
-    variance = np.concatenate([_variance_at(clouds[k], covariances[k], centres[k]) for k in known])
     patch, middles = cut_cubes(points, PATCH_IN_SPACINGS * spacing)
-    mean = _mean_by(patch, variance)
-    return np.sqrt(spread_to(vertices, middles, mean))
+    count = np.bincount(patch).astype(float)
+    rows: Floats = np.zeros((len(count), 6 * len(known)))
+    common: Floats = np.zeros((len(count), 6))
+    start, middle = 0, points.mean(axis=0)
+    for j, k in enumerate(known):
+        member = patch[start : start + len(clouds[k])]
+        start += len(clouds[k])
+        rows[:, 6 * j : 6 * j + 6] = _sum_of_rows(clouds[k], centres[k], member, len(count))
+        common += _sum_of_rows(clouds[k], middle, member, len(count))
+    unknowns = (6 * np.array(known)[:, None] + np.arange(6)).ravel()
+    covariance = joint_covariance[np.ix_(unknowns, unknowns)]
+    rows = _less_common(rows / count[:, None], common / count[:, None], count)
+    return np.sqrt(spread_to(vertices, middles, np.einsum("pi,ij,pj->p", rows, covariance, rows, optimize=True)))
 
 
-def _variance_at(cloud: PointCloud, covariance: Floats, centre: Floats) -> Floats:
-    """Return the variance (k,) [m2] along the normal of each point of a scan so placed; NaN without a normal."""
+def _sum_of_rows(cloud: PointCloud, centre: Floats, member: Ints, n: int) -> Floats:
+    """Return the sum (n, 6) over each patch of how far points go along their normals under a motion about `centre`."""
     assert cloud.normals is not None
-    rows = motion_rows(cloud.points, cloud.normals, centre)
-    return np.asarray(np.einsum("ni,ij,nj->n", rows, covariance, rows))
+    rows = np.nan_to_num(motion_rows(cloud.points, cloud.normals, centre))  # a point without a normal says nothing
+    return np.column_stack([np.bincount(member, rows[:, k], n) for k in range(6)])
 
 
-def _mean_by(member: Ints, values: Floats) -> Floats:
-    """Return the mean (n,) of the finite values of each member, 0 where there is none."""
-    finite = np.isfinite(values)
-    n = int(member.max()) + 1
-    count = np.bincount(member[finite], minlength=n)
-    return np.asarray(np.bincount(member[finite], values[finite], n) / np.maximum(count, 1))
+def _less_common(rows: Floats, common: Floats, weight: Floats) -> Floats:
+    """Return the rows (p, u) less the rigid motion of the whole that follows them best; `common` (p, 6) is its rows."""
+    root = np.sqrt(weight)[:, None]
+    return np.asarray(rows - common @ np.linalg.lstsq(root * common, root * rows, rcond=1e-9)[0])
