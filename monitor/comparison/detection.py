@@ -18,18 +18,19 @@ from scipy.sparse.csgraph import connected_components
 from monitor.comparison.level_of_detection import Z95, level_of_detection
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.patches import (
+    Layout,
     PatchErrors,
     Patches,
     benjamini_hochberg,
     calm_errors,
     first_errors,
-    gather_patches,
+    lay_out_patches,
     least_p,
-    patch_radii,
+    measure_patches,
 )
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, both_in
 from monitor.comparison.smoothing import smooth_distances
-from monitor.comparison.units import Units, cut_units, summarize_units, unit_size
+from monitor.comparison.units import Units, summarize_units, unit_size
 from projects.model import Bools, Floats, Ints, Registration
 
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
@@ -86,14 +87,15 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
     scaled = scale_both(sides, noise)
-    test = judge_units(scaled, calm, noise, registration, level, first_errors)
+    layout = lay_out(sides, noise, None)
+    test = judge_units(layout, scaled, calm, noise, registration, level, first_errors)
     for limit in (test.limit, None):
         rest = tuple(away_from(s, test, k, level / test.n_tested if limit is None else limit)
                      for k, s in enumerate(sides))  # fmt: skip
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
             calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
-            scaled = scale_both(sides, noise)
-            test = judge_units(scaled, calm, noise, registration, level, calm_errors)
+            scaled, layout = scale_both(sides, noise), lay_out(sides, noise, layout)
+            test = judge_units(layout, scaled, calm, noise, registration, level, calm_errors)
     found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(scaled))
     return Detected((found[0], found[1]), scaled, noise, test)
 
@@ -109,15 +111,19 @@ def stable_or_all(side: Side) -> Bools:
     return stable if stable.any() else side.is_assessed
 
 
-def judge_units(sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration, level: float,
-                learn_errors: Callable[[Floats], PatchErrors]) -> Tested:  # fmt: skip
-    """Cut both sides into units and test the patches of every size that they make, all at once."""
-    areas = np.concatenate([s.areas[s.is_assessed] for s in sides])
-    size = unit_size(noise.correlation, areas)
-    units = tuple(summarize_units(s, cut_units(s, size), noise, registration, c)
-                  for s, c in zip(sides, calm, strict=True))  # fmt: skip
-    sizes = [[gather_patches(u, r, noise.correlation, registration) for u in units]
-             for r in patch_radii(size, 0.5 * float(areas.sum()))]  # fmt: skip
+def lay_out(sides: tuple[Side, Side], noise: Noise, last: Layout | None) -> Layout:
+    """Return the patches to test where errors agree as in `noise`; the last ones where units come out as large."""
+    size = unit_size(noise.correlation, np.concatenate([s.areas[s.is_assessed] for s in sides]))
+    return last if last is not None and last.size == size else lay_out_patches(sides, size)
+
+
+def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration,
+                level: float, learn_errors: Callable[[Floats], PatchErrors]) -> Tested:  # fmt: skip
+    """Test the patches of every size of both sides, all at once."""
+    units = tuple(summarize_units(s, n, noise, registration, c)
+                  for s, n, c in zip(sides, layout.numbers, calm, strict=True))  # fmt: skip
+    sizes = [[measure_patches(u, m, noise.correlation, registration) for u, m in zip(units, members, strict=True)]
+             for members in layout.members]  # fmt: skip
     errors = tuple(learn_errors(np.concatenate([_standardize(p)[p.is_whole & p.is_calm] for p in pair]))
                    for pair in sizes)  # fmt: skip
     p_values = [[np.where(p.is_whole, e.p_values(_standardize(p)), 1.0) for p in pair]
@@ -128,7 +134,7 @@ def judge_units(sides: tuple[Side, Side], calm: Masks, noise: Noise, registratio
                                  for pair, values in zip(sizes, p_values, strict=True)])
               for k in range(2)] for sign in (1.0, -1.0)]  # fmt: skip
     return Tested((units[0], units[1]), (least[0][0], least[0][1]), (least[1][0], least[1][1]),
-                  benjamini_hochberg(tested, level), size, errors, len(tested), sizes, p_values)  # fmt: skip
+                  benjamini_hochberg(tested, level), layout.size, errors, len(tested), sizes, p_values)  # fmt: skip
 
 
 def _standardize(patches: Patches) -> Floats:
@@ -140,8 +146,7 @@ def away_from(side: Side, test: Tested, which: int, limit: float) -> Bools:
     """Return which assessed vertices lie neither in a unit with a p value up to `limit` nor in one that touches it."""
     number = test.units[which].number
     hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= test.limit
-    pairs = number[side.edges]
-    pairs = pairs[(pairs >= 0).all(axis=1)]
+    pairs = number[side.edges[both_in(number >= 0, side.edges)]]
     touched = np.append(hit, False)  # unit -1, not assessable, is the last
     touched[pairs[hit[pairs[:, 0]], 1]] = True
     touched[pairs[hit[pairs[:, 1]], 0]] = True
@@ -173,7 +178,7 @@ def mark_changed(side: Side, test: Tested, which: int, noise: Noise, calm: Bools
 def _grow(seeds: Bools, beyond: Bools, sign: Ints, edges: Ints) -> Bools:
     """Return the vertices of `beyond` that hang together with a seed of their sign."""
     n = len(seeds)
-    same = beyond[edges].all(axis=1) & (sign[edges[:, 0]] == sign[edges[:, 1]])
+    same = both_in(beyond, edges) & (sign[edges[:, 0]] == sign[edges[:, 1]])
     graph = coo_matrix((np.ones(int(same.sum()), dtype=np.int8), edges[same].T), shape=(n, n))
     _, part = connected_components(graph, directed=False)
     has_seed = np.zeros(n, dtype=np.bool_)

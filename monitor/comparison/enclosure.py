@@ -18,7 +18,7 @@ from monitor.comparison.correlation import kept_variance
 from monitor.comparison.detection import Detected
 from monitor.comparison.mesh_tree import MeshTree
 from monitor.comparison.offsets import Offsets, signed_offsets
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, both_in
 from projects.model import Bools, Floats, Ints, Registration
 
 SIGNS = (-1.0, 1.0)  # of (reference, compared): outside of the other surface is lost there, gained here
@@ -135,7 +135,7 @@ def _spread(side: Side, seeds: Ints, allowed: Bools, limit: float) -> Ints:
 
 def _graph(side: Side, allowed: Bools) -> csr_matrix:
     """Return the lengths [m] of the edges between allowed vertices."""
-    edges = side.edges[allowed[side.edges].all(axis=1)]
+    edges = side.edges[both_in(allowed, side.edges)]
     vertices = side.surface.vertices
     length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     return coo_matrix((np.maximum(length, 1e-300), edges.T), shape=(len(vertices), len(vertices))).tocsr()

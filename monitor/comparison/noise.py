@@ -115,7 +115,7 @@ def learn_sizes(
     floor, scale = size_of_errors(distances, sigma, share, _count(calm, every, known, rng))
     floors, scales = np.full(N_STRATA, floor), np.full(N_STRATA, scale)
     for members in [every[every // 3 == k] for k in range(N_STRATA // 3)] + [every[k : k + 1] for k in every]:
-        n_witnesses, group = _count(calm, members, known, rng), np.isin(stratum, members)
+        n_witnesses, group = _count(calm, members, known, rng), _is_of(stratum, members)
         if n_witnesses < FEWEST_WITNESSES:
             continue
         spread = np.hypot(scales[members[0]] * sigma[group], floors[members[0]])
@@ -126,8 +126,16 @@ def learn_sizes(
 
 def _count(calm: Sequence[_Calm], members: Ints, known: Correlation | None, rng: np.random.Generator) -> float:
     """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness."""
-    points = max((c.points[np.isin(c.stratum, members)] for c in calm), key=len)
-    return 0.0 if known is None else count_witnesses(points, known, rng)
+    if known is None:
+        return 0.0
+    return count_witnesses(max((c.points[_is_of(c.stratum, members)] for c in calm), key=len), known, rng)
+
+
+def _is_of(stratum: Ints, members: Ints) -> Bools:
+    """Return whether each stratum number (n,) is one of `members`."""
+    table = np.zeros(N_STRATA, dtype=np.bool_)
+    table[members] = True
+    return table[stratum]
 
 
 def count_witnesses(points: Floats, correlation: Correlation, rng: np.random.Generator) -> float:

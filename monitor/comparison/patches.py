@@ -16,8 +16,9 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from monitor.comparison.correlation import Correlation, kept_variance
-from monitor.comparison.units import Units
-from projects.model import Bools, Floats, Registration
+from monitor.comparison.side import Side
+from monitor.comparison.units import Units, cut_units, place_units
+from projects.model import Bools, Floats, Ints, Registration
 
 REACHES = (0.0, 1.2, 2.4, 4.8)  # of a unit's edge: radius around a unit within which its patch takes others in
 LARGEST_SHARE = 0.05  # of the surface's area, for a patch: what is larger cannot be told from what is common to all
@@ -51,9 +52,41 @@ class PatchErrors:
         return np.asarray(2.0 * student.sf(np.abs(z) / self.scale, self.dof))
 
 
-def gather_patches(units: Units, radius: float, correlation: Correlation, registration: Registration) -> Patches:
-    """Return the patch around each unit: the units within `radius` [m] that look the same way (within 60 degrees)."""
-    members = _members(units, radius)
+@dataclass(frozen=True)
+class Layout:
+    """Units of edge `size` [m] on both sides, `numbers` of each vertex, and what makes the patches of each size:
+    `members` [size][side], sparse 0/1 (p, u)."""
+
+    size: float
+    numbers: tuple[Ints, Ints]
+    members: list[list[csr_matrix]]
+
+
+def lay_out_patches(sides: tuple[Side, Side], size: float) -> Layout:
+    """Cut both sides into units of edge `size` [m] and gather the patches of every size around each."""
+    numbers = (cut_units(sides[0], size), cut_units(sides[1], size))
+    places = [place_units(s, n) for s, n in zip(sides, numbers, strict=True)]
+    radii = patch_radii(size, 0.5 * sum(float(s.areas[s.is_assessed].sum()) for s in sides))
+    return Layout(size, numbers, [[_members(*place, r) for place in places] for r in radii])
+
+
+def _members(centres: Floats, normals: Floats, radius: float) -> csr_matrix:
+    """Return which units (columns) belong to the patch around each unit (rows): those within `radius` [m] that look the
+    same way (within 60 degrees)."""
+    n = len(centres)
+    pairs = np.zeros((0, 2), dtype=np.int64)
+    if radius > 0.0 and n:
+        pairs = cKDTree(centres).query_pairs(radius, output_type="ndarray")
+        length = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+        cosine = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]])
+        pairs = pairs[cosine >= 0.5 * length[pairs[:, 0]] * length[pairs[:, 1]]]
+    rows = np.concatenate([np.arange(n), pairs[:, 0], pairs[:, 1]])
+    columns = np.concatenate([np.arange(n), pairs[:, 1], pairs[:, 0]])
+    return coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n)).tocsr()
+
+
+def measure_patches(units: Units, members: csr_matrix, correlation: Correlation, registration: Registration) -> Patches:
+    """Return the patches that `members` names, with their means and what limits them."""
     areas = members @ units.areas
     weights = members.multiply(units.areas).multiply(1.0 / areas[:, None]).tocsr()
     within2 = weights @ units.variances
@@ -68,20 +101,6 @@ def gather_patches(units: Units, radius: float, correlation: Correlation, regist
         is_whole=areas >= SMALLEST_SHARE * np.median(areas) if len(areas) else np.zeros(0, dtype=np.bool_),
         is_calm=weights @ units.calm_shares > 0.5,
     )
-
-
-def _members(units: Units, radius: float) -> csr_matrix:
-    """Return which units (columns) belong to the patch around each unit (rows)."""
-    n = len(units.areas)
-    pairs = np.zeros((0, 2), dtype=np.int64)
-    if radius > 0.0 and n:
-        pairs = cKDTree(units.centres).query_pairs(radius, output_type="ndarray")
-        length = np.maximum(np.linalg.norm(units.normals, axis=1), 1e-300)
-        cosine = np.einsum("pi,pi->p", units.normals[pairs[:, 0]], units.normals[pairs[:, 1]])
-        pairs = pairs[cosine >= 0.5 * length[pairs[:, 0]] * length[pairs[:, 1]]]
-    rows = np.concatenate([np.arange(n), pairs[:, 0], pairs[:, 1]])
-    columns = np.concatenate([np.arange(n), pairs[:, 1], pairs[:, 0]])
-    return coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n)).tocsr()
 
 
 def patch_radii(size: float, area: float) -> list[float]:

@@ -18,7 +18,7 @@ from monitor.comparison.detection import Detected, Detection, Tested
 from monitor.comparison.enclosure import SIGNS, Beyond, grow_regions, measure_body, spread_over_assessed
 from monitor.comparison.moved import name_moved
 from monitor.comparison.region_figures import describe_region, is_volume_known, settle_kind, spread_margin
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, both_in
 from monitor.comparison.units import sum_groups
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
@@ -165,7 +165,7 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
         at = np.flatnonzero(beyond.is_through[k] & (beyond.nearest[k] >= 0))
         links.append(np.column_stack([at + own, beyond.nearest[k][at] + other]))
     pairs = np.vstack(links)
-    pairs = pairs[changed[pairs].all(axis=1)]
+    pairs = pairs[both_in(changed, pairs)]
     pairs = pairs[sign[pairs[:, 0]] == sign[pairs[:, 1]]]
     graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(n, n))
     _, part = connected_components(graph, directed=False)

@@ -114,6 +114,11 @@ def _shared_sigma(surface: Surface) -> Floats:
     return np.where(np.isfinite(surface.sigma_shared), surface.sigma_shared, 0.0)
 
 
+def both_in(mask: Bools, edges: Ints) -> Bools:
+    """Return which edges (e, 2) have both ends in the mask (n,)."""
+    return mask[edges[:, 0]] & mask[edges[:, 1]]
+
+
 def cosine_to_foot(side: Side, vertices: Ints) -> Floats:
     """Return the cosine between a vertex's normal and the way to its foot, which is the normal of the foot's face."""
     corners = side.other.vertices[side.other.faces[side.feet.faces[vertices]]]

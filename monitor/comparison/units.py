@@ -13,7 +13,8 @@ from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.noise import Noise
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, both_in
+from monitor.registration.sampling import cell_numbers
 from projects.model import Bools, Floats, Ints, Registration
 
 LARGEST_UNIT = 8.0  # vertices along its edge
@@ -23,18 +24,15 @@ LARGEST_UNIT = 8.0  # vertices along its edge
 class Units:
     """Units of one side, (u,) each.
 
-    `number` (n,) is the unit of each vertex, -1 where not assessable; `areas` [m2]; `n_vertices`; `centres` (u, 3) [m];
-    `normals` (u, 3); `means` [m] of the change; `variances` [m2] of a vertex in it, without the registration's part;
-    `shared` [m], one
-    sigma of what its scans disagree by; `motion_rows` (u, 6), the mean of n' J; `calm_shares`, how much of its area is
-    held to be unchanged.
+    `number` (n,) is the unit of each vertex, -1 where not assessable; `areas` [m2]; `n_vertices`; `means` [m] of the
+    change; `variances` [m2] of a vertex in it, without the registration's part; `shared` [m], one sigma of what its
+    scans disagree by; `motion_rows` (u, 6), the mean of n' J; `calm_shares`, how much of its area is held to be
+    unchanged.
     """
 
     number: Ints
     areas: Floats
     n_vertices: Ints
-    centres: Floats
-    normals: Floats
     means: Floats
     variances: Floats
     shared: Floats
@@ -58,15 +56,14 @@ def cut_units(side: Side, size: float) -> Ints:
     """Return the unit of each vertex (n,), -1 where not assessable: connected parts of cubes of edge `size` [m]."""
     assessed = np.flatnonzero(side.is_assessed)
     number = np.full(len(side.areas), -1, dtype=np.int64)
-    cell = np.floor((side.surface.vertices - side.surface.vertices.min(axis=0)) / size).astype(np.int64)
-    edges = side.edges
-    joined = (cell[edges[:, 0]] == cell[edges[:, 1]]).all(axis=1) & side.is_assessed[edges].all(axis=1)
+    cell = cell_numbers(side.surface.vertices, size)
+    edges = side.edges[both_in(side.is_assessed, side.edges)]
+    joined = cell[edges[:, 0]] == cell[edges[:, 1]]
     n = len(number)
     graph = coo_matrix((np.ones(joined.sum(), dtype=np.int8), edges[joined].T), shape=(n, n))
     _, part = connected_components(graph, directed=False)
     _, number[assessed] = np.unique(part[assessed], return_inverse=True)
-    across = edges[~joined & side.is_assessed[edges].all(axis=1)]
-    return merge_slivers(number, across, side.areas, 0.25 * size**2)
+    return merge_slivers(number, edges[~joined], side.areas, 0.25 * size**2)
 
 
 def merge_slivers(number: Ints, across: Ints, areas: Floats, least: float) -> Ints:
@@ -91,22 +88,32 @@ def merge_slivers(number: Ints, across: Ints, areas: Floats, least: float) -> In
 
 def summarize_units(side: Side, number: Ints, noise: Noise, registration: Registration, calm: Bools) -> Units:
     """Return the figures of each unit, area-weighted over its vertices."""
-    inside = np.flatnonzero(number >= 0)
-    n_units = int(number.max(initial=-1)) + 1
-    unit, weight = number[inside], side.areas[inside]
-    areas = np.maximum(sum_groups(unit, weight, n_units), 1e-300)
-    share = weight / areas[unit]
-
-    def average(values: Floats) -> Floats:
-        return np.column_stack([sum_groups(unit, share * column, n_units) for column in values.T])
-
+    inside = number >= 0
     points, normals = side.surface.vertices[inside], side.normals[inside]
     rows = np.hstack([np.cross(points - registration.centre, normals), normals])
     figures = [side.distances, noise.variance_of(side), side.sigma_shared, calm]
-    means, variances, shared, calm_shares = average(np.column_stack([f[inside] for f in figures])).T
-    n_vertices = np.bincount(unit, minlength=n_units)
-    return Units(number, areas, n_vertices, average(points), average(normals), means, variances, shared, average(rows),
-                 calm_shares)  # fmt: skip
+    areas, means = average_units(side, number, np.column_stack([*(f[inside] for f in figures), rows]))
+    change, variances, shared, calm_shares = means[:, :4].T
+    n_vertices = np.bincount(number[inside], minlength=len(areas))
+    return Units(number, areas, n_vertices, change, variances, shared, means[:, 4:], calm_shares)
+
+
+def place_units(side: Side, number: Ints) -> tuple[Floats, Floats]:
+    """Return centres (u, 3) [m] and mean normals (u, 3), not of unit length, of the units."""
+    inside = number >= 0
+    _, figures = average_units(side, number, np.hstack([side.surface.vertices[inside], side.normals[inside]]))
+    return figures[:, :3], figures[:, 3:]
+
+
+def average_units(side: Side, number: Ints, values: Floats) -> tuple[Floats, Floats]:
+    """Return the areas (u,) [m2] of the units and the area-weighted means (u, c) of the values (k, c) of the vertices
+    that belong to one."""
+    inside = number >= 0
+    unit, weight = number[inside], side.areas[inside]
+    n_units = int(number.max(initial=-1)) + 1
+    areas = np.maximum(sum_groups(unit, weight, n_units), 1e-300)
+    share = weight / areas[unit]
+    return areas, np.column_stack([sum_groups(unit, share * column, n_units) for column in values.T])
 
 
 def sum_groups(group: Ints, values: Floats, n_groups: int) -> Floats:

@@ -21,10 +21,11 @@ import time
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from monitor.comparison import compare
 from projects.formats import write_ply_mesh
-from projects.model import Registration, Surface
+from projects.model import Floats, Ints, Registration, Surface
 
 SIZES = (100_000, 300_000, 1_000_000)
 NOISE = 2e-4  # m
@@ -32,21 +33,34 @@ DENT = (0.01, 0.05)  # m: depth and radius
 
 
 def make_body(n_vertices: int, seed: int) -> Surface:
-    """Return a closed bumpy body of about 1 m with some `n_vertices` vertices, noise, a dent where seed is not 0."""
+    """Return a closed bumpy body of 1 m with some `n_vertices` even vertices, noise, a dent where seed is not 0."""
     rng = np.random.default_rng(seed)
-    rows = max(int(np.sqrt(n_vertices / 2.0)), 4)
-    latitude = np.linspace(0.02, np.pi - 0.02, rows)
-    longitude = np.arange(2 * rows) * (np.pi / rows) + 0.37 * seed * np.pi / rows  # other places in the other epoch
-    t, p = np.meshgrid(latitude, longitude, indexing="ij")
-    d = np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=-1).reshape(-1, 3)
+    d, faces = cube_sphere(max(int(np.sqrt(n_vertices / 6.0)), 2))
+    d = d @ Rotation.from_rotvec([0.3 * seed, 0.5 * seed, 0.1 * seed]).as_matrix().T  # other places in the other epoch
     radius = 0.5 + 0.02 * np.sin(9 * d[:, 0]) * np.cos(7 * d[:, 1]) + 0.01 * np.sin(23 * d[:, 2])
     away = np.linalg.norm(0.5 * d - [0.5, 0.0, 0.0], axis=1)
     dent = np.where(away < DENT[1], 0.5 * DENT[0] * (1 + np.cos(np.pi * away / DENT[1])), 0.0) if seed else 0.0
     v = d * (radius - dent + rng.normal(0, NOISE, len(d)))[:, None]
-    i, j = np.meshgrid(np.arange(rows - 1), np.arange(2 * rows), indexing="ij")
-    a, b = (i * 2 * rows + j).ravel(), (i * 2 * rows + (j + 1) % (2 * rows)).ravel()
-    faces = np.vstack([np.column_stack([a, a + 2 * rows, b]), np.column_stack([b, a + 2 * rows, b + 2 * rows])])
     return Surface(v, faces, sigma=np.full(len(v), NOISE))
+
+
+def cube_sphere(k: int) -> tuple[Floats, Ints]:
+    """Return directions (6 k^2 + 2, 3) and faces of a cube of k x k fields a side, blown up to a sphere."""
+    ticks = np.tan(np.linspace(-0.25 * np.pi, 0.25 * np.pi, k + 1))
+    u, v = (a.ravel() for a in np.meshgrid(np.arange(k + 1), np.arange(k + 1), indexing="ij"))
+    places, fields = [], []
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(k), np.arange(k), indexing="ij"))
+    a, b, c, d = i * (k + 1) + j, (i + 1) * (k + 1) + j, (i + 1) * (k + 1) + j + 1, i * (k + 1) + j + 1
+    quads = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    for axis in range(3):
+        for end in (0, k):
+            place = np.empty((len(u), 3), dtype=np.int64)
+            place[:, axis], place[:, (axis + 1) % 3], place[:, (axis + 2) % 3] = end, u, v
+            fields.append((quads if end else quads[:, ::-1]) + len(places) * len(u))
+            places.append(place)
+    places, number = np.unique(np.vstack(places), axis=0, return_inverse=True)
+    out = ticks[places]
+    return out / np.linalg.norm(out, axis=1)[:, None], number.reshape(-1)[np.vstack(fields)].astype(np.int32)
 
 
 def known(surface: Surface) -> Registration:
