@@ -36,11 +36,11 @@ from monitor.registration.overlaps import (
     match_overlaps,
     misfit_of,
 )
-from monitor.registration.sampling import cell_numbers, sample_source
+from monitor.registration.sampling import sample_source
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder
 from monitor.registration.ties import Ties, no_ties
-from monitor.registration.weights import robust_scale
+from monitor.registration.witnesses import pair_factors
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb
 
@@ -325,17 +325,11 @@ def _tie_sigma(ties: Ties) -> float:
 def _scales(
     network: _Network, matches: Pairs, sigma: float, prior: Floats, fine: bool, motions: Sequence[Floats]
 ) -> Scales:
-    """Return the scales of the weights; beside targets, patches of a pair have the variance that their means show."""
+    """Return the scales of the weights; beside targets, patches have the variance that the means of their pair show."""
     scales = Scales(sigma, prior, network.lever, PATCH_IN_SPACINGS * network.overlaps.spacing, fine)
     if not len(network.ties) or not matches:
         return scales
-    means, counts = [], []
-    for (_, j), pair in matches.items():
-        numbers = np.unique(cell_numbers(apply(motions[j], pair.points), scales.patch), return_inverse=True)[1]
-        counts.append(np.bincount(numbers))
-        means.append(np.bincount(numbers, np.clip(pair.residuals, -3.0 * sigma, 3.0 * sigma)) / counts[-1])
-    spread2 = robust_scale(np.concatenate(means)) ** 2 / sigma**2
-    return replace(scales, pair_factor=max(spread2, 1.0 / float(np.mean(np.concatenate(counts)))))
+    return replace(scales, pair_factors=pair_factors(matches, motions, scales))
 
 
 def _about(T: Floats, shift: Floats) -> Floats:

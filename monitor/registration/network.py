@@ -6,8 +6,8 @@ residuals at once (hybrid adjustment after Akca & Gruen 2007, as `papers/002` pr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,8 +32,9 @@ class Scales:
     prior : (2,) of each scan's pose as given, turns at the `lever` and ways.
     lever : root mean square distance of the points from the origin.
     patch : edge of the cube within which distances err together; pairs in it are one witness of variance
-        `pair_factor` sigma^2.
+        `pair_factors` sigma^2.
     fine : pairs that do not fit are dropped (Tukey), no longer only held down (Huber).
+    pair_factors : of each pair of scans; 1 where left out.
     """
 
     sigma: float
@@ -41,7 +42,12 @@ class Scales:
     lever: float
     patch: float
     fine: bool
-    pair_factor: float = 1.0
+    pair_factors: Mapping[tuple[int, int], float] = field(default_factory=dict)
+
+    def witness_share(self, key: tuple[int, int], points: Floats) -> float:
+        """Return the weight, in units of 1 / sigma^2, of each of a pair's points (k, 3): its patches are witnesses."""
+        n_patches = len(np.unique(cell_numbers(points, self.patch)))
+        return n_patches / len(points) / self.pair_factors.get(key, 1.0)
 
 
 @dataclass(frozen=True)
@@ -62,8 +68,7 @@ def pair_equations(matches: Pairs, motions: Sequence[Floats], scales: Scales) ->
         T = motions[j]
         points, normals = pair.points @ T[:3, :3].T + T[:3, 3], pair.normals @ T[:3, :3].T
         rows = motion_rows(points, normals, np.zeros(3)) * unit
-        weights = weigh(pair.residuals / scales.sigma)
-        weights *= len(np.unique(cell_numbers(points, scales.patch))) / len(points) / scales.pair_factor
+        weights = weigh(pair.residuals / scales.sigma) * scales.witness_share((i, j), points)
         block = (rows * weights[:, None]).T @ rows
         pull = rows.T @ (weights * pair.residuals)
         normal[i, :, i] += block

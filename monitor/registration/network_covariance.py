@@ -15,7 +15,7 @@ from monitor.registration.correlation import correlate, fit_correlation
 from monitor.registration.covariance import sum_by
 from monitor.registration.network import Pairs, Scales, Solution, prior_weights
 from monitor.registration.patches import cut_patches
-from monitor.registration.sampling import cell_numbers, motion_rows
+from monitor.registration.sampling import motion_rows
 from monitor.registration.weights import tukey_slope, tukey_weights
 from projects.model import Floats, Ints
 
@@ -34,7 +34,7 @@ def network_covariance(
     turned = _turn(pairs, motions)
     bread, meat = _tie_information(solution, scales, n)
     for key, (points, a, b, _) in turned.items():
-        _add_pair(bread, key, pair_weight(points, scales) * _information(points, a, b, scales.lever))
+        _add_pair(bread, key, pair_weight(key, points, scales) * _information(points, a, b, scales.lever))
     meat[: 6 * n, : 6 * n] += sum((_score_covariance(turned, s, n, scales) for s in range(n)), np.zeros((6 * n, 6 * n)))
     inverse = np.linalg.pinv(bread, hermitian=True, rcond=1e-14)
     full = (inverse @ meat @ inverse)[: 6 * n, : 6 * n]
@@ -64,10 +64,9 @@ def _turn(pairs: Pairs, motions: Sequence[Floats]) -> Turned:
     }  # fmt: skip
 
 
-def pair_weight(points: Floats, scales: Scales) -> float:
+def pair_weight(key: tuple[int, int], points: Floats, scales: Scales) -> float:
     """Return the weight [1 / m2] of one residual of a pair of scans: its patches are its witnesses."""
-    n_patches = len(np.unique(cell_numbers(points, scales.patch)))
-    return n_patches / len(points) / scales.pair_factor / scales.sigma**2
+    return scales.witness_share(key, points) / scales.sigma**2
 
 
 def _tie_information(solution: Solution, scales: Scales, n: int) -> tuple[Floats, Floats]:
@@ -117,7 +116,7 @@ def _score_covariance(turned: Turned, scan: int, n: int, scales: Scales) -> Floa
         which = member[at : at + len(p)]
         at += len(p)
         row = motion_rows(p, 0.5 * (a + b), np.zeros(3)) * unit
-        weight = pair_weight(p, scales)
+        weight = pair_weight(key, p, scales)
         sums = weight * _sum_into(which, row, len(count))
         scores[:, 6 * scan : 6 * scan + 6] += sums
         scores[:, 6 * other : 6 * other + 6] -= sums
