@@ -1,8 +1,8 @@
 """The Rocaille stove of paper 002, fig. 3: three scans an epoch, implanted changes, through the whole chain.
 
 Three courses of the front, set from six pieces, glazed; stations left, centre and right at 4 m, each registered with
-0.2 mm and 0.002 degrees. Between the epochs: worn and built-up patches, a lost piece, a filling. Reduced for time: 1.4 mm
-instead of 0.7 mm between points, and a front of about 0.6 x 0.8 m. The Faro LS 880HE preset without its cyclic
+0.2 mm and 0.002 degrees. Between the epochs: worn and built-up patches, a lost piece, a filling. Reduced for time:
+1.4 mm instead of 0.7 mm between points, and a front of about 0.6 x 0.8 m. The Faro LS 880HE preset without its cyclic
 error, as after the calibration in situ, which has its own experiment (this view holds no walls to calibrate by).
 """
 
@@ -128,6 +128,6 @@ def scan_to_scan(project: Path, epoch: str) -> Floats:
 
 NOTES = (
     "Through the command line, E57, all settings automatic. Depth: the 95 % quantile of the distance over what truly "
-    "changed. Reduced for time: 1.4 mm instead of 0.7 mm between points, six pieces of the front; no cyclic error (it has "
-    "its own row)."
+    "changed. Reduced for time: 1.4 mm instead of 0.7 mm between points, six pieces of the front; no cyclic error (it "
+    "has its own row)."
 )
