@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from monitor.settings import Settings, as_mapping
 from monitor.setups import join_setups
 from monitor.target_search import search_targets
 from projects.errors import ParameterError
+from projects.extent import Extent, inside
 from projects.model import Floats, PointCloud, Scan, Step, Surface
 from projects.store import Project
 from projects.transforms import apply, rotate
@@ -66,9 +68,13 @@ def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Noti
 
 
 def compare_epochs(
-    place: Place, reference_id: str, settings: Settings, notify: Notify, mode: str | None = None
-) -> Step:
-    """Compare an epoch with an earlier one (design steps 11 to 13); the result is kept with the compared epoch."""
+    place: Place, reference_id: str, settings: Settings, notify: Notify, mode: str | None = None,
+    stable: Extent | None = None,
+) -> Step:  # fmt: skip
+    """Compare an epoch with an earlier one (design steps 11 to 13); the result is kept with the compared epoch.
+
+    `stable` is where the user says that nothing moved, in the reference's coordinates; found where left out.
+    """
     compared_id = place.epoch_id
     if reference_id == compared_id:
         raise ParameterError(f"epoch {reference_id} was given twice; a comparison needs two different epochs")
@@ -82,13 +88,15 @@ def compare_epochs(
         "icp": as_mapping(settings.icp),
         "compare": as_mapping(settings.compare),
         "parts": as_mapping(settings.parts),
+        **({} if stable is None else {"stable": stable.to_mapping()}),
     }
 
     def make() -> Made:
         reference, compared = earlier.get(before), place.get(after)
         notify(f"{compared_id}: registering to {reference_id}")
         tied = _frames((earlier, place))
-        motion, start = register_epochs(compared, reference, settings.icp, tied)
+        within = None if stable is None else partial(inside, stable)
+        motion, start = register_epochs(compared, reference, settings.icp, tied, within)
         if mode == "absolute" and tied is not None and not motion.converged:
             motion = held_by_frames(tied, motion)
         notify(f"{compared_id}: comparing with {reference_id}")

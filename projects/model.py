@@ -226,7 +226,8 @@ class Registration:
     `T_target_source`, in radians and metres about `centre` c (target frame). `is_stable` tells for each vertex of
     the source whether it was held to be unmoved. A registration that did not converge has its `reason`, and
     nothing may be built on it. `held_by_frames` names, in words, the motions that the shape does not hold and that
-    stay as the frames of both sides say, with the uncertainty of those.
+    stay as the frames of both sides say, with the uncertainty of those. `doubt` says in words what speaks against the
+    stable areas being stable; empty where nothing does.
     """
 
     T_target_source: Floats
@@ -243,6 +244,7 @@ class Registration:
     stable_share: float = float("nan")
     is_stable: Bools | None = None
     held_by_frames: str = ""
+    doubt: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_target_source", _array(self.T_target_source, "T_target_source", (4, 4), float))

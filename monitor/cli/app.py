@@ -173,6 +173,13 @@ def compare(
             help="Remove the motion of the whole, or keep it; absolute where both have control.",
         ),
     ] = None,
+    stable: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Where nothing moved: a box or a polygon as of --extent, in the reference's coordinates; else found.",
+        ),
+    ] = None,
     settings: SettingsOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -181,7 +188,7 @@ def compare(
     """Compare epochs; by default with the first and the previous."""
     from monitor.cli.working import compare_object
 
-    compare_object(project, object_id, (reference, compared), mode, settings, (workers, scheduler), as_json)
+    compare_object(project, object_id, (reference, compared), mode, settings, (workers, scheduler), as_json, stable)
 
 
 @app.command()

@@ -8,13 +8,14 @@ from typing import Any
 
 import typer
 
-from monitor.chain import Notify, compare_epochs, pairs_to_compare, process_epoch
+from monitor.chain import compare_epochs, pairs_to_compare, process_epoch
 from monitor.cli.progress import show_progress
 from monitor.engine import open_engine
 from monitor.record import Place
-from monitor.settings import Settings, read_settings
+from monitor.settings import read_settings
 from monitor.through_time import follow_epochs
 from projects.errors import ParameterError, StoreError
+from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
 
@@ -63,9 +64,11 @@ def _processed(place: Place, steps: list[Step]) -> dict[str, Any]:
 
 
 def compare_object(
-    path: Path, object_id: str, pair: Pair, mode: str | None, settings_file: Path | None, where: Where, as_json: bool
-) -> None:
-    """Compare the epochs asked for and say what was found."""
+    path: Path, object_id: str, pair: Pair, mode: str | None, settings_file: Path | None, where: Where, as_json: bool,
+    stable_file: Path | None = None,
+) -> None:  # fmt: skip
+    """Compare the epochs asked for and say what was found; a file may say where nothing moved."""
+    stable = None if stable_file is None else read_extent(stable_file)
     if mode not in (None, "relative", "absolute"):
         raise ParameterError(f"--mode {mode}: allowed are relative, absolute")
     project = Project.open(path)
@@ -75,18 +78,14 @@ def compare_object(
     with show_progress() as notify, open_engine(*where):
         for reference, compared in pairs:
             place = Place(project, object_id, compared)
-            facts.append(_compared(place, reference, _compare(place, reference, settings, notify, mode)))
+            step = compare_epochs(place, reference, settings, notify, mode, stable)
+            facts.append(_compared(place, reference, place.get(step)))
         followed = None if pair[0] else follow_epochs(project, object_id, notify)
     if followed is not None:
         n = int(followed.counts["regions"])
         facts[-1]["series"] = {"n_epochs": followed.counts["epochs"], "n_regions": n}
         facts[-1]["answer"] += f"; {n} region{'s' if n != 1 else ''} followed over {followed.counts['epochs']} epochs"
     _tell(facts, as_json, "{object} {reference} -> {compared}: {answer}")
-
-
-def _compare(place: Place, reference: str, settings: Settings, notify: Notify, mode: str | None) -> Comparison:
-    """Compare one pair and return the comparison."""
-    return place.get(compare_epochs(place, reference, settings, notify, mode))
 
 
 def resolve_pairs(project: Project, object_id: str, pair: Pair) -> list[tuple[str, str]]:
@@ -113,6 +112,7 @@ def _compared(place: Place, reference: str, comparison: Comparison) -> dict[str,
         f"{found}; level of detection {1000 * comparison.statistics['lod95_median_m']:.2f} mm; "
         f"{100 * unknown / max(1, n):.0f} % not assessable"
     )
+    answer += f"; {comparison.registration.doubt}" if comparison.registration.doubt else ""
     return {
         "object": place.object_id,
         "reference": reference,

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.registration.alignment import AlignmentRules, align
-from monitor.registration.icp import IcpSettings, find_centre, register
+from monitor.registration.icp import IcpSettings, Within, find_centre, register
 from monitor.registration.matching import make_samples
 from monitor.registration.shape_features import Places, choose_cell, find_places, pair_alike
 from monitor.registration.sides import Side, prepare_side
@@ -89,10 +89,11 @@ def align_coarsely(source: Surface | PointCloud, target: Surface | PointCloud) -
 
 
 def register_from_anywhere(source: Surface | PointCloud, target: Surface | PointCloud,
-                           settings: IcpSettings | None = None) -> tuple[Registration, CoarseAlignment]:  # fmt: skip
+                           settings: IcpSettings | None = None, within: Within | None = None,
+                           ) -> tuple[Registration, CoarseAlignment]:  # fmt: skip
     """Return the fine registration from the pose found by shape alone; not converged where that is not unique."""
     coarse = align_coarsely(source, target)
-    fine = register(source, target, settings, T_target_source=coarse.T_target_source)
+    fine = register(source, target, settings, T_target_source=coarse.T_target_source, within=within)
     if coarse.is_unique or not fine.converged:
         return fine, coarse
     return replace(fine, converged=False, reason=coarse.reason), coarse

@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.registration.coarse import register_from_anywhere
 from monitor.registration.held import Frames
-from monitor.registration.icp import IcpSettings, register
+from monitor.registration.icp import IcpSettings, Within, register
 from projects.model import PointCloud, Registration, Surface
 
 FOUND_NEAR = 0.5  # share of the samples with a partner: the epochs lie near each other, whatever else is wrong
@@ -22,10 +22,12 @@ FOUND_NEAR = 0.5  # share of the samples with a partner: the epochs lie near eac
 
 def register_epochs(compared: Surface | PointCloud, reference: Surface | PointCloud,
                     settings: IcpSettings | None = None, frames: Frames | None = None,
+                    within: Within | None = None,
                     ) -> tuple[Registration, Mapping[str, Any]]:  # fmt: skip
     """Return the registration of a compared epoch onto its reference, and how its start was found.
 
-    `frames`, of epochs that control holds, keep what the shape does not (`register`).
+    `frames`, of epochs that control holds, keep what the shape does not; `within` tells where nothing moved, in the
+    reference's frame (both as in `register`).
 
     Returns
     -------
@@ -35,10 +37,10 @@ def register_epochs(compared: Surface | PointCloud, reference: Surface | PointCl
         Empty where the epochs were given near each other; else `start` in words, `coarse_score` and `coarse_ambiguity`
         of the pose found by shape (`CoarseAlignment`).
     """
-    near = register(compared, reference, settings, frames=frames)
+    near = register(compared, reference, settings, frames=frames, within=within)
     if near.converged or near.overlap >= FOUND_NEAR:
         return near, {}
-    far, coarse = register_from_anywhere(compared, reference, settings)
+    far, coarse = register_from_anywhere(compared, reference, settings, within)
     figures = {"start": "by shape alone: the epochs are not near each other as given", "coarse_score": coarse.score,
                "coarse_ambiguity": coarse.ambiguity}  # fmt: skip
     if far.converged:

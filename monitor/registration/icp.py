@@ -8,6 +8,7 @@ stable areas alone (`papers/002`: local registration of a stove that was rebuilt
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,17 +23,20 @@ from monitor.registration.partners import Partners
 from monitor.registration.patches import PatchGrid, cut_patches
 from monitor.registration.sampling import sample_source
 from monitor.registration.sides import Side, prepare_side
-from monitor.registration.stable_areas import find_stable
+from monitor.registration.stable_areas import doubt_stable, find_stable
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
-from projects.transforms import perturb
+from projects.transforms import apply, perturb
 
 N_ROUNDS_STABLE = 5
 N_FOR_CENTRE = 10_000
 N_COARSE = 5_000  # samples suffice to come near
 N_PER_PATCH = 25  # samples: small enough to follow a change, large enough for a mean
 SEARCH_SHARE = 0.1  # of the smaller object's diagonal: what is farther off is not "near"
+MAJORITY = 0.5  # of the surface that finds partners: with less the areas that move alike may be any of several
 SEARCH_MEDIANS = 4.0  # the search reaches so many median distances between the two as given
+
+Within = Callable[[Floats], Bools]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +61,8 @@ class IcpSettings:
 
 
 def register(source: Surface | PointCloud, target: Surface | PointCloud, settings: IcpSettings | None = None, *,
-             T_target_source: Floats | None = None, frames: Frames | None = None) -> Registration:  # fmt: skip
+             T_target_source: Floats | None = None, frames: Frames | None = None,
+             within: Within | None = None) -> Registration:  # fmt: skip
     """Estimate the motion that brings the stable areas of a source onto a target.
 
     Parameters
@@ -68,14 +73,16 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     frames : how far the frames that both are given in may differ, where control holds them. Then what the shape does
         not hold (a staircase's slide along its steps) stays as given, with that uncertainty, and `held_by_frames` says
         so; what it does hold is found by the shape alone.
+    within : tells which points (n, 3) [m] of the target's frame lie where the user says that nothing moved; stable
+        areas are looked for there alone. Everywhere where left out.
 
     Returns
     -------
     Registration
         With covariance about the centre of the stable areas, `is_stable` for each vertex or point of the source,
         `overlap` the share of samples with a partner and `stable_share` the share of these that is stable. Without
-        overlap, with a motion that the shape does not hold (a plane, a vase), or unsettled: `converged` is False, and
-        `reason` says why.
+        overlap, with a motion that the shape does not hold (a plane, a vase), where less than half of the surface
+        follows one motion, or unsettled: `converged` is False, and `reason` says why.
 
     References
     ----------
@@ -85,6 +92,11 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     shift = find_centre(target)
     sides = prepare_side(source, shift), prepare_side(target, shift)
     T_start = into_local(np.eye(4) if T_target_source is None else np.asarray(T_target_source, dtype=float), shift)
+    if within is not None:
+        sides = (
+            sides[0].take(within(apply(T_start, sides[0].points) + shift)),
+            sides[1].take(within(sides[1].points + shift)),
+        )
     n_source = len(source.vertices if isinstance(source, Surface) else source.points)
     frames = None if frames is None else frames.shifted(shift)
     local = register_sides(*sides, T_start, n_source, settings, frames)
@@ -214,7 +226,7 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
     stable, sigma = pairs.take(kept), found.sigma[kept]
     centre = stable.points.mean(axis=0)
     free = "" if held is not None else find_free_motion(stable, centre, numbers[stable.source])
-    reason = free or found.reason
+    reason = free or found.reason or doubt_majority(float(kept.mean()))
     covariance = np.full((6, 6), np.nan)
     if not reason and held is not None:
         covariance = held_covariance(stable, sigma, centre, *held)
@@ -229,8 +241,18 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
         sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
         overlap=len(pairs) / len(samples.points), stable_share=float(kept.mean()),
         is_stable=spread_to_vertices(source, grid, np.unique(numbers[stable.source]), n_source),
-        held_by_frames="" if held is None else held[0].words,
+        held_by_frames="" if held is None else held[0].words, doubt=doubt_stable(stable, numbers[stable.source]),
     )  # fmt: skip
+
+
+def doubt_majority(stable_share: float) -> str:
+    """Return why a motion that so small a share of the surface follows is not that of the stable areas, else ""."""
+    if stable_share >= MAJORITY:
+        return ""
+    return (
+        f"only {100 * stable_share:.0f} % of the surface follows one motion, so that none is the majority's; say where "
+        "nothing moved, or give control points"
+    )
 
 
 def spread_to_vertices(source: Side, grid: PatchGrid, stable_patches: Ints, n_source: int) -> Bools:

@@ -55,6 +55,13 @@ class Side:
         normals = self._normals if self.is_oriented else None
         return Side(self.points - offset, normals, self.sigma, self.index, self.cosines, self.views, self.shared)
 
+    def take(self, keep: Bools) -> Side:
+        """Return the side with the points of a mask (n,) alone."""
+        normals = self._normals[keep] if self.is_oriented else None
+        sigma = None if self.sigma is None else self.sigma[keep]
+        views = None if self.views is None else self.views[keep]
+        return Side(self.points[keep], normals, sigma, self.index[keep], self.cosines[keep], views, self.shared[keep])
+
     @property
     def tree(self) -> cKDTree:
         """Search tree over the points, built when first asked for."""

@@ -21,6 +21,7 @@ N_PATCHES_PER_TRIAL = 8  # 0.6**8 = 1.7 %: ten of 600 trials are free of change 
 KEEP_SIGMAS = 3.0
 KEEP_SCATTER = 2.5  # a patch that scatters so many times more than the others has changed without moving as a whole
 N_ROUNDS = 20
+DOUBTFUL = 3.0  # times what is stated of patches: so far off each other, what is taken for stable moved
 MEAN_OF_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 
 
@@ -121,3 +122,22 @@ def follows(patches: Patches, matches: Matches, motion: Floats, keep: Bools, cen
     usual = max(float(np.median(scatter[among])), 1e-300)
     quiet = scatter < KEEP_SCATTER * np.hypot(usual, MEAN_OF_ABSOLUTE * np.sqrt(patches.shared2))
     return (np.abs(left) <= KEEP_SIGMAS * np.sqrt(noise2 + np.maximum(common2, patches.shared2)) + 1e-12) & quiet
+
+
+def doubt_stable(stable: Matches, numbers: Ints) -> str:
+    """Return in words that patches held to be stable scatter by far more than is stated of them, else "".
+
+    Where every piece of an object moved, the motion in their midst is nobody's, and the patches about it pass for badly
+    measured ones. That can be told only where the surfaces state what whole neighbourhoods are off by.
+    """
+    patches = sum_patches(stable, numbers, np.zeros(3))
+    stated2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2 / patches.count + patches.shared2
+    if not np.any(patches.shared2 > 0.0):
+        return ""
+    scatter, stated = robust_scale(patches.mean), float(np.sqrt(np.median(stated2)))
+    if scatter <= DOUBTFUL * stated:
+        return ""
+    return (
+        f"the stable areas lie {1e3 * scatter:.1f} mm off each other, {scatter / stated:.0f} times what their scans "
+        "state: perhaps all of it moved, in pieces"
+    )

@@ -119,6 +119,19 @@ def test_status_as_json_names_what_was_done(made: Path, capsys: pytest.CaptureFi
     assert epochs[1]["compared_with"] == ["e1"]
 
 
+def test_areas_that_the_user_calls_stable_are_the_only_ones(made: Path, tmp_path: Path) -> None:
+    project, stable = tmp_path / "copy", tmp_path / "stable.json"
+    shutil.copytree(made / "project", project)
+    stable.write_text('{"polygon": [[-1, -1], [0, -1], [0, 1], [-1, 1]]}')  # the half on -x, without the dent
+    assert run(["compare", str(project), "relief", "e1", "e2", "--stable", str(stable)]) == 0
+    comparison = Project.open(project).get("relief", "e2", "comparison-e1")
+    is_stable = comparison.registration.is_stable
+    x = comparison.on_compared.surface.vertices[:, 0]
+    assert is_stable[x < -0.02].mean() > 0.8
+    assert not is_stable[x > 0.02].any()
+    assert comparison.regions.iloc[0]["extreme_m"] == pytest.approx(-0.006, abs=0.001)
+
+
 def test_verify_finds_a_changed_byte(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     project = tmp_path / "copy"
     shutil.copytree(made / "project", project)
@@ -156,6 +169,7 @@ def test_verify_finds_a_changed_byte(made: Path, tmp_path: Path, capsys: pytest.
         (["compare", "{project}", "relief", "e1", "e1"], "twice"),
         (["compare", "{project}", "relief", "e1", "e9"], "e9"),
         (["compare", "{project}", "relief", "e1", "e2", "--mode", "sideways"], "relative, absolute"),
+        (["compare", "{project}", "relief", "e1", "e2", "--stable", "{tmp}/none.json"], "none.json"),
         (["export", "{project}", "relief", "--out", "{tmp}/o", "--format", "dwg"], "dwg"),
         (["report", "{project}", "relief", "e2", "e1", "--out", "{tmp}/o"], "monitor compare"),
         (["process", "{project}", "--settings", "{tmp}/none.toml"], "none.toml"),

@@ -7,7 +7,7 @@ from bumpy_body import NOISE, bumpy_points, unit
 from monitor.registration.degeneracy import describe
 from monitor.registration.matching import Matches
 from monitor.registration.patches import cut_patches
-from monitor.registration.stable_areas import find_stable, weighted_median
+from monitor.registration.stable_areas import doubt_stable, find_stable, weighted_median
 from monitor.registration.weights import huber_weights, residual_sigma, robust_scale, tukey_slope, tukey_weights
 from projects.model import Bools, Floats, Ints
 
@@ -57,6 +57,18 @@ def test_what_scans_of_an_epoch_disagree_by_has_not_moved(rng: np.random.Generat
     motion, is_stable = find_stable(stated, numbers, np.zeros(3), np.random.default_rng(0))
     assert is_stable[is_off].mean() > 0.95  # without: less than 0.02, and the motion that of the other side
     assert np.linalg.norm(motion[3:]) > 1e-4
+
+
+def test_what_lies_farther_off_itself_than_its_scans_state_is_doubted(rng: np.random.Generator) -> None:
+    pairs, numbers, _ = make_pairs(rng, 0.0, np.zeros(6))
+    pieces = 0.0015 * np.sign(np.sin(20 * pairs.points)).prod(axis=1)  # 16 cm wide, up and down by 1.5 mm
+    off = Matches(**{**vars(pairs), "residuals": pairs.residuals + pieces})
+    doubts = [
+        doubt_stable(Matches(**{**vars(which), "shared": np.full(len(pairs), stated)}), numbers)
+        for which, stated in ((off, 0.0003), (off, 0.001), (off, 0.0), (pairs, 0.0003))
+    ]
+    assert "times what their scans state" in doubts[0]
+    assert doubts[1:] == ["", "", ""]  # twice what is stated; nothing stated; as stated
 
 
 def test_a_patch_that_roughened_without_moving_is_not_stable(rng: np.random.Generator) -> None:

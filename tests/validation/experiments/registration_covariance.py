@@ -32,7 +32,7 @@ from projects.transforms import invert
 TITLE = "Covariance: true motions within the 95 % ellipsoid"
 LIMIT = 3600.0
 N_SIMULATED = {"small": 6, "full": 200}
-N_RINGS = {"small": 2, "full": 60}
+N_RINGS = {"small": 2, "full": 24}
 REACHES = (None, 0.01, 0.03, 0.1)  # m, over which neighbouring points of an epoch err together
 REACH = 0.03  # m, the same of a scan
 LOWEST, HIGHEST = 0.90, 0.99  # asked
