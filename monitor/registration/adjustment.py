@@ -40,14 +40,13 @@ from monitor.registration.sampling import sample_source
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder
 from monitor.registration.ties import Ties, no_ties
-from monitor.registration.witnesses import pair_factors
+from monitor.registration.witnesses import explains_misfit, gather_witnesses, pair_factors
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb
 
 PATCH_IN_SPACINGS = 10.0  # errors of neighbouring points agree: a patch of this edge is one witness
 SETTLED = 0.01  # of the sigma of residuals: steps below this change nothing
 NEARLY_SETTLED = 0.1  # of the sigma of residuals: where pairs swap to and fro, steps come no lower
-BETTER = (2 / 3) ** 0.5  # of the misfit as given: the poses must explain a third of its variance, or they stay
 MOST_POINTS = 300_000  # of a scan that others are matched with: 40 scans then need two gigabytes
 SHRINK = 0.7  # of the search radius, from step to step
 MANY_MORE = 1.5  # times as many points that find partners: the motions are right, whatever the misfit was
@@ -167,7 +166,8 @@ def adjust_scans(
     patches hold, such as a ring of scans that could bend, or scans around a body that all move outward together.
     Scans that lie near each other as given are matched finely at once: the first, wide matching would draw them out,
     and from there they come back only in part. Without targets a good network of poses is better than what
-    five scans can say of themselves, so the given poses stay unless the motions explain a third of the misfit.
+    five scans can say of themselves, so the given poses stay unless the motions explain a third of the misfit of
+    patches, where the noise of single points is averaged out.
     """
     settings, ties = settings or AdjustmentSettings(), ties or no_ties()
     network = _prepare(clouds, settings, ties)
@@ -194,7 +194,9 @@ def adjust_scans(
     if state.reason:
         return found
     n_before, n_after = (sum(len(m) for m in matches.values()) for matches in (before, after))
-    if not is_tied and sigma_after > BETTER * sigma_before and n_after <= MANY_MORE * n_before:
+    patch = PATCH_IN_SPACINGS * network.overlaps.spacing
+    witnesses = gather_witnesses(before, unmoved, patch), gather_witnesses(after, state.motions, patch)
+    if not is_tied and not explains_misfit(*witnesses, 6 * (n - 1)) and n_after <= MANY_MORE * n_before:
         return replace(found, reason="the given poses fit as well")
     moved = tuple(_about(T, network.shift) for T in state.motions)
     return _with_covariances(replace(found, motions=moved, applied=True), replace(state, matches=after), network)

@@ -1,8 +1,9 @@
-"""How well each pair of scans tells their motion: the variance of its witnesses, beside targets of stated covariance.
+"""What patches of the overlaps say: how far scans really lie off each other, and how well each pair tells it.
 
-In: the matches of all pairs at the present motions. Out: a factor of the common variance for each pair. Two scans that
-share only steep, bent or far places err there by several times what others do; under one variance for all pairs they
-would turn whole blocks of scans against their targets.
+In: the matches of all pairs at the present motions. Out: the misfit of patches, from which the noise of single points
+is gone; and, beside targets of stated covariance, a factor of the common variance for each pair. Two scans that share
+only steep, bent or far places err there by several times what others do; under one variance for all pairs they would
+turn whole blocks of scans against their targets.
 """
 
 from __future__ import annotations
@@ -19,19 +20,41 @@ from projects.model import Floats
 from projects.transforms import apply
 
 CLIP = 3.0  # sigmas, beyond which a residual counts no more in the mean of its patch
+EXPLAINED = 1.0 / 3.0  # of the variance of patches as given: what poses must explain to be better than those given
 BELIEVED = 4.0  # patches that what all pairs together show counts as, in each
 
 
 @dataclass(frozen=True)
-class _Witnesses:
-    """Patches of a pair of scans: their mean residuals (p,) [m], and how many points they have (p,)."""
+class Witnesses:
+    """Patches of overlaps: their mean residuals (p,) [m], and how many points they have (p,)."""
 
     means: Floats
     counts: Floats
 
+    @property
+    def misfit(self) -> float:
+        """Robust sigma [m] of the patches about zero."""
+        return robust_scale(self.means)
+
     def factor(self, sigma: float) -> float:
         """Return the variance of a patch about zero over sigma^2, no less than independent noise leaves."""
-        return max(robust_scale(self.means) ** 2 / sigma**2, 1.0 / float(np.mean(self.counts)))
+        return max(self.misfit**2 / sigma**2, 1.0 / float(np.mean(self.counts)))
+
+
+def gather_witnesses(matches: Pairs, motions: Sequence[Floats], patch: float) -> Witnesses:
+    """Return the patches, cubes of edge `patch` [m], of all pairs of scans at these motions."""
+    return _join([_witnesses(matches, key, motions, patch, np.inf) for key in matches])
+
+
+def explains_misfit(before: Witnesses, after: Witnesses, n_parameters: int) -> bool:
+    """Return whether motions of so many parameters explain a third of the variance of patches, beyond chance.
+
+    Single points would not tell: noise of half a millimetre hides that scans lie a third of a millimetre off.
+    """
+    n = len(after.means)
+    if n <= n_parameters:
+        return False
+    return after.misfit**2 * n / (n - n_parameters) <= (1.0 - EXPLAINED) * before.misfit**2
 
 
 def pair_factors(matches: Pairs, motions: Sequence[Floats], scales: Scales) -> dict[tuple[int, int], float]:
@@ -41,7 +64,10 @@ def pair_factors(matches: Pairs, motions: Sequence[Floats], scales: Scales) -> d
     """
     pairs = sorted({(min(key), max(key)) for key in matches})
     of_pair = {
-        pair: _join([_witnesses(matches, key, motions, scales) for key in (pair, pair[::-1]) if key in matches])
+        pair: _join([
+            _witnesses(matches, key, motions, scales.patch, CLIP * scales.sigma)
+            for key in (pair, pair[::-1]) if key in matches
+        ])
         for pair in pairs
     }  # fmt: skip
     common = _join(list(of_pair.values())).factor(scales.sigma)
@@ -53,15 +79,18 @@ def pair_factors(matches: Pairs, motions: Sequence[Floats], scales: Scales) -> d
     return factors
 
 
-def _witnesses(matches: Pairs, key: tuple[int, int], motions: Sequence[Floats], scales: Scales) -> _Witnesses:
-    """Return the patches of the matches of one scan with another."""
+def _witnesses(
+    matches: Pairs, key: tuple[int, int], motions: Sequence[Floats], patch: float, limit: float
+) -> Witnesses:
+    """Return the patches of the matches of one scan with another, residuals held within the limit [m]."""
     pair = matches[key]
-    numbers = np.unique(cell_numbers(apply(motions[key[1]], pair.points), scales.patch), return_inverse=True)[1]
+    numbers = np.unique(cell_numbers(apply(motions[key[1]], pair.points), patch), return_inverse=True)[1]
     counts = np.bincount(numbers).astype(float)
-    held = np.clip(pair.residuals, -CLIP * scales.sigma, CLIP * scales.sigma)
-    return _Witnesses(np.bincount(numbers, held) / counts, counts)
+    held = np.clip(pair.residuals, -limit, limit)
+    return Witnesses(np.bincount(numbers, held) / counts, counts)
 
 
-def _join(parts: Sequence[_Witnesses]) -> _Witnesses:
+def _join(parts: Sequence[Witnesses]) -> Witnesses:
     """Return the patches of several together."""
-    return _Witnesses(np.concatenate([p.means for p in parts]), np.concatenate([p.counts for p in parts]))
+    means, counts = [p.means for p in parts], [p.counts for p in parts]
+    return Witnesses(np.concatenate([*means, np.empty(0)]), np.concatenate([*counts, np.empty(0)]))

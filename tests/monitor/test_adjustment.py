@@ -71,6 +71,16 @@ def test_scans_that_fit_already_are_left_alone(rng: np.random.Generator) -> None
     assert all(np.array_equal(T, np.eye(4)) for T in adjustment.motions)
 
 
+def test_noise_of_points_does_not_hide_that_scans_lie_off(rng: np.random.Generator) -> None:
+    clouds = [bumpy_cap(rng, turn, 0.0006) for turn in (0.0, 0.8, 1.6)]
+    errors = [perturb(np.eye(4), np.zeros(3), d) for d in rng.normal(0, [0.0003] * 3 + [0.0003] * 3, (3, 6))]
+    found = adjust_scans([displaced(c, E) for c, E in zip(clouds, errors, strict=True)])
+    assert found.sigma_after > 0.85 * found.sigma_before  # as single points tell it
+    assert found.applied
+    left = np.array([M @ E for M, E in zip(found.motions, errors, strict=True)])
+    assert np.ptp(left[:, :3, 3], axis=0).max() < 0.5 * np.ptp(np.array(errors)[:, :3, 3], axis=0).max()
+
+
 def test_scans_without_overlap_are_not_moved(rng: np.random.Generator) -> None:
     far = displaced(bumpy_cap(rng, 0.0, 0.0003), perturb(np.eye(4), np.zeros(3), [0, 0, 0, 5.0, 0, 0]))
     adjustment = adjust_scans([bumpy_cap(rng, 0.0, 0.0003), far])
