@@ -72,11 +72,9 @@ class Detection:
 
 @dataclass(frozen=True)
 class Detected:
-    """The answer for both sides (reference, compared), the sides with their errors scaled to what the stable areas
-    show, the noise, and the test that it rests on."""
+    """The answer for both sides (reference, compared), the noise, and the test that it rests on."""
 
     sides: tuple[Detection, Detection]
-    scaled: tuple[Side, Side]
     noise: Noise
     test: Tested
 
@@ -86,23 +84,17 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     rng = np.random.default_rng(seed)
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
-    scaled = scale_both(sides, noise)
     layout = lay_out(sides, noise, None)
-    test = judge_units(layout, scaled, calm, noise, registration, level, first_errors)
+    test = judge_units(layout, sides, calm, noise, registration, level, first_errors)
     for limit in (test.limit, None):
         rest = tuple(away_from(s, test, k, level / test.n_tested if limit is None else limit)
                      for k, s in enumerate(sides))  # fmt: skip
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
             calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
-            scaled, layout = scale_both(sides, noise), lay_out(sides, noise, layout)
-            test = judge_units(layout, scaled, calm, noise, registration, level, calm_errors)
-    found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(scaled))
-    return Detected((found[0], found[1]), scaled, noise, test)
-
-
-def scale_both(sides: tuple[Side, Side], noise: Noise) -> tuple[Side, Side]:
-    """Return both sides with their errors scaled."""
-    return noise.scaled(sides[0]), noise.scaled(sides[1])
+            layout = lay_out(sides, noise, layout)
+            test = judge_units(layout, sides, calm, noise, registration, level, calm_errors)
+    found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(sides))
+    return Detected((found[0], found[1]), noise, test)
 
 
 def stable_or_all(side: Side) -> Bools:
@@ -159,7 +151,7 @@ def mark_changed(side: Side, test: Tested, which: int, noise: Noise, calm: Bools
     Beyond a level is a vertex whose own change exceeds its lod95, or whose smoothed change exceeds what that of calm
     vertices does in 5 %.
     """
-    lod95 = level_of_detection(side.sigma_surfaces, side.sigma_common, noise.floor_of(side))
+    lod95 = level_of_detection(noise.scale_of(side) * side.sigma_surfaces, noise.common_of(side), noise.floor_of(side))
     smooth = smooth_distances(side, 0.5 * min(noise.correlation.length, test.size))
     ratio = np.abs(smooth[calm]) / lod95[calm]
     kept = min(float(np.quantile(ratio, 0.95)), 1.0) if len(ratio) else 1.0

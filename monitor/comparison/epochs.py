@@ -123,7 +123,6 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
             "the epochs do not overlap, or not the same side of them: check their poses and units"
         )
     found = detect(sides, held, settings.false_discovery_rate, settings.seed)
-    sides = found.scaled
     beyond = look_beyond(sides, trees, limit)
     if sights is not None:
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)

@@ -20,7 +20,14 @@ from monitor.comparison.side import Side
 from monitor.comparison.units import Units, cut_units, place_units
 from projects.model import Bools, Floats, Ints, Registration
 
-REACHES = (0.0, 1.2, 1.7, 2.4, 3.4, 4.8)  # of a unit's edge: radius around a unit within which its patch takes others in
+REACHES = (
+    0.0,
+    1.2,
+    1.7,
+    2.4,
+    3.4,
+    4.8,
+)  # of a unit's edge: radius around a unit within which its patch takes others in
 LARGEST_SHARE = 0.05  # of the surface's area, for a patch: what is larger cannot be told from what is common to all
 SMALLEST_SHARE = 0.25  # of the median patch of its size: smaller ones are scraps at borders and not tested
 FEWEST_PATCHES = 20  # that a scatter is learned from

@@ -98,10 +98,9 @@ def assess_agreement(
     and to one side, so s grows with the incidence: it is found in steps that do not fall, by non-negative least squares
     over all patches, each difference weighted by what is expected of it. A vertex takes the mean of s^2 over the points
     about it, times (PRIOR_SCANS + (k - 1) r) / (PRIOR_SCANS + k - 1) of its patch, r being what its k scans differ by
-    over what is expected of them, and times the sum of the squared shares of the points that each scan has in the
-    patch: the surface follows the mean of its scans (Kish 1965). What the scans were led to in common when they were
-    fitted onto each other is not seen here (`placement_sigma`). Nothing is trimmed: between scans of one epoch nothing
-    has changed, so a large difference is an error that counts.
+    over what is expected of them. The surface errs as one scan does: scans that were fitted onto each other share the
+    error of the network, so two that agree are not twice as sure. Nothing is trimmed: between scans of one epoch
+    nothing has changed, so a large difference is an error that counts.
     """
     size = PATCH_IN_SPACINGS * spacing
     patch, centres = cut_cubes(np.concatenate(points), size)
@@ -116,8 +115,7 @@ def assess_agreement(
         return Agreement(np.full(len(vertices), np.nan), float("nan"), unknown, size, int(seen.sum()), 0)
     pairs = _pair(groups, n_scans)
     variances = _variance_by_incidence(pairs)
-    own = _own_factor(pairs, variances, n_scans) * _shares_squared(patch, scan, len(centres))
-    factor = spread_to(vertices, centres[seen], own[seen])
+    factor = spread_to(vertices, centres[seen], _own_factor(pairs, variances, n_scans)[seen])
     sigma = np.sqrt(factor * _expected_at(vertices, np.concatenate(points), variances[steepness]))
     pooled = float(groups.n @ variances[groups.steepness] / groups.n.sum())
     return Agreement(sigma, float(np.sqrt(pooled)), np.sqrt(variances), size, int(seen.sum()), n_overlapping)
@@ -145,13 +143,6 @@ def _group(keys: Ints, distance: Floats) -> _Groups:
     enough = n >= FEWEST_POINTS
     patch, scan, steepness = key[enough].T
     return _Groups(patch, scan, steepness, n[enough], mean[enough], (spread2 / n)[enough])
-
-
-def _shares_squared(patch: Ints, scan: Ints, n_patches: int) -> Floats:
-    """Return the sum (n_patches,) of the squared shares that the scans have in the points of each patch."""
-    key, count = np.unique(np.column_stack([patch, scan]), axis=0, return_counts=True)
-    total = np.bincount(key[:, 0], count, n_patches)
-    return np.asarray(np.bincount(key[:, 0], (count / total[key[:, 0]]) ** 2, n_patches))
 
 
 def _count_scans(groups: _Groups, n_patches: int) -> Ints:

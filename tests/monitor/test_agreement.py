@@ -28,22 +28,14 @@ def test_misfit_of_two_scans_is_the_sigma_of_one_over_the_root_of_two(rng: np.ra
     assert agreement.n_overlapping == agreement.n_patches == 100
 
 
-def test_where_two_scans_meet_the_surface_errs_as_their_mean(rng: np.random.Generator) -> None:
+def test_two_scans_that_agree_are_not_twice_as_sure(rng: np.random.Generator) -> None:
     points = [patch_of_points(rng, 0.0, 2.0), patch_of_points(rng, 1.0, 2.0)]
     distances = [offsets_by_cube(p, rng, 0.001) for p in points]
     x = np.column_stack([np.linspace(0.05, 1.95, 39), np.full(39, 0.5), np.zeros(39)])
     sigma = assess_agreement(x, points, distances, 0.01).sigma
     alone, both = np.sqrt(np.mean(sigma[:18] ** 2)), np.sqrt(np.mean(sigma[21:] ** 2))
     assert alone == pytest.approx(0.001, rel=0.15)
-    assert both == pytest.approx(0.001 / np.sqrt(2.0), rel=0.15)
-
-
-def test_a_scan_with_few_points_in_a_place_hardly_helps_the_other(rng: np.random.Generator) -> None:
-    points = [patch_of_points(rng, 0.0, 1.0), patch_of_points(rng, 0.0, 1.0)[::9]]
-    distances = [offsets_by_cube(p, rng, 0.001) for p in points]
-    x = np.column_stack([np.linspace(0.05, 0.95, 19), np.full(19, 0.5), np.zeros(19)])
-    sigma = np.sqrt(np.mean(assess_agreement(x, points, distances, 0.01).sigma ** 2))
-    assert sigma == pytest.approx(0.001 * np.hypot(0.9, 0.1), rel=0.12)
+    assert both == pytest.approx(0.001, rel=0.25)  # divided by the root of two it would be 0.0007
 
 
 def test_a_patch_where_scans_disagree_more_is_less_sure(rng: np.random.Generator) -> None:
