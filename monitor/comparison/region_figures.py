@@ -45,18 +45,21 @@ def spread_margin(side: Side, region: Ints, width: float) -> Ints:
     return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 
-def is_volume_known(side: Side, region: Ints, change_beyond: Floats, width: float, n_regions: int) -> Bools:
+def is_volume_known(sides: Pair, regions: tuple[Ints, Ints], beyond: Beyond, width: float, n_regions: int) -> Bools:
     """Return for each region (n_regions,) whether most of what lies beside it was seen in both epochs.
 
-    Beside is within `width` [m] along the surface. `change_beyond` (n,) is NaN where a vertex that is not assessed lies
-    neither over nor under the other surface: what happened there was not seen, and may go on. At most `MOST_UNKNOWN` of
-    the region's area may be so.
+    Beside is within `width` [m] along the surface. Where a vertex that is not assessed lies neither over nor under the
+    other surface, what happened there was not seen, and may go on. On neither side may that be more than
+    `MOST_UNKNOWN` of the region's area, the larger one of both sides: a fracture is smaller than what broke off it.
     """
-    around = spread_margin(side, region, width)
-    own = np.bincount(region, side.areas, minlength=n_regions + 1)[1:]
-    is_unknown = ~side.is_assessed & np.isnan(change_beyond) & (region == 0)
-    unknown = np.bincount(around, np.where(is_unknown, side.areas, 0.0), minlength=n_regions + 1)[1:]
-    return unknown <= MOST_UNKNOWN * own
+    area, unknown = np.zeros(n_regions), np.zeros(n_regions)
+    for side, region, change in zip(sides, regions, beyond.change, strict=True):
+        around = spread_margin(side, region, width)
+        is_unknown = ~side.is_assessed & np.isnan(change) & (region == 0)
+        beside = np.bincount(around, np.where(is_unknown, side.areas, 0.0), minlength=n_regions + 1)[1:]
+        area = np.maximum(area, np.bincount(region, side.areas, minlength=n_regions + 1)[1:])
+        unknown = np.maximum(unknown, beside)
+    return unknown <= MOST_UNKNOWN * area
 
 
 def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints], grown: tuple[Ints, Ints],
@@ -171,7 +174,8 @@ def find_extreme(side: Side, found: Detection, vertices: Ints, whole: Ints, chan
                  ) -> tuple[float, float]:  # fmt: skip
     """Return the largest change [m] and its sigma: the median around the place where the smoothed change is largest.
 
-    The neighbourhood is the seven nearest vertices: no single vertex decides. Vertices without a perpendicular (`whole`
+    The neighbourhood is the seven nearest vertices: no single vertex decides; the sigma holds how their values scatter,
+    since the place itself is known to a vertex only. Vertices without a perpendicular (`whole`
     beyond `vertices`) count where they are more than `MOST_UNKNOWN` of the region, a piece that is gone; there it is
     the distance to the nearest point of the other surface. Beside a worn patch they are folds and rims, and no measure
     of its depth.
@@ -186,7 +190,8 @@ def find_extreme(side: Side, found: Detection, vertices: Ints, whole: Ints, chan
     nearest = np.sort(distance)[min(6, len(distance) - 1)]
     around = whole[distance <= nearest]
     known = vertices if len(vertices) else np.flatnonzero(side.is_assessed)
-    return float(np.nanmedian(value[around])), float(np.median(found.lod95[known])) / Z95
+    sigma = float(np.median(np.sqrt(found.variance[known] + side.sigma_common[known] ** 2)))
+    return float(np.nanmedian(value[around])), float(np.hypot(sigma, np.nanstd(value[around])))
 
 
 def sigma_of_area(side: Side, found: Detection, vertices: Ints, margin: Ints, correlation: Correlation) -> float:

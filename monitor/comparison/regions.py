@@ -114,8 +114,7 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
     """
     width = min(found.noise.correlation.length, found.test.size)
     margins = tuple(spread_over_assessed(s, g, width) for s, g in zip(sides, grown, strict=True))
-    known = np.logical_and(*(is_volume_known(s, g, b, found.test.size, len(table))
-                             for s, g, b in zip(sides, grown, beyond.change, strict=True)))  # fmt: skip
+    known = is_volume_known(sides, grown, beyond, found.test.size, len(table))
     volumes = table[["volume_m3", "sigma_volume_m3"]].to_numpy(dtype=float, copy=True)
     for k in range(len(table)):
         body = measure_body(k + 1, sides, (margins[0], margins[1]), found, registration, beyond) if known[k] else None
