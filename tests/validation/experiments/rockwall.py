@@ -113,6 +113,32 @@ def noise_over_quadrics(points: Floats, raw: Floats, patches: Patches) -> float:
     return float(np.median(found))
 
 
+def noise_of_halves(halves: tuple[Floats, Floats], patches: Patches) -> float:
+    """Return the noise [m] of points that two halves of the measurements gave independently, in the flat patches.
+
+    Half the squared difference of two heights d apart is the noise variance and what the stone's roughness adds on the
+    way, which goes to nothing with d: the line through the robust variances of ten bins of d, up to the points'
+    spacing, is followed to d = 0. Roughness that both halves saw is no part of it, unlike that of a plane's residuals.
+    """
+    apart, rise = [], []
+    trees = [cKDTree(half) for half in halves]
+    for k in patches.flat:
+        (first, z1), (second, z2) = (heights(p, t, patches, k) for p, t in zip(halves, trees, strict=True))
+        if min(len(first), len(second)) < 6:
+            continue
+        flat = np.eye(3) - np.outer(patches.normals[k], patches.normals[k])
+        reach = PATCH * np.sqrt(np.pi / len(second))
+        near = cKDTree(first @ flat).sparse_distance_matrix(cKDTree(second @ flat), reach, output_type="coo_matrix")
+        apart.append(near.data / reach)
+        rise.append(z1[near.row] - z2[near.col])
+    d, h = np.concatenate(apart), np.abs(np.concatenate(rise))
+    bins = np.minimum((10 * d).astype(int), 9)
+    variances = np.array([0.5 * (1.4826 * np.median(h[bins == b])) ** 2 for b in range(10)])
+    centres = np.array([d[bins == b].mean() for b in range(10)])
+    line = np.polyfit(centres, variances, 1, w=np.sqrt(np.bincount(bins, minlength=10)))
+    return float(np.sqrt(max(line[1], 0.0)))
+
+
 def relief_kept(points: Floats, raw: Floats, reach: float, patches: Patches) -> float:
     """Return the share of the stones' relief that is left: the slope of heights on raw medians within `reach` [m]."""
     tree, raw_tree = cKDTree(points), cKDTree(raw)
@@ -143,22 +169,43 @@ def to_count(thin, n_wanted: int, first: float) -> Floats:
     return points
 
 
+def _ours(points: Floats, spacing: float) -> Floats:
+    """Thin by the chain of one scan, whose station is not known."""
+    scan = Scan("wall", PointCloud(points), np.eye(4), origin=np.full(3, np.nan))
+    return filter_scan(scan, FilterSettings(thinning=ThinningSettings(target_spacing=spacing))).points
+
+
+def _median(points: Floats, spacing: float) -> Floats:
+    """Thin to the medians of voxels (paper 004)."""
+    return voxel_median(PointCloud(points), VoxelMedianSettings(voxel_size=spacing)).points
+
+
+THINNING = {"ours": _ours, "voxel median": _median, "voxel mean": open3d_voxels}
+
+
+def noise_alone(raw: Floats, n_wanted: int, spacing: float, patches: Patches) -> dict[str, float]:
+    """Return the noise [m] of the raw points and of each thinning, from halves of the points drawn at random."""
+    is_first = np.random.default_rng(2).random(len(raw)) < 0.5
+    halves = raw[is_first], raw[~is_first]
+    found = {"raw points": noise_of_halves(halves, patches)}
+    for name, thin in THINNING.items():
+        few = [to_count(lambda d, h=h, t=thin: t(h, d), n_wanted // 2, spacing * np.sqrt(2.0)) for h in halves]
+        found[name] = noise_of_halves((few[0], few[1]), patches)
+    return found
+
+
 def run(size: Size) -> list[Row]:
     """Thin and measure."""
     raw, rng = read_wall(WIDTHS[size]), np.random.default_rng(1)
     spacing = float(np.median(cKDTree(raw).query(raw[::50], 7)[0][:, 6])) * np.sqrt(np.pi / 7.0)
-    scan = Scan("wall", PointCloud(raw), np.eye(4), origin=np.full(3, np.nan))
     n_wanted, first = int(SHARE * len(raw)), spacing / np.sqrt(SHARE)
     clouds = {
-        "ours": to_count(lambda d: filter_scan(scan, _of_spacing(d)).points, n_wanted, first),
-        "voxel median": to_count(
-            lambda d: voxel_median(PointCloud(raw), VoxelMedianSettings(voxel_size=d)).points, n_wanted, first
-        ),
-        "voxel mean": to_count(lambda d: open3d_voxels(raw, d), n_wanted, first),
+        **{name: to_count(lambda d, t=thin: t(raw, d), n_wanted, first) for name, thin in THINNING.items()},
         "at random": raw[rng.choice(len(raw), n_wanted, replace=False)],
         "raw points": raw,
     }
     patches = find_patches(raw, rng)
+    alone = noise_alone(raw, n_wanted, first, patches)
     noise = {name: 1e3 * noise_in_flat(points, patches) for name, points in clouds.items()}
     bent = {name: 1e3 * noise_over_quadrics(points, raw, patches) for name, points in clouds.items()}
     kept = {name: relief_kept(points, raw, 1.5 * spacing, patches) for name, points in clouds.items()}
@@ -172,6 +219,11 @@ def run(size: Size) -> list[Row]:
             judge(ratio <= 0.5), asked="at most half of raw",
             others={name: in_words(noise[name], 2) for name in others}, value=ratio,
             cause="" if ratio <= 0.5 else "what stays over a plane is the shape of the stone: means leave as much"),
+        Row("noise alone, of halves thinned to a tenth each, mm",
+            f"{in_words(1e3 * alone['ours'], 3)} ({alone['ours'] / alone['raw points']:.2f} of raw)",
+            judge(alone["ours"] <= 0.5 * alone["raw points"]), asked="at most half of raw",
+            others={name: in_words(1e3 * value, 3) for name, value in alone.items() if name != "ours"},
+            value=alone["ours"] / alone["raw points"]),
         Row("the same over the quadrics of the raw patches, mm",
             f"{in_words(bent['ours'], 2)} ({bent['ours'] / bent['raw points']:.2f} of raw)",
             others={name: in_words(bent[name], 2) for name in others}, value=bent["ours"] / bent["raw points"]),
@@ -180,12 +232,8 @@ def run(size: Size) -> list[Row]:
     ]  # fmt: skip
 
 
-def _of_spacing(spacing: float) -> FilterSettings:
-    """Return the settings of a target spacing."""
-    return FilterSettings(thinning=ThinningSettings(target_spacing=spacing))
-
-
 NOTES = (
     "`vapc_rockwall`, station unknown. The plane residual holds the roughness of the stone beside the noise of the "
-    "scanner; the first stays whatever the thinning."
+    "scanner; the first stays whatever the thinning. Noise alone: how two halves of the points, thinned independently, "
+    "differ where they meet; roughness that both saw is no part of it."
 )
