@@ -180,7 +180,7 @@ def adjust_scans(
     if not settings.enabled:
         given = misfit_of(before)
         return Adjustment(unmoved, describe_pairs(before, before), False, "switched off", given, given, 0)
-    if not is_tied and not match_overlaps(network.overlaps, unmoved, network.radius, fine=False):
+    if not (is_tied or before or match_overlaps(network.overlaps, unmoved, network.radius, fine=False)):
         return Adjustment(unmoved, (), False, "no two scans overlap", float("nan"), float("nan"), 0)
     network = replace(network, lies_near=network.lies_near and len(before) > 0)
     state = _iterate(network, settings.max_iterations)

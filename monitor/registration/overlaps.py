@@ -6,7 +6,7 @@ In: the scans as sides with samples. Out: matches of all pairs at given motions,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from monitor.registration.network import Pairs
 from monitor.registration.sampling import motion_rows
 from monitor.registration.sides import Side
 from monitor.registration.weights import robust_scale
-from projects.model import Floats
+from projects.model import Floats, Ints
 from projects.transforms import invert
 
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
@@ -24,17 +24,38 @@ SEARCH_MEDIANS, SEARCH_SHARE = 4.0, 0.1  # of the distances between scans as giv
 CLOSURE_HELD = 0.1  # of the best held motion: what a pair by itself hardly holds is not asked of it
 
 
+MOST_MATCHES = 50_000  # of one scan with all others: with ten others all samples, with forty every fourth
+ENOUGH = 1000  # shared points of two scans: with fewer, none is left out
+
 Steepest = dict[tuple[int, int], float]  # cosine of the incidence up to which pairs of two scans count
 
 
 @dataclass(frozen=True)
 class Overlaps:
-    """The scans as sides and samples [m], and the pairs of them whose boxes meet."""
+    """The scans as sides and samples [m], and the pairs of them whose boxes meet.
+
+    Of a scan that overlaps many, every so many-th sample is enough with each: the `strides`, chosen when two scans are
+    first found to share points and kept, so that counts of points can be compared.
+    """
 
     sides: tuple[Side, ...]
     samples: tuple[Samples, ...]
     pairs: tuple[tuple[int, int], ...]
     spacing: float
+    strides: dict[tuple[int, int], int] = field(default_factory=dict)
+
+    def match(self, pair: tuple[int, int], T_second_first: Floats, limits: MatchLimits) -> tuple[Matches, Ints]:
+        """Return the matches of a pair of scans, in the second's frame, and the points (k,) of the first's side."""
+        i, j = pair
+        stride = self.strides.get(pair, 1)
+        samples = self.samples[i].every(stride)
+        matches = match(samples, self.sides[j], T_second_first, limits, True)
+        if pair not in self.strides and len(matches) >= FEWEST_PAIRS:
+            n_others = sum(first == i for first, _ in self.pairs)
+            most = -(-n_others * len(self.samples[i].points) // MOST_MATCHES)
+            self.strides[pair] = max(1, min(most, len(matches) // ENOUGH))
+            matches = matches.take(matches.source % self.strides[pair] == 0)
+        return matches, samples.index[matches.source]
 
 
 @dataclass(frozen=True)
@@ -81,9 +102,9 @@ def match_overlaps(
     limits = MatchLimits(radius, aside, np.radians(30.0 if fine else 45.0))
     found = {}
     for i, j in overlaps.pairs:
-        matches = match(overlaps.samples[i], overlaps.sides[j], invert(motions[j]) @ motions[i], limits, True)
+        matches, points = overlaps.match((i, j), invert(motions[j]) @ motions[i], limits)
         if len(matches) >= FEWEST_PAIRS:
-            own = overlaps.sides[i].frontality_of(overlaps.samples[i].index[matches.source])
+            own = overlaps.sides[i].frontality_of(points)
             cosines = np.minimum(own, overlaps.sides[j].frontality_of(matches.target))
             limit = steepest.get((i, j), _steepest(cosines))
             found[i, j] = matches.take(cosines >= limit)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from monitor.registration import overlaps
 from monitor.registration.adjustment import AdjustmentSettings, adjust_scans
 from projects.model import PointCloud
 from projects.transforms import apply, perturb, rotate
@@ -52,6 +53,22 @@ def test_the_mean_of_the_given_poses_stays(rng: np.random.Generator) -> None:
     mean = np.mean([M[:3, 3] for M in adjustment.motions], axis=0)
     assert np.abs(mean).max() < 0.0002
     assert adjustment.motions[0][0, 3] == pytest.approx(-0.002, abs=0.0003)
+
+
+def test_of_scans_that_overlap_many_others_fewer_samples_say_the_same(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clouds = [bumpy_cap(rng, turn, 0.0002) for turn in np.arange(4) * np.pi / 2]
+    errors = [perturb(np.eye(4), np.zeros(3), d) for d in rng.normal(0, [0.002] * 3 + [0.0015] * 3, (4, 6))]
+    given = [displaced(c, T) for c, T in zip(clouds, errors, strict=True)]
+    every = adjust_scans(given)
+    monkeypatch.setattr(overlaps, "MOST_MATCHES", 5000)
+    monkeypatch.setattr(overlaps, "ENOUGH", 300)
+    few = adjust_scans(given)
+    assert sum(p.n for p in few.pairs) < 0.6 * sum(p.n for p in every.pairs)
+    for a, b, cloud in zip(every.motions, few.motions, clouds, strict=True):
+        # three sigma of what 300 pairs of points with 0.3 mm tell of six parameters
+        assert np.abs(apply(a, cloud.points) - apply(b, cloud.points)).max() < 3 * 0.0003 * np.sqrt(6 / 300)
 
 
 def test_switched_off_it_moves_nothing_and_still_says_how_the_scans_fit(rng: np.random.Generator) -> None:
