@@ -101,27 +101,14 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     limit = settings.search_limit or search_limit(reference, compared, 0.05)
     if registration is None:
         require_near(reference, compared, limit)
-    registration = register_epochs(reference, compared) if registration is None else registration
-    if not registration.converged:
-        raise RegistrationError(
-            f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
-        )
-    if mode == "absolute" and frames is not None:
-        held = dataclasses.replace(registration, covariance=frames)
-        registration = dataclasses.replace(registration, covariance=registration.covariance + frames)
-    else:
-        held = registration
+    registration = require_settled(register_epochs(reference, compared) if registration is None else registration)
+    registration, held = hold_frames(registration, frames if mode == "absolute" else None)
     moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
     trees = build_trees(reference, moved, settings.max_normal_angle)
     sides = measure_sides(reference, moved, trees, held, (limit, settings.max_normal_angle))
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
              drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
-    if not any(s.is_assessed.any() for s in sides):
-        reasons = ", ".join(f"{name} {n}" for name, n in count_reasons(sides[1].reasons).items() if n)
-        raise ComparisonError(
-            f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); "
-            "the epochs do not overlap, or not the same side of them: check their poses and units"
-        )
+    require_common(sides, limit)
     found = detect(sides, held, settings.false_discovery_rate, settings.seed)
     beyond = look_beyond(sides, trees, limit)
     if sights is not None:
@@ -152,6 +139,34 @@ def require_near(reference: Surface, compared: Surface, limit: float) -> None:
     gap = float(np.linalg.norm(np.maximum(low - high, 0.0)))
     if gap > limit:
         raise ComparisonError(f"the epochs do not overlap: they lie {gap:.4g} m apart; check their poses and units")
+
+
+def require_settled(registration: Registration) -> Registration:
+    """Return the registration; raise `RegistrationError` with its reason where it did not converge."""
+    if not registration.converged:
+        raise RegistrationError(
+            f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
+        )
+    return registration
+
+
+def require_common(sides: tuple[Side, Side], limit: float) -> None:
+    """Raise `ComparisonError` where no vertex of either side (reference, compared) can be assessed."""
+    if not any(s.is_assessed.any() for s in sides):
+        reasons = ", ".join(f"{name} {n}" for name, n in count_reasons(sides[1].reasons).items() if n)
+        raise ComparisonError(
+            f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); "
+            "the epochs do not overlap, or not the same side of them: check their poses and units"
+        )
+
+
+def hold_frames(registration: Registration, frames: Floats | None) -> tuple[Registration, Registration]:
+    """Return the registration as it is stated, and as the differences hold it; `frames` (6, 6) where control holds both
+    epochs and the motion stays in the differences."""
+    if frames is None:
+        return registration, registration
+    stated = dataclasses.replace(registration, covariance=registration.covariance + frames)
+    return stated, dataclasses.replace(registration, covariance=frames)
 
 
 def register_epochs(reference: Surface, compared: Surface) -> Registration:
