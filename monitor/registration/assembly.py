@@ -36,12 +36,14 @@ class Link:
 @dataclass(frozen=True)
 class Assembly:
     """Where each scan belongs: `T_first_scan` (n, 4, 4) in the frame of the first scan placed, NaN where `is_placed`
-    (n,) is False; the `links` that were used, and those `refused` because others contradict them."""
+    (n,) is False; the `links` that were used, those `refused` because others contradict them, and all that were `found`
+    between two scans by themselves."""
 
     T_first_scan: Floats
     is_placed: Bools
     links: tuple[Link, ...]
     refused: tuple[Link, ...]
+    found: tuple[Link, ...] = ()
 
 
 def assemble(clouds: Sequence[PointCloud]) -> Assembly:
@@ -69,7 +71,8 @@ def assemble(clouds: Sequence[PointCloud]) -> Assembly:
             links.append(Link(i, j, found.T_target_source, found.score))
     good, refused = check_triangles(links, [s.places.points for s in shapes], cell)
     poses, used = hang_on_tree(good, len(shapes))
-    return Assembly(_in_given_frames(poses, shifts), np.isfinite(poses[:, 0, 0]), tuple(used), tuple(refused))
+    return Assembly(_in_given_frames(poses, shifts), np.isfinite(poses[:, 0, 0]), tuple(used), tuple(refused),
+                    tuple(links))  # fmt: skip
 
 
 def check_triangles(links: Sequence[Link], places: Sequence[Floats], cell: float) -> tuple[list[Link], list[Link]]:
