@@ -72,15 +72,35 @@ class Detection:
 
 @dataclass(frozen=True)
 class Detected:
-    """The answer for both sides (reference, compared), the noise, and the test that it rests on."""
+    """The answer for both sides (reference, compared), the noise, the test that it rests on, its patches, and which
+    vertices the noise was learned from."""
 
     sides: tuple[Detection, Detection]
     noise: Noise
     test: Tested
+    layout: Layout
+    calm: Masks
 
 
-def detect(sides: tuple[Side, Side], registration: Registration, level: float, seed: int) -> Detected:
-    """Decide for both sides which vertices have changed, with a false discovery rate of `level` over the surface."""
+def detect(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
+           left: Registration | None = None) -> Detected:  # fmt: skip
+    """Decide for both sides which vertices have changed, with a false discovery rate of `level` over the surface.
+
+    `left` is the motion of the whole that stays in the distances. It is change and no error: the noise is learned
+    without it, and all is judged by that.
+    """
+    if left is None:
+        return learn_and_judge(sides, registration, level, seed)
+    own = (sides[0].without_motion(), sides[1].without_motion())
+    by_itself = learn_and_judge(own, left, level, seed)
+    noise, calm = by_itself.noise, by_itself.calm
+    test = judge_units(by_itself.layout, sides, calm, noise, registration, level, by_itself.test.errors)
+    found = tuple(mark_changed(s, own[k], test, k, noise, calm[k]) for k, s in enumerate(sides))
+    return Detected((found[0], found[1]), noise, test, by_itself.layout, calm)
+
+
+def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level: float, seed: int) -> Detected:
+    """Learn the noise from what is stable, then from all that did not change, and judge by it."""
     rng = np.random.default_rng(seed)
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
@@ -93,8 +113,8 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
             calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, layout)
             test = judge_units(layout, sides, calm, noise, registration, level, calm_errors)
-    found = tuple(mark_changed(s, test, k, noise, calm[k]) for k, s in enumerate(sides))
-    return Detected((found[0], found[1]), noise, test)
+    found = tuple(mark_changed(s, s, test, k, noise, calm[k]) for k, s in enumerate(sides))
+    return Detected((found[0], found[1]), noise, test, layout, calm)
 
 
 def stable_or_all(side: Side) -> Bools:
@@ -110,14 +130,16 @@ def lay_out(sides: tuple[Side, Side], noise: Noise, last: Layout | None) -> Layo
 
 
 def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration,
-                level: float, learn_errors: Callable[[Floats], PatchErrors]) -> Tested:  # fmt: skip
-    """Test the patches of every size of both sides, all at once."""
+                level: float, learn_errors: Callable[[Floats], PatchErrors] | tuple[PatchErrors, ...],
+                ) -> Tested:  # fmt: skip
+    """Test the patches of every size of both sides, all at once, by errors to be learned from them or known already."""
     units = tuple(summarize_units(s, n, noise, registration, c)
                   for s, n, c in zip(sides, layout.numbers, calm, strict=True))  # fmt: skip
     sizes = [[measure_patches(u, m, noise.correlation, registration) for u, m in zip(units, members, strict=True)]
              for members in layout.members]  # fmt: skip
-    errors = tuple(learn_errors(np.concatenate([_standardize(p)[p.is_whole & p.is_calm] for p in pair]))
-                   for pair in sizes)  # fmt: skip
+    errors = learn_errors if isinstance(learn_errors, tuple) else tuple(
+        learn_errors(np.concatenate([_standardize(p)[p.is_whole & p.is_calm] for p in pair])) for pair in sizes
+    )  # fmt: skip
     p_values = [[np.where(p.is_whole, e.p_values(_standardize(p)), 1.0) for p in pair]
                 for e, pair in zip(errors, sizes, strict=True)]  # fmt: skip
     tested = np.concatenate([v[p.is_whole] for values, pair in zip(p_values, sizes, strict=True)
@@ -145,15 +167,17 @@ def away_from(side: Side, test: Tested, which: int, limit: float) -> Bools:
     return side.is_assessed & ~touched[number]
 
 
-def mark_changed(side: Side, test: Tested, which: int, noise: Noise, calm: Bools) -> Detection:
+def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, calm: Bools) -> Detection:
     """Return which vertices are changed: connected to a significant unit, of its sign, and beyond a level themselves.
 
     Beyond a level is a vertex whose own change exceeds its lod95, or whose smoothed change exceeds what that of calm
-    vertices does in 5 %.
+    vertices does in 5 %; `own` is the side without the motion of the whole, the same where none is left.
     """
     lod95 = level_of_detection(noise.scale_of(side) * side.sigma_surfaces, noise.common_of(side), noise.floor_of(side))
-    smooth = smooth_distances(side, 0.5 * min(noise.correlation.length, test.size))
-    ratio = np.abs(smooth[calm]) / lod95[calm]
+    reach = 0.5 * min(noise.correlation.length, test.size)
+    smooth = smooth_distances(side, reach)
+    error = smooth if own is side else smooth_distances(own, reach)
+    ratio = np.abs(error[calm]) / lod95[calm]
     kept = min(float(np.quantile(ratio, 0.95)), 1.0) if len(ratio) else 1.0
     smooth_lod95 = np.maximum(kept * lod95, Z95 * side.sigma_common)
     sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int64)

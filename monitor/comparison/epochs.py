@@ -102,14 +102,15 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if registration is None:
         require_near(reference, compared, limit)
     registration = require_settled(register_epochs(reference, compared) if registration is None else registration)
+    left = registration if mode == "absolute" else None
     registration, held = hold_frames(registration, frames if mode == "absolute" else None)
     moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
     trees = build_trees(reference, moved, settings.max_normal_angle)
-    sides = measure_sides(reference, moved, trees, held, (limit, settings.max_normal_angle))
+    sides = measure_sides(reference, moved, trees, held, (limit, settings.max_normal_angle), left)
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
              drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
     require_common(sides, limit)
-    found = detect(sides, held, settings.false_discovery_rate, settings.seed)
+    found = detect(sides, held, settings.false_discovery_rate, settings.seed, left)
     beyond = look_beyond(sides, trees, limit)
     if sights is not None:
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
@@ -183,10 +184,11 @@ def build_trees(reference: Surface, moved: Surface, max_angle: float) -> tuple[M
 
 
 def measure_sides(reference: Surface, moved: Surface, trees: tuple[MeshTree, MeshTree], registration: Registration,
-                  limits: tuple[float, float]) -> tuple[Side, Side]:  # fmt: skip
-    """Return the sides (reference, compared), measured against each other, with what the registration held stable."""
-    on_reference = measure_side(reference, moved, trees, -1.0, limits, registration)
-    on_compared = measure_side(moved, reference, (trees[1], trees[0]), 1.0, limits, registration)
+                  limits: tuple[float, float], left: Registration | None = None) -> tuple[Side, Side]:  # fmt: skip
+    """Return the sides (reference, compared), measured against each other, with what the registration held stable;
+    `left` is the motion that stays in the distances."""
+    on_reference = measure_side(reference, moved, trees, -1.0, limits, registration, left)
+    on_compared = measure_side(moved, reference, (trees[1], trees[0]), 1.0, limits, registration, left)
     on_reference, on_compared = (drop_contradicted(on_reference, on_compared),
                                  drop_contradicted(on_compared, on_reference))  # fmt: skip
     if registration.is_stable is None or len(registration.is_stable) != len(moved.vertices):

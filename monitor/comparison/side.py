@@ -15,7 +15,7 @@ from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.stars import mesh_edges
 from monitor.registration.covariance import propagate
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
-from projects.transforms import apply, rotate
+from projects.transforms import apply, invert, rotate
 
 EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only
 
@@ -28,7 +28,8 @@ class Side:
     once; `areas` [m2] are a third of the faces around; `to_rim` [m] is how far the vertex or its foot is from a free
     edge of its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_shared` [m]
     what the scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that of the
-    registration (common to the whole).
+    registration (common to the whole). Where the motion between the epochs stays in the distances, `expected` [m] is
+    what it alone makes of them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the motion.
     """
 
     surface: Surface
@@ -44,6 +45,8 @@ class Side:
     sigma_motion: Floats
     is_stable: Bools
     reasons: Ints
+    expected: Floats
+    sigma_expected: Floats
 
     @property
     def is_assessed(self) -> Bools:
@@ -54,6 +57,11 @@ class Side:
     def sigma_common(self) -> Floats:
         """One sigma [m] of the errors that no averaging over neighbours removes: scans and registration."""
         return np.hypot(self.sigma_shared, self.sigma_motion)
+
+    def without_motion(self) -> Side:
+        """Return the side with the motion of the whole taken off: what is left is error where nothing else changed."""
+        return replace(self, distances=self.distances - self.expected, sigma_motion=self.sigma_expected,
+                       expected=np.zeros(len(self.expected)))  # fmt: skip
 
 
 def move_surface(surface: Surface, T_target_source: Floats) -> Surface:
@@ -78,8 +86,11 @@ def drop_contradicted(side: Side, back: Side) -> Side:
 
 
 def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTree], sign: float,
-                 limits: tuple[float, float], registration: Registration) -> Side:  # fmt: skip
+                 limits: tuple[float, float], registration: Registration,
+                 left: Registration | None = None) -> Side:  # fmt: skip
     """Measure one side against the other, with the trees of both; `sign` is +1 on compared, -1 on reference.
+
+    `registration` is what the frames of both are held by, `left` the motion that stays in the distances.
 
     A stated sigma that is NaN makes the vertex too uncertain; a surface that states none at all leaves its noise to
     the floor that the stable areas show. Near a free edge of either surface the surface goes on beyond its samples, so
@@ -102,9 +113,22 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     is_stable = np.zeros(len(normals), dtype=np.bool_)
     shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
     shared = np.where(np.isfinite(shared), shared, 0.0)
+    expected = np.zeros(len(normals)) if left is None else _expected_change(surface.vertices, normals, left, sign)
+    own_motion = registration if left is None else left
+    sigma_expected = propagate(own_motion.covariance, own_motion.centre, surface.vertices, normals)
     return Side(
-        surface, other, feet, normals, edges, areas, distances, to_rim, sigma, shared, motion, is_stable, reasons
-    )
+        surface, other, feet, normals, edges, areas, distances, to_rim, sigma, shared, motion, is_stable, reasons,
+        expected, sigma_expected,
+    )  # fmt: skip
+
+
+def _expected_change(points: Floats, normals: Floats, left: Registration, sign: float) -> Floats:
+    """Return the change (n,) [m] along the normals that the motion between the epochs alone makes.
+
+    What lay at x in the reference epoch lies at T^-1 x in the compared one, what lies there at y lay at T y.
+    """
+    T = left.T_target_source if sign > 0.0 else invert(left.T_target_source)
+    return np.asarray(sign * np.einsum("ij,ij->i", normals, points - apply(T, points)))
 
 
 def _shared_sigma(surface: Surface) -> Floats:

@@ -122,6 +122,22 @@ def test_relative_mode_removes_a_motion_that_absolute_mode_shows(rng: np.random.
     assert absolute.statistics["motion_displacement_m"] == pytest.approx(3e-3)
 
 
+def test_what_the_whole_has_moved_by_is_change_and_no_noise_in_absolute_mode(rng: np.random.Generator) -> None:
+    reference, compared = make_sheet(rng), make_sheet(rng)
+    T = np.eye(4)
+    T[:3, 3] = [0.0, 0.0, 3e-3]
+    lowered = dataclasses.replace(compared, vertices=compared.vertices - T[:3, 3])
+    registration = dataclasses.replace(known_motion(compared), T_target_source=T)
+    quiet = compare(reference, lowered, registration).on_compared
+    for sigma, changed in ((3e-4, True), (3e-3, False)):  # of the height of both frames
+        frames = np.diag([1e-9] * 3 + [sigma] * 3) ** 2
+        seen = compare(reference, lowered, registration, mode="absolute", frames=frames).on_compared
+        expected = np.hypot(np.nanmedian(quiet.lod95), 1.96 * sigma)  # what is beside the frames is as it was
+        assert np.nanmedian(seen.lod95) == pytest.approx(expected, rel=0.05)
+        assessed = seen.assessment != Assessment.NOT_ASSESSABLE
+        assert np.mean(seen.assessment[assessed] == Assessment.CHANGED) == pytest.approx(float(changed), abs=0.02)
+
+
 def test_a_registration_that_did_not_converge_is_refused_with_its_reason(rng: np.random.Generator) -> None:
     sheet = make_sheet(rng, 20)
     failed = dataclasses.replace(known_motion(sheet), converged=False, reason="a plane slides")
