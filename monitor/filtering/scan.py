@@ -129,7 +129,8 @@ def _reasons(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) ->
             points, origin, scan.rows, scan.columns, planes.noise, settings.max_incidence
         )
     if settings.drop_rims:
-        reasons["rim"] = find_rims(points - origin, planes.noise, settings.max_incidence)
+        known = ~(reasons["speck"] | reasons["outlier"])
+        reasons["rim"] = find_rims(points, origin, planes.noise, settings.max_incidence, known, settings.drop_border)
     reasons["grazing"] = find_grazing(points, origin, planes.normals, settings.max_incidence)
     return reasons
 

@@ -7,16 +7,20 @@ A mixed pixel's range lies between those of two surfaces that the beam touched (
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import njit, prange
 from numpy.typing import NDArray
 
 from monitor.declare import check_settings, setting
-from monitor.filtering.nearest import build_index, canonical_order, find_nearest, find_nearest_sorted
+from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_nearest, find_nearest_sorted
 from projects.model import Bools, Floats, Ints
 
 BETWEEN_SIGMAS = 3.0
+JUMP_SIGMAS = BETWEEN_SIGMAS * math.sqrt(2.0)  # of the difference of two ranges
 N_ASIDE = 16  # neighbours seen from the scanner, among which a gap is looked for
 N_BESIDE = 8  # of these, to which a range may jump: the pixels around one
 N_INNER = 5  # neighbours that are no rims: an ornament four pixels wide has four
@@ -43,9 +47,14 @@ class SilhouetteSettings:
         high=100.0,
     )
     drop_rims: bool = setting(
+        True,
+        unit="",
+        meaning="whether points whose spot may reach over the rim of their surface onto another are dropped",
+    )
+    drop_border: bool = setting(
         False,
         unit="",
-        meaning="whether points whose spot may reach over the rim of their surface are dropped, border of the scan too",
+        meaning="whether drop_rims takes the border of what the scan holds too, where a spot may reach over nothing",
     )
     drop_seen_through: bool = setting(
         False,
@@ -121,59 +130,115 @@ def _jumps_along(
         some = order[block.start : block.stop + 1]
         ranges = np.linalg.norm(points[some] - origin, axis=1)
         rise = np.diff(ranges)
-        limit = ranges[1:] * step * math.tan(max_incidence) + BETWEEN_SIGMAS * math.sqrt(2.0) * noise[some[1:]]
+        limit = ranges[1:] * step * math.tan(max_incidence) + JUMP_SIGMAS * noise[some[1:]]
         jump[block] = np.where(~np.isnan(steps[block]) & (np.abs(rise) > limit), np.sign(rise), 0.0)
     return jump
 
 
-def find_rims(beams: Floats, noise: Floats, max_incidence: float) -> Bools:
-    """Return the points (n,) whose spot may reach over the rim of their surface: in front of another, or of nothing.
+def find_rims(
+    points: Floats,
+    origin: Floats,
+    noise: Floats,
+    max_incidence: float,
+    known: Bools | None = None,
+    border: bool = False,
+) -> Bools:
+    """Return the points (n,) whose spot may reach over the rim of their surface, in front of another.
 
-    Seen from the scanner, a neighbour's range jumps by more than a surface at `max_incidence` [rad] and the noise
-    explain, or half of the surroundings is empty. Such a point is pulled towards what lies behind, or stands beside the
-    surface. Only points with `N_INNER` neighbours of the same surface that are no rims are named: what consists of
-    rims, an ornament seen by few points, is kept.
+    Seen from the scanner, one of the `N_BESIDE` neighbours has another range by more than a surface at `max_incidence`
+    [rad] and the noise explain. Such a point is pulled towards what lies behind, or stands beside the surface. Only
+    points with `N_INNER` neighbours of the same surface that are no rims are named: what consists of rims, an ornament
+    seen by few points, is kept.
 
     Parameters
     ----------
-    beams : (n, 3) m, from the scanner to the points, in any order, grid or not.
+    points, origin : (n, 3) and (3,) m, in any order, grid or not, and the scanner.
     noise : (n,) m, one sigma of a range.
+    known : (n,) points of surfaces; the others, which are no rims and make nothing one, are passed over. None: all.
+    border : whether points half of whose surroundings is empty are rims too.
     """
-    ranges = np.linalg.norm(beams, axis=1)
-    directions = beams / ranges[:, None]
-    order = canonical_order(directions)
-    index, ranges, noise = build_index(directions[order]), ranges[order], noise[order]
-    k = min(N_ASIDE + 1, len(beams))
-    is_rim = np.zeros(len(beams), dtype=bool)
-    for first in range(0, len(beams), BLOCK):
-        which = np.arange(first, min(first + BLOCK, len(beams)))
-        near = find_nearest(index, first, first + len(which), np.full(len(which), k))
-        is_same, gap = _look_aside(index.points, ranges, noise, which, near, max_incidence)
-        is_rim[which] = (~is_same & _nearest_aside(index.points, which, near)).any(axis=1) | (gap > RIM_GAP)
-    rims = np.flatnonzero(is_rim)
-    near = find_nearest_sorted(index, rims, k)
-    is_same, _ = _look_aside(index.points, ranges, noise, rims, near, max_incidence)
-    named = np.zeros(len(beams), dtype=bool)
-    named[order[rims]] = (is_same & ~is_rim[near]).sum(axis=1) >= N_INNER
+    which = np.arange(len(points)) if known is None else np.flatnonzero(known)
+    field = _look_out(points, origin, noise, which, math.tan(max_incidence))
+    rims = _beside_jumps(field)
+    if border:
+        rims |= _beside_nothing(field)
+    named = np.zeros(len(points), dtype=bool)
+    named[which[field.order]] = _has_inner(field, rims)
     return named
 
 
-def _nearest_aside(directions: Floats, which: Ints, near: Ints) -> Bools:
-    """Return which of the neighbours (m, k) are among the `N_BESIDE` nearest of the points `which`."""
-    aside2 = ((directions[near] - directions[which][:, None]) ** 2).sum(axis=2)
-    last = min(N_BESIDE, aside2.shape[1] - 1)
-    return aside2 <= np.partition(aside2, last, axis=1)[:, last, None]
+@dataclass(frozen=True)
+class _Field:
+    """What the scanner sees: directions in their own canonical order, ranges and noise [m], the steepest slope."""
+
+    index: PointIndex
+    order: Ints
+    ranges: Floats
+    noise: Floats
+    slope: float
+
+    def blocks(self, which: Ints, k: int) -> Iterator[tuple[Ints, Ints]]:
+        """Yield runs of the directions `which` with their k nearest."""
+        for block in _blocks(len(which)):
+            yield which[block], find_nearest_sorted(self.index, which[block], min(k, len(self.order)))
 
 
-def _look_aside(
-    directions: Floats, ranges: Floats, noise: Floats, which: Ints, near: Ints, max_incidence: float
-) -> tuple[Bools, Floats]:
-    """Return which neighbours (m, k) may be on the surface of the points `which`, and the widest gap (m,) there."""
-    aside = directions[near] - directions[which][:, None]
-    nearer = np.minimum(ranges[near], ranges[which][:, None])
-    limit = nearer * np.linalg.norm(aside, axis=2) * math.tan(max_incidence)
-    limit += BETWEEN_SIGMAS * math.sqrt(2.0) * noise[which][:, None]
-    return np.abs(ranges[near] - ranges[which][:, None]) <= limit, _widest_gap(directions[which], aside)
+def _look_out(points: Floats, origin: Floats, noise: Floats, which: Ints, slope: float) -> _Field:
+    """Return the field of the points `which`; in float32, for a scan may have tens of millions."""
+    directions, ranges = np.empty((len(which), 3), dtype=np.float32), np.empty(len(which), dtype=np.float32)
+    for block in _blocks(len(which)):
+        beams = points[which[block]] - origin
+        ranges[block] = np.linalg.norm(beams, axis=1)
+        directions[block] = beams / ranges[block, None]
+    order = canonical_order(directions)
+    return _Field(build_index(directions[order]), order, ranges[order], noise[which][order], slope)
+
+
+def _beside_jumps(field: _Field) -> Bools:
+    """Return the directions (n,) one of whose nearest has another range than any surface explains."""
+    n, k = len(field.order), min(N_BESIDE + 1, len(field.order))
+    beside = np.empty(n, dtype=bool)
+    for block in _blocks(n):
+        last = min(block.stop, n)
+        near = find_nearest(field.index, block.start, last, np.full(last - block.start, k))
+        _mark_jumps(field.index.points, field.ranges, field.noise, near, block.start, field.slope, beside)
+    return beside
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _mark_jumps(directions: Any, ranges: Any, noise: Any, near: Any, first: int, slope: float, beside: Any) -> None:
+    """Write for a block of directions from `first` on whether one of the neighbours (m, k) lies beyond a jump."""
+    for row in prange(near.shape[0]):
+        i = first + row
+        beside[i] = False
+        for j in near[row]:
+            aside2 = 0.0
+            for axis in range(3):
+                aside2 += (directions[j, axis] - directions[i, axis]) ** 2
+            limit = min(ranges[i], ranges[j]) * math.sqrt(aside2) * slope + JUMP_SIGMAS * noise[i]
+            if abs(ranges[j] - ranges[i]) > limit:
+                beside[i] = True
+
+
+def _beside_nothing(field: _Field) -> Bools:
+    """Return the directions (n,) half of whose surroundings is empty."""
+    wide = [
+        _widest_gap(field.index.points[which], field.index.points[near] - field.index.points[which][:, None]) > RIM_GAP
+        for which, near in field.blocks(np.arange(len(field.order)), N_ASIDE + 1)
+    ]
+    return np.concatenate(wide) if wide else np.zeros(0, dtype=bool)
+
+
+def _has_inner(field: _Field, rims: Bools) -> Bools:
+    """Return the rims (n,) that have `N_INNER` neighbours of the same surface which are none."""
+    named = np.zeros(len(rims), dtype=bool)
+    for which, near in field.blocks(np.flatnonzero(rims), N_ASIDE + 1):
+        ranges = field.ranges[which][:, None]
+        aside = np.linalg.norm(field.index.points[near] - field.index.points[which][:, None], axis=2)
+        limit = np.minimum(field.ranges[near], ranges) * aside * field.slope
+        is_same = np.abs(field.ranges[near] - ranges) <= limit + JUMP_SIGMAS * field.noise[which][:, None]
+        named[which] = (is_same & ~rims[near]).sum(axis=1) >= N_INNER
+    return named
 
 
 def _widest_gap(directions: Floats, aside: Floats) -> Floats:

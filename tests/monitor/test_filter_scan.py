@@ -99,16 +99,18 @@ def test_a_grid_loses_its_mixed_pixels(rng):
     depth[mixed] = rng.uniform(3.05, 3.35, mixed.sum())
     points = directions * (depth + rng.normal(0, 0.5e-3, 10_000))[:, None]
     scan = Scan("grid", PointCloud(points), np.eye(4), rows=rows, columns=columns)
-    dropping = FilterSettings(silhouettes=SilhouetteSettings(drop_rims=True))
-    result = filter_scan_with_record(scan, dropping)
-    z = result.cloud.points[:, 2]
-    assert ((np.abs(z - 3.0) < 0.01) | (np.abs(z - 3.4) < 0.01)).mean() > 0.999
-    inner = (np.abs(rows - 49.5) < 48) & (np.abs(columns - 49.5) < 48) & (np.abs(columns - 50) > 2)
-    assert result.cloud.n_merged.sum() > 0.99 * inner.sum()
-    assert result.counts["rim"] < 1.2 * (4 * 99 + 2 * 100)  # the border of the field, and one column on either side
-    kept = filter_scan_with_record(scan).cloud  # rims stay by default
-    assert ((np.abs(kept.points[:, 2] - 3.0) < 0.01) | (np.abs(kept.points[:, 2] - 3.4) < 0.01)).mean() > 0.999
-    assert kept.n_merged.sum() > 0.97 * (~mixed).sum()
+    bordered = FilterSettings(silhouettes=SilhouetteSettings(drop_border=True))
+    for settings, most_rims in ((FilterSettings(), 2 * 100), (bordered, 4 * 99 + 2 * 100)):
+        result = filter_scan_with_record(scan, settings)
+        z = result.cloud.points[:, 2]
+        assert ((np.abs(z - 3.0) < 0.01) | (np.abs(z - 3.4) < 0.01)).mean() > 0.999
+        inner = (np.abs(rows - 49.5) < 48) & (np.abs(columns - 49.5) < 48) & (np.abs(columns - 50) > 2)
+        assert result.cloud.n_merged.sum() > 0.99 * inner.sum()
+        assert result.counts["rim"] < 1.2 * most_rims  # one column on either side of the jump, and the border
+    kept = filter_scan_with_record(scan).cloud.n_merged.sum()
+    assert kept > 0.97 * (~mixed).sum()
+    rims = FilterSettings(silhouettes=SilhouetteSettings(drop_rims=False))
+    assert filter_scan_with_record(scan, rims).cloud.n_merged.sum() > 0.99 * (~mixed).sum()
 
 
 def test_a_scan_without_enough_points_gives_an_empty_cloud(rng):

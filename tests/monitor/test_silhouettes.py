@@ -76,17 +76,33 @@ def test_specks_are_judged_by_the_spacing_at_their_range():
     assert np.flatnonzero(find_specks(reach, ranges, 4.0)).tolist() == [50]
 
 
+def rims_of(beams, noise, **how):
+    """Return the rims (n,) of a scan from the origin with this noise [m] everywhere."""
+    return find_rims(beams, np.zeros(3), np.full(len(beams), noise), math.radians(80), **how)
+
+
 def test_rims_are_the_pixels_beside_a_jump_and_at_a_border_and_no_others(rng):
     directions, rows, columns = grid_scan()
     ranges = np.where(columns < 20, 3.0, 4.0) + rng.normal(0, 0.001, 1600)
     shuffle = rng.permutation(1600)
     rims = np.empty(1600, dtype=bool)
-    rims[shuffle] = find_rims((directions * ranges[:, None])[shuffle], np.full(1600, 0.001), math.radians(80))
+    rims[shuffle] = rims_of((directions * ranges[:, None])[shuffle], 0.001, border=True)
     border = (np.minimum(rows, columns) == 0) | (np.maximum(rows, columns) == 39)
     expected = border | (columns == 19) | (columns == 20)
     cornered = (np.minimum(rows, 39 - rows) < 3) & (np.min([columns, 39 - columns, abs(columns - 19.5)], axis=0) < 3)
     assert np.array_equal(rims[~cornered], expected[~cornered])
     assert not rims[~expected].any()
+    beside = rims_of(directions * ranges[:, None], 0.001)
+    inside = (rows > 0) & (rows < 39)  # at the border the eight nearest reach one column farther
+    assert np.array_equal(beside[inside], ((columns == 19) | (columns == 20))[inside])
+
+
+def test_a_stray_point_makes_no_rims_of_its_neighbours_where_it_is_known_for_one(rng):
+    directions, _, _ = grid_scan()
+    stray = np.arange(1600) == 20 * 40 + 20
+    beams = directions * np.where(stray, 2.5, 3.0 + rng.normal(0, 0.001, 1600))[:, None]
+    assert rims_of(beams, 0.001).sum() == 8
+    assert not rims_of(beams, 0.001, known=~stray).any()
 
 
 def test_a_thin_thing_that_is_all_rim_stays(rng):
@@ -95,7 +111,7 @@ def test_a_thin_thing_that_is_all_rim_stays(rng):
     inside = (np.abs(rows - 10) < 2) & (np.abs(columns - 20) < 2)
     for thing in ((columns == 20) | (columns == 21), inside, inside | ((rows == 12) & (np.abs(columns - 20) < 2))):
         ranges = np.where(thing, 2.9, 3.0) + rng.normal(0, 0.0003, 1600)
-        rims = find_rims(directions * ranges[:, None], np.full(1600, 0.0003), math.radians(80))
+        rims = rims_of(directions * ranges[:, None], 0.0003, border=True)
         assert not rims[thing].any()
         assert rims.sum() > 4 * 30  # those of the field
 
@@ -103,5 +119,6 @@ def test_a_thin_thing_that_is_all_rim_stays(rng):
 def test_points_in_no_order_have_few_rims(rng):
     """Directions at random: of sixteen neighbours one in six hundred leaves such a gap."""
     beams = np.c_[rng.uniform(-0.3, 0.3, (8000, 2)), np.full(8000, 3.0)]
-    rims = find_rims(beams, np.full(8000, 0.001), math.radians(80))
+    assert not rims_of(beams, 0.001).any()
+    rims = rims_of(beams, 0.001, border=True)
     assert rims[(np.abs(beams[:, :2]) < 0.28).all(axis=1)].mean() < 0.004
