@@ -113,6 +113,10 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     shift = np.round(0.5 * (cloud.points.min(axis=0) + cloud.points.max(axis=0)), 3)
     points = cloud.points - shift
     sampling = measure_sampling(cloud)
+    if not sampling.spacing > 0.0:
+        raise ReconstructionError(
+            f"most of the {len(cloud)} points share their place with others; a surface needs points beside each other"
+        )
     cell = settings.cell_size or choose_cell_size(sampling)
     assert cloud.normals is not None
     vertices, faces, cell_used = raw_mesh(points, cloud.normals, cell, sampling, settings.method)

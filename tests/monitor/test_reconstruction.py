@@ -111,6 +111,12 @@ def test_too_few_points_are_refused(rng):
         SurfaceSettings(cell_size=-1.0)
 
 
+def test_points_all_at_one_place_are_refused_in_words():
+    cloud = PointCloud(np.zeros((300, 3)), normals=np.tile([0.0, 0.0, 1.0], (300, 1)))
+    with pytest.raises(ReconstructionError, match="share their place"):
+        reconstruct(cloud)
+
+
 def square(z=0.0):
     vertices = np.array([[0, 0, z], [1, 0, z], [1, 1, z], [0, 1, z]], float)
     return Surface(vertices, np.array([[0, 1, 2], [0, 2, 3]]))
