@@ -33,6 +33,7 @@ from monitor.comparison.smoothing import smooth_distances
 from monitor.comparison.units import Units, summarize_units, unit_size
 from projects.model import Bools, Floats, Ints, Registration
 
+N_ROUNDS = 2  # of learning from what the last test left unchanged
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
 
 
@@ -106,9 +107,8 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
     layout = lay_out(sides, noise, None)
     test = judge_units(layout, sides, calm, noise, registration, level, first_errors)
-    for limit in (test.limit, None):
-        rest = tuple(away_from(s, test, k, level / test.n_tested if limit is None else limit)
-                     for k, s in enumerate(sides))  # fmt: skip
+    for _ in range(N_ROUNDS):
+        rest = tuple(away_from(s, test, k) for k, s in enumerate(sides))
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
             calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, layout)
@@ -156,8 +156,8 @@ def _standardize(patches: Patches) -> Floats:
     return patches.means / patches.sigmas
 
 
-def away_from(side: Side, test: Tested, which: int, limit: float) -> Bools:
-    """Return which assessed vertices lie neither in a unit with a p value up to `limit` nor in one that touches it."""
+def away_from(side: Side, test: Tested, which: int) -> Bools:
+    """Return which assessed vertices lie neither in a significant unit nor in one that touches it."""
     number = test.units[which].number
     hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= test.limit
     pairs = number[side.edges[both_in(number >= 0, side.edges)]]
