@@ -118,7 +118,8 @@ def noise_of_halves(halves: tuple[Floats, Floats], patches: Patches) -> float:
 
     Half the squared difference of two heights d apart is the noise variance and what the stone's roughness adds on the
     way, which goes to nothing with d: the line through the robust variances of ten bins of d, up to the points'
-    spacing, is followed to d = 0. Roughness that both halves saw is no part of it, unlike that of a plane's residuals.
+    spacing, is followed to d = 0; NaN where that does not tell it from none. Roughness that both halves saw is no part
+    of it, unlike that of a plane's residuals.
     """
     apart, rise = [], []
     trees = [cKDTree(half) for half in halves]
@@ -136,7 +137,7 @@ def noise_of_halves(halves: tuple[Floats, Floats], patches: Patches) -> float:
     variances = np.array([0.5 * (1.4826 * np.median(h[bins == b])) ** 2 for b in range(10)])
     centres = np.array([d[bins == b].mean() for b in range(10)])
     line = np.polyfit(centres, variances, 1, w=np.sqrt(np.bincount(bins, minlength=10)))
-    return float(np.sqrt(max(line[1], 0.0)))
+    return float(np.sqrt(line[1])) if line[1] > 0.0 else float("nan")
 
 
 def relief_kept(points: Floats, raw: Floats, reach: float, patches: Patches) -> float:
@@ -222,7 +223,8 @@ def run(size: Size) -> list[Row]:
         Row("noise alone, of halves thinned to a tenth each, mm",
             f"{in_words(1e3 * alone['ours'], 3)} ({alone['ours'] / alone['raw points']:.2f} of raw)",
             judge(alone["ours"] <= 0.5 * alone["raw points"]), asked="at most half of raw",
-            others={name: in_words(1e3 * value, 3) for name, value in alone.items() if name != "ours"},
+            others={name: in_words(1e3 * value, 3) if value > 0.0 else "too small to tell"
+                    for name, value in alone.items() if name != "ours"},
             value=alone["ours"] / alone["raw points"]),
         Row("the same over the quadrics of the raw patches, mm",
             f"{in_words(bent['ours'], 2)} ({bent['ours'] / bent['raw points']:.2f} of raw)",
