@@ -1,7 +1,8 @@
 """Which way normals point where nobody knows where the scanner stood (Hoppe et al. 1992).
 
 In: points with normals of arbitrary sign; out: the sign of each. Signs are handed on along a spanning tree that
-prefers neighbours with parallel normals; of each connected part the outermost point along an axis looks outward.
+prefers neighbours with parallel normals; each connected part looks outward as a whole: by the divergence theorem the
+sum of n'(p - c) is three times the volume of a closed body, and so positive, and it is positive of a cap that bulges.
 """
 
 from __future__ import annotations
@@ -36,13 +37,15 @@ def consistent_signs(points: Floats, normals: Floats) -> Floats:
     roots = _outermost(np.linalg.norm(outward, axis=1), part)
     parent = _parents(tree, roots)
     signs = np.where((normals * normals[parent]).sum(axis=1) < 0, -1.0, 1.0)
-    signs[roots] = np.where((normals[roots] * outward[roots]).sum(axis=1) < 0, -1.0, 1.0)
+    signs[roots] = 1.0
     while (parent[parent] != parent).any():  # each turn doubles the length of the way that a sign has come
         signs *= np.where(parent[parent] == parent, 1.0, signs[parent])
         parent = parent[parent]
     is_root = np.zeros(n_points, dtype=bool)
     is_root[roots] = True
-    return np.where(is_root, signs, signs * signs[parent])
+    signs = np.where(is_root, signs, signs * signs[parent])
+    bulge = np.bincount(part, signs * (normals * outward).sum(axis=1, dtype=np.float64))
+    return signs * np.where(bulge < 0.0, -1.0, 1.0)[part]
 
 
 def _outermost(distance: Floats, part: Ints) -> Ints:

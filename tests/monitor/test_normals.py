@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from monitor.filtering import NormalSettings, estimate_normals
 from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import fit_planes
+from monitor.filtering.orientation import consistent_signs
 from projects.errors import ParameterError
 from projects.model import PointCloud, Roughness
 from projects.transforms import rotation_from_vector
@@ -168,3 +169,15 @@ def test_too_few_points_and_points_without_place_are_refused(rng):
         estimate_normals(PointCloud(points))
     with pytest.raises(ParameterError, match="min_neighbours = 200 exceeds max_neighbours = 100"):
         dataclasses.replace(NormalSettings(), min_neighbours=200)
+
+
+def test_a_bulging_sheet_looks_outward_whatever_its_rim_does(rng):
+    x, y = rng.uniform(-1.0, 1.0, (2, 6000))
+    x, y = x[np.hypot(x, y) < 1.0], y[np.hypot(x, y) < 1.0]
+    r = np.hypot(x, y)
+    z = -0.3 * r**2 + np.maximum(1.6 * (r - 0.9), 0.0)  # with a lip, whose outermost point leans inward
+    slope = -0.6 * r + np.where(r > 0.9, 1.6, 0.0)
+    upward = np.column_stack([-slope * x / r, -slope * y / r, np.ones(len(r))])
+    upward /= np.linalg.norm(upward, axis=1)[:, None]
+    flipped = rng.choice([-1.0, 1.0], len(r))
+    assert np.mean(consistent_signs(np.column_stack([x, y, z]), flipped[:, None] * upward) == flipped) > 0.99
