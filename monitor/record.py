@@ -18,14 +18,14 @@ from projects.store import Project
 
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
-    "calibration": 1,
-    "scan": 1,
+    "calibration": 2,
+    "scan": 2,
     "targets": 1,
-    "network": 2,
-    "filtered": 1,
-    "surface": 1,
+    "network": 3,
+    "filtered": 2,
+    "surface": 2,
     "quality": 1,
-    "comparison": 4,
+    "comparison": 5,
     "series": 1,
 }
 
