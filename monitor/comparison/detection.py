@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -32,6 +33,8 @@ from monitor.comparison.side import Side, both_in
 from monitor.comparison.smoothing import smooth_distances
 from monitor.comparison.units import Units, summarize_units, unit_size
 from projects.model import Bools, Floats, Ints, Registration
+
+Sizes = list[list[Patches]]  # [size][side]
 
 N_ROUNDS = 2  # of learning from what the last test left unchanged
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
@@ -95,7 +98,7 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     own = (sides[0].without_motion(), sides[1].without_motion())
     by_itself = learn_and_judge(own, left, level, seed)
     noise, calm = by_itself.noise, by_itself.calm
-    test = judge_units(by_itself.layout, sides, calm, noise, registration, level, by_itself.test.errors)
+    test = judge_units(by_itself.layout, sides, calm, noise, registration, level, lambda _: by_itself.test.errors)
     found = tuple(mark_changed(s, own[k], test, k, noise, calm[k]) for k, s in enumerate(sides))
     return Detected((found[0], found[1]), noise, test, by_itself.layout, calm)
 
@@ -106,13 +109,13 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
     layout = lay_out(sides, noise, None)
-    test = judge_units(layout, sides, calm, noise, registration, level, first_errors)
+    test = judge_units(layout, sides, calm, noise, registration, level, partial(learn_errors, first_errors))
     for _ in range(N_ROUNDS):
         rest = tuple(away_from(s, test, k) for k, s in enumerate(sides))
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
             calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, layout)
-            test = judge_units(layout, sides, calm, noise, registration, level, calm_errors)
+            test = judge_units(layout, sides, calm, noise, registration, level, partial(learn_errors, calm_errors))
     found = tuple(mark_changed(s, s, test, k, noise, calm[k]) for k, s in enumerate(sides))
     return Detected((found[0], found[1]), noise, test, layout, calm)
 
@@ -130,16 +133,13 @@ def lay_out(sides: tuple[Side, Side], noise: Noise, last: Layout | None) -> Layo
 
 
 def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration,
-                level: float, learn_errors: Callable[[Floats], PatchErrors] | tuple[PatchErrors, ...],
-                ) -> Tested:  # fmt: skip
-    """Test the patches of every size of both sides, all at once, by errors to be learned from them or known already."""
+                level: float, errors_of: Callable[[Sizes], tuple[PatchErrors, ...]]) -> Tested:  # fmt: skip
+    """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter."""
     units = tuple(summarize_units(s, n, noise, registration, c)
                   for s, n, c in zip(sides, layout.numbers, calm, strict=True))  # fmt: skip
     sizes = [[measure_patches(u, m, noise.correlation, registration) for u, m in zip(units, members, strict=True)]
              for members in layout.members]  # fmt: skip
-    errors = learn_errors if isinstance(learn_errors, tuple) else tuple(
-        learn_errors(np.concatenate([_standardize(p)[p.is_whole & p.is_calm] for p in pair])) for pair in sizes
-    )  # fmt: skip
+    errors = errors_of(sizes)
     p_values = [[np.where(p.is_whole, e.p_values(_standardize(p)), 1.0) for p in pair]
                 for e, pair in zip(errors, sizes, strict=True)]  # fmt: skip
     tested = np.concatenate([v[p.is_whole] for values, pair in zip(p_values, sizes, strict=True)
@@ -149,6 +149,11 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
               for k in range(2)] for sign in (1.0, -1.0)]  # fmt: skip
     return Tested((units[0], units[1]), (least[0][0], least[0][1]), (least[1][0], least[1][1]),
                   benjamini_hochberg(tested, level), layout.size, errors, len(tested), sizes, p_values)  # fmt: skip
+
+
+def learn_errors(learn: Callable[[Floats], PatchErrors], sizes: Sizes) -> tuple[PatchErrors, ...]:
+    """Return how the patches of each size scatter, learned from the calm ones of both sides."""
+    return tuple(learn(np.concatenate([_standardize(p)[p.is_whole & p.is_calm] for p in pair])) for pair in sizes)
 
 
 def _standardize(patches: Patches) -> Floats:

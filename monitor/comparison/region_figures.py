@@ -175,10 +175,9 @@ def find_extreme(side: Side, found: Detection, vertices: Ints, whole: Ints, chan
     """Return the largest change [m] and its sigma: the median around the place where the smoothed change is largest.
 
     The neighbourhood is the seven nearest vertices: no single vertex decides; the sigma holds how their values scatter,
-    since the place itself is known to a vertex only. Vertices without a perpendicular (`whole`
-    beyond `vertices`) count where they are more than `MOST_UNKNOWN` of the region, a piece that is gone; there it is
-    the distance to the nearest point of the other surface. Beside a worn patch they are folds and rims, and no measure
-    of its depth.
+    since the place itself is known to a vertex only. Vertices without a perpendicular (`whole` beyond `vertices`) count
+    where they are more than `MOST_UNKNOWN` of the region, a piece that is gone; there it is the distance to the nearest
+    point of the other surface. Beside a worn patch they are folds and rims, and no measure of its depth.
     """
     if side.areas[vertices].sum() >= (1.0 - MOST_UNKNOWN) * side.areas[whole].sum():
         whole = vertices
