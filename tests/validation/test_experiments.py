@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from rows import Row, as_mapping, in_words, judge
 from validate import EXPERIMENTS, HERE, RESULTS, SMALL_LIMIT, load, names_of_experiments, run_in_child
-from validation_page import section, summary, table, write_page
+from validation_page import section, summary, table, versions, write_page
 
 
 @pytest.mark.slow
@@ -57,13 +57,21 @@ def test_table_leaves_empty_columns_out_and_keeps_peers_apart() -> None:
     ]  # fmt: skip
 
 
-def test_failed_experiment_is_told_with_its_reason_and_stops_nothing() -> None:
-    class Experiment:
-        TITLE = "An experiment"
+class Experiment:
+    TITLE = "An experiment"
 
+
+def test_failed_experiment_is_told_with_its_reason_and_stops_nothing() -> None:
     failed = {"command": "c", "date": "d", "commit": "x", "error": "ValueError: too few"}
     assert "**failed: ValueError: too few**" in section("one", failed, Experiment)
     assert "| failed |" in summary({"one": failed}, {"one": Experiment})
+
+
+def test_versions_are_told_once_and_by_name_where_they_differ() -> None:
+    usual, other = {"python": "3.11.7", "numpy": "2.4.6"}, {"python": "3.12.1"}
+    kept = {"a": {"versions": usual}, "b": {"versions": other}, "c": {"versions": usual}}
+    assert versions(kept) == ["Versions: python 3.11.7, numpy 2.4.6.", "Versions of `b`: python 3.12.1."]
+    assert "Versions of `b`: python 3.12.1." in summary(kept, {"a": Experiment, "b": Experiment, "c": Experiment})
 
 
 def test_what_is_not_known_passes_no_bar_and_is_null() -> None:

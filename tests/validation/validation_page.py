@@ -95,4 +95,17 @@ def summary(kept: Mapping[str, Mapping[str, Any]], experiments: Mapping[str, Any
         lines.append(
             f"| {title} | {verdicts.count('pass')} | {not_yet} | {result.get('seconds', float('nan')):.0f} s |"
         )
-    return "\n".join([*lines, f"| all | | | {total / 60.0:.0f} min |"])
+    return "\n".join([*lines, f"| all | | | {total / 60.0:.0f} min |", "", *versions(kept)])
+
+
+def versions(kept: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return a line for each set of versions that experiments ran with, the most common first, which needs no names."""
+    found: dict[str, list[str]] = {}
+    for name, result in kept.items():
+        told = ", ".join(f"{package} {version}" for package, version in result.get("versions", {}).items())
+        found.setdefault(told, []).append(f"`{name}`")
+    ordered = sorted(found.items(), key=lambda item: -len(item[1]))
+    return [
+        f"Versions{'' if k == 0 else ' of ' + ', '.join(names)}: {told or 'unknown'}."
+        for k, (told, names) in enumerate(ordered)
+    ]
