@@ -243,6 +243,41 @@ def status(project: ProjectArgument, as_json: JsonOption = False) -> None:
 
 
 @app.command()
+def plan(
+    mesh: Annotated[
+        Path, typer.Argument(metavar="MESH", help="PLY, OBJ, STL or GLB: an exported epoch, a drawing, a photo model.")
+    ],
+    out: OutOption,
+    change: Annotated[float, typer.Option(metavar="MM", help="Change that is to be seen.")] = 2.0,
+    width: Annotated[float, typer.Option(metavar="MM", help="How wide it is.")] = 20.0,
+    scanner: Annotated[str, typer.Option(metavar="PRESET", help="Instrument.")] = "phase-2020",
+    distances: Annotated[
+        str, typer.Option(metavar="M,...", help="From the circle about the object to where one may stand.")
+    ] = "3.5",
+    heights: Annotated[str, typer.Option(metavar="M,...", help="Of the scanner above the object's foot.")] = "1.5,2.9",
+    every: Annotated[float, typer.Option(metavar="DEG", help="Between places around the object.")] = 45.0,
+    registration: Annotated[
+        float, typer.Option(metavar="MM", help="To what the stations will be registered, one sigma.")
+    ] = 0.3,
+    reflectance: Annotated[float, typer.Option(help="Of the surface, 0 to 1.")] = 0.6,
+    beside: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="Mesh of what else stands there; may be repeated.")
+    ] = None,
+    unit: Annotated[str, typer.Option(metavar="m|mm|cm|in|ft", help="Unit of the files.")] = "m",
+    as_json: JsonOption = False,
+) -> None:
+    """Plan a campaign: from where, at which resolution, is a change seen?"""
+    from monitor.cli.planning import PlanRequest, plan_for_mesh
+
+    request = PlanRequest(
+        mesh=mesh, out=out, scanner=scanner, change=change, width=width, registration=registration,
+        distances=distances, heights=heights, every=every, reflectance=reflectance, beside=tuple(beside or ()),
+        unit=unit,
+    )  # fmt: skip
+    plan_for_mesh(request, as_json)
+
+
+@app.command()
 def settings() -> None:
     """Print every setting with unit, default and meaning, as TOML."""
     from monitor.settings import to_toml
