@@ -227,7 +227,7 @@ class Registration:
     the source whether it was held to be unmoved. A registration that did not converge has its `reason`, and
     nothing may be built on it. `held_by_frames` names, in words, the motions that the shape does not hold and that
     stay as the frames of both sides say, with the uncertainty of those. `doubt` says in words what speaks against the
-    stable areas being stable; empty where nothing does.
+    stable areas being stable, or against this pose beside others that fit as well; empty where nothing does.
     """
 
     T_target_source: Floats

@@ -53,7 +53,7 @@ def registration_table(comparison: Comparison) -> Table:
     if registration.held_by_frames:
         rows = (*rows, ("known by the control points alone, not by the shape", registration.held_by_frames))
     if registration.doubt:
-        rows = (*rows, ("doubt whether the stable surface is stable", registration.doubt))
+        rows = (*rows, ("doubt about this motion", registration.doubt))
     return Table("Registration of the epochs", ("", ""), rows, "± is the half-width of the 95\u00a0% interval.")
 
 

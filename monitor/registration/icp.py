@@ -21,7 +21,9 @@ from monitor.registration.held import Frames, FreeMotions, held_covariance, with
 from monitor.registration.matching import Samples, make_samples
 from monitor.registration.partners import Partners
 from monitor.registration.patches import PatchGrid, cut_patches
+from monitor.registration.rivals import judge_rivals
 from monitor.registration.sampling import sample_source
+from monitor.registration.self_likeness import Fit
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.stable_areas import doubt_stable, find_stable
 from projects.errors import ParameterError
@@ -82,7 +84,8 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
         With covariance about the centre of the stable areas, `is_stable` for each vertex or point of the source,
         `overlap` the share of samples with a partner and `stable_share` the share of these that is stable. Without
         overlap, with a motion that the shape does not hold (a plane, a vase), where less than half of the surface
-        follows one motion, or unsettled: `converged` is False, and `reason` says why.
+        follows one motion, where it fits as well elsewhere and what is given does not tell (`rivals`), or unsettled:
+        `converged` is False, and `reason` says why.
 
     References
     ----------
@@ -141,12 +144,25 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     found, is_kept, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented, partners)
     free = None if frames is None else free_motions(found, is_kept, numbers)
     if free is None or frames is None:
-        return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source)
+        concluded = conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source)
+        return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
     T = without_free_part(found.T_target_source, np.eye(4), free)
     found = align(samples, target, T, replace(rules, locked=free), is_kept=is_kept, fine=True,
                   both_oriented=both_oriented, partners=partners)  # fmt: skip
     n_iterations += found.n_iterations
-    return conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source, (free, frames))
+    concluded = conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source, (free, frames))
+    return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
+
+
+def beside_rivals(concluded: Registration, samples: Samples, target: Side, found: Alignment, is_kept: Bools,
+                  rules: AlignmentRules, both_oriented: bool, given: tuple[Floats, Frames | None],
+                  ) -> Registration:  # fmt: skip
+    """Return a registration that settled, judged by whether it fits as well elsewhere than found from what is given."""
+    if not concluded.converged:
+        return concluded
+    sigma = float(np.median(found.sigma[is_kept[found.matches.source]]))
+    fit = Fit(samples, target, found.T_target_source, found.matches, sigma, rules, both_oriented)
+    return judge_rivals(concluded, fit, *given)
 
 
 def approach(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, both_oriented: bool,

@@ -1,0 +1,121 @@
+"""Surfaces that fit as well one step, one period or one flute away: told by the poses as given, or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bumpy_body import move, noisy_cloud, unit
+
+from monitor.registration import register
+from monitor.registration.held import Frames
+from projects.model import Floats, PointCloud
+from projects.transforms import apply, invert, perturb
+
+PERIOD, HEIGHT = 0.05, 0.003  # m, of a relief 1.0 x 0.7 m wide
+TREAD, RISE, N_STEPS = 0.28, 0.17, 10
+N_FLUTES, RADIUS, DEPTH = 24, 0.2, 0.008
+N = 15_000
+
+
+def measured(points: Floats, normals: Floats, rng: np.random.Generator) -> PointCloud:
+    """Return a cloud with noise of 0.3 mm."""
+    lift = rng.normal(0, 3e-4, len(points))
+    return PointCloud(points + normals * lift[:, None], unit(normals + rng.normal(0, 0.03, normals.shape)))
+
+
+def relief(rng: np.random.Generator) -> PointCloud:
+    """Return bosses every 50 mm on a panel."""
+    xy, k = rng.uniform([0, 0], [1.0, 0.7], (N, 2)), 2 * np.pi / PERIOD
+    x, y = xy.T * k
+    slope = -HEIGHT * k * np.column_stack([np.cos(x) * np.sin(y), np.sin(x) * np.cos(y)])
+    points = np.column_stack([xy, HEIGHT * np.sin(x) * np.sin(y)])
+    return measured(points, unit(np.column_stack([slope, np.ones(N)])), rng)
+
+
+def stairs(rng: np.random.Generator, first: int = 0) -> PointCloud:
+    """Return ten steps between two strings, from the step `first` on."""
+    k, share, along = rng.integers(first, first + N_STEPS, N), rng.random((N, 2)), rng.uniform(0, 1.5, N)
+    kind = rng.integers(0, 3, N)  # riser, tread, string
+    x = TREAD * (k + np.where(kind == 0, 0.0, share[:, 0]))
+    z = RISE * (k + np.where(kind == 1, 1.0, share[:, 1]))
+    normals = np.array([[-1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])[kind]
+    return measured(np.column_stack([x, np.where(kind == 2, 0.0, along), z]), normals, rng)
+
+
+def column(rng: np.random.Generator) -> PointCloud:
+    """Return a fluted drum of a column with its upper face."""
+    turn, z = rng.uniform(0, 2 * np.pi, N), rng.uniform(0, 1.0, N)
+    r, slope = RADIUS + DEPTH * np.cos(N_FLUTES * turn), -DEPTH * N_FLUTES * np.sin(N_FLUTES * turn)
+    c, s = np.cos(turn), np.sin(turn)
+    points, normals = np.column_stack([r * c, r * s, z]), np.column_stack([r * c + slope * s, r * s - slope * c, 0 * z])
+    n = N // 6
+    turn, r = rng.uniform(0, 2 * np.pi, n), (RADIUS - DEPTH) * np.sqrt(rng.uniform(0, 1, n))
+    top = np.column_stack([r * np.cos(turn), r * np.sin(turn), np.ones(n)])
+    both = np.concatenate([points, top]), np.concatenate([unit(normals), np.tile([0.0, 0.0, 1.0], (n, 1))])
+    return measured(*both, rng)
+
+
+def shift(x: float, y: float, z: float) -> Floats:
+    return perturb(np.eye(4), np.zeros(3), np.array([0, 0, 0, x, y, z]))
+
+
+def flutes(n: float) -> Floats:
+    return perturb(np.eye(4), np.zeros(3), np.array([0, 0, n * 2 * np.pi / N_FLUTES, 0.001, 0, 0]))
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0])
+def test_a_relief_that_slips_by_a_period_is_refused(rng: np.random.Generator, share: float) -> None:
+    found = register(move(relief(rng), shift(share * PERIOD, 0, 0.001)), relief(rng))
+    assert not found.converged
+    assert np.isnan(found.covariance).all()
+    assert "local minimum" in found.reason
+    assert "50 mm off, by a slide along (1.00, 0.00, 0.00)" in found.reason
+
+
+def test_a_relief_given_within_half_a_period_is_registered_without_doubt(rng: np.random.Generator) -> None:
+    truth, given = relief(rng), shift(0.4 * PERIOD, 0, 0.001)
+    found = register(move(truth, given), relief(rng))
+    assert found.converged
+    assert not found.doubt
+    assert np.abs(apply(found.T_target_source @ given, truth.points) - truth.points).max() < 3e-4
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0])
+def test_a_stair_that_slid_by_a_step_is_refused_and_one_given_near_is_not(
+    rng: np.random.Generator, share: float
+) -> None:
+    reference, compared = stairs(rng), stairs(rng)
+    slid = register(move(compared, shift(share * TREAD, 0, share * RISE)), reference)
+    assert not slid.converged
+    assert "328 mm off, by a slide along (0.85, 0.00, 0.52)" in slid.reason
+    near = register(move(compared, shift(0.01, 0, 0.01)), reference)
+    assert near.converged
+    assert not near.doubt
+
+
+def test_control_tells_steps_apart_where_more_of_them_would_fit_elsewhere(rng: np.random.Generator) -> None:
+    reference, compared = stairs(rng), stairs(rng, first=2)  # two steps down all ten of them fit, and wrongly so
+    given = move(compared, shift(0.004, 0, 0.006))
+    assert "655 mm off" in register(given, reference).reason
+    frames = Frames(np.diag(np.array([1e-3, 1e-3, 1e-3, 0.002, 0.002, 0.002]) ** 2), np.array([1.4, 0.7, 0.8]))
+    held = register(given, reference, frames=frames)
+    assert held.converged, held.reason
+    assert np.allclose(held.T_target_source, invert(shift(0.004, 0, 0.006)), atol=3e-4)
+
+
+def test_flutes_are_told_by_the_pose_as_given_only_where_it_lies_near(rng: np.random.Generator) -> None:
+    reference, compared = column(rng), column(rng)
+    near = register(move(compared, flutes(0.04)), reference)
+    assert near.converged
+    assert "poses as given alone" in near.doubt
+    assert "50 mm off, by a turn about the axis (0.00, 0.00, 1.00)" in near.doubt
+    far = register(move(compared, flutes(0.6)), reference)
+    assert not far.converged
+    assert "ambiguous" in far.reason
+
+
+def test_a_body_that_repeats_nothing_has_no_rival(rng: np.random.Generator) -> None:
+    given = perturb(np.eye(4), np.zeros(3), np.array([0.03, 0.02, 0.01, 0.01, 0.0, 0.0]))
+    found = register(move(noisy_cloud(N, rng), given), noisy_cloud(N, rng))
+    assert found.converged
+    assert not found.doubt
