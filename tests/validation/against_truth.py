@@ -60,12 +60,13 @@ def _row_of_change(comparison: Comparison, change: TrueChange, true: Floats, foo
     )
     width = 2.0 * float(np.sqrt(change.area / np.pi))
     what = f"{change.name}, {1e3 * width:.0f} mm wide, {in_words(1e3 * change.extreme, 1, signed=True)} mm"
+    is_large = width > 3.0 * footprint
     if np.count_nonzero(known) < 10:
-        return Row(what, "not assessable" if not found else "found", judge(found), "", "found")
+        verdict = judge(found) if is_large else "stated"
+        return Row(what, "not assessable" if not found else "found", verdict, "", "found" if is_large else "")
     sign = np.sign(change.extreme)
     depth = sign * 1e3 * float(np.quantile(np.abs(side.distances[known]), 0.95))
     truth = sign * 1e3 * float(np.quantile(np.abs(true[known]), 0.95))
-    is_large = width > 3.0 * footprint
     text = f"{'found' if found else 'missed'}, depth {in_words(depth, 2, signed=True)} mm"
     return Row(
         what, text, judge(found and abs(depth - truth) <= 0.3) if is_large else "stated", "",
