@@ -82,6 +82,10 @@ def truth_of_bodies(
         return whole, whole if len(open_) == len(corners) else _grow_tree(corners[open_] - middle, owner[open_]), open_
 
     @functools.cache
+    def is_open() -> Bools:
+        return np.isin(np.arange(len(corners)), trees()[2])
+
+    @functools.cache
     def neighbours() -> Ints:
         starts = np.cumsum([0, *(len(body.vertices) for body in bodies[:-1])])
         faces = [body.faces.astype(np.int64) + start for body, start in zip(bodies, starts, strict=True)]
@@ -101,6 +105,7 @@ def truth_of_bodies(
             tried = neighbours()[face[walking]]
             at = [closest_on_faces(points[walking], corners[tried[:, k]]) for k in range(3)]
             gaps = np.stack([np.linalg.norm(points[walking] - a[0], axis=1) for a in at])
+            gaps[~is_open()[tried].T] = np.inf  # beyond the rim of a joint the face is no surface
             best, row = gaps.argmin(axis=0), np.arange(len(walking))
             nearer = gaps[best, row] < gap[walking] - 1e-12
             walking, best, row = walking[nearer], best[nearer], row[nearer]

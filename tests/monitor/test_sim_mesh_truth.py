@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from monitor.simulation.mesh_truth import closest_on_faces, truth_of_bodies
-from monitor.simulation.scenes import make_ball, make_box
+from monitor.simulation.scenes import Body, make_ball, make_box
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +40,22 @@ def test_faces_are_flat_and_edges_of_unknown_curvature(truth):
 def test_a_body_touching_another_adds_no_side_of_its_own():
     truth = truth_of_bodies([make_box("low", -np.ones(3), np.ones(3)), make_box("high", [-1, -1, 1], [1, 1, 3])])
     np.testing.assert_allclose(truth.signed_distance(np.array([[0.5, 0, 2.5], [1.4, 0, 1.0]])), [-0.5, 0.4], atol=1e-9)
+
+
+def chamfered(name, middle, towards):
+    """Return a block of 2 m whose upper edge towards a neighbour at x = 0 is cut off by 0.1 m."""
+    profile = np.array([[0.0, 0.0], [0.0, 0.9], [-0.1, 1.0], [-1.0, 1.0], [-1.0, 0.0]])
+    corners = [[-towards * x, y, z] for x, z in profile for y in (-1.0, 1.0)]
+    hull = trimesh.convex.convex_hull(np.array(corners))
+    return Body(name, np.asarray(hull.vertices) + middle, np.asarray(hull.faces, dtype=np.int32))
+
+
+def test_beneath_the_groove_of_a_joint_the_surface_is_the_groove_and_not_the_hidden_joint():
+    truth = truth_of_bodies([chamfered("left", np.zeros(3), -1.0), chamfered("right", np.zeros(3), 1.0)])
+    within = np.array([[0.01, 0.2, 0.85], [-0.02, 0.1, 0.7], [0.03, -0.4, 0.8]])
+    foot = within * [0.0, 1.0, 0.0] + [0.0, 0.0, 0.9]
+    np.testing.assert_allclose(truth.closest_point(within), foot, atol=1e-9)
+    np.testing.assert_allclose(truth.signed_distance(within), -np.linalg.norm(within - foot, axis=1), atol=1e-9)
 
 
 def test_a_ball_far_from_the_meshs_middle_keeps_its_distances(rng):
