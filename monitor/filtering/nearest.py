@@ -37,12 +37,21 @@ def canonical_order(points: Floats) -> Ints:
             cell = ((points[block, axis] - least[axis]) * scale).astype(np.uint64)
             code[block] |= _spread_bits(cell) << np.uint64(2 - axis)
     order = np.argsort(code, kind="stable")
-    equal = np.flatnonzero(np.diff(code[order]) == 0)
+    equal = _repeated(code, order)
     if len(equal):
         tied = np.unique(np.concatenate([equal, equal + 1]))
         p = points[order[tied]]
         order[tied] = order[tied][np.lexsort((p[:, 2], p[:, 1], p[:, 0], code[order[tied]]))]
     return order
+
+
+def _repeated(code: Ints, order: Ints) -> Ints:
+    """Return the places in `order` whose code is that of the next, block by block."""
+    found = [
+        first + np.flatnonzero(np.diff(code[order[first : first + BLOCK + 1]]) == 0)
+        for first in range(0, len(order) - 1, BLOCK)
+    ]
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
 
 
 def _spread_bits(cell: Ints) -> Ints:

@@ -100,6 +100,11 @@ class TangentPlanes:
         """(n,) m, spread of the neighbours across the plane: noise and what roughness the plane cannot follow."""
         return np.sqrt(self.lambda3)
 
+    def without(self, *names: str) -> TangentPlanes:
+        """Return the planes without what is named, which becomes empty: of tens of millions of points, its memory."""
+        gone: dict[str, Any] = dict.fromkeys(names, np.empty(0, dtype=np.float32))
+        return dataclasses.replace(self, **gone)
+
     def take(self, which: Bools | Ints) -> TangentPlanes:
         """Return the planes of the points selected."""
         return TangentPlanes(**{f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self)})

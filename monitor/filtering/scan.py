@@ -89,23 +89,43 @@ def filter_scan_with_record(
     if len(scan.cloud) < MIN_POINTS:
         return _nothing_left(scan)
     require_finite(scan.cloud.points)
-    if calibration is not None:
-        scan = correct_range(scan, calibration)
+    found = _thin_scan(scan if calibration is None else correct_range(scan, calibration), settings)
+    cloud = dataclasses.replace(
+        found.cloud,
+        points=apply(scan.pose, found.cloud.points),
+        normals=None if found.cloud.normals is None else rotate(scan.pose, found.cloud.normals),
+        origins=apply(scan.pose, scan.origin),
+    )
+    return dataclasses.replace(found, cloud=cloud)
+
+
+def _thin_scan(scan: Scan, settings: FilterSettings) -> FilterResult:
+    """Filter and thin one scan in its own frame; what is as long as the scan goes when this returns."""
     scan = scan.take(canonical_order(scan.cloud.points))
     index = build_index(scan.cloud.points)
     planes = fit_planes(index, scan.origin if np.isfinite(scan.origin).all() else None, settings.normals)
-    reasons = _reasons(scan, planes, settings.silhouettes)
-    keep = ~np.any(list(reasons.values()), axis=0)
-    scan = dataclasses.replace(scan, rows=None, columns=None)  # of tens of millions of points: no longer needed
+    planes = planes.without("lambda3", "heights", "sigma_normal")
+    mixed = _mixed(scan, planes, settings.silhouettes)
+    scan = dataclasses.replace(scan, rows=None, columns=None)  # the rims need much memory of their own
+    counts, keep = _sort_out(scan, planes, mixed, settings.silhouettes)
     cloud, thinned, automatic = thin_cloud(scan.cloud, index, planes, keep, settings.thinning)
-    cloud = dataclasses.replace(
-        cloud,
-        points=apply(scan.pose, cloud.points),
-        normals=rotate(scan.pose, thinned.normals),
-        origins=apply(scan.pose, scan.origin),
-    )
-    counts = {"in": len(scan.cloud), **_count_first(reasons), **count_thinned(int(keep.sum()), thinned)}
-    return FilterResult(cloud, counts, automatic)
+    return FilterResult(cloud, {**counts, **count_thinned(int(keep.sum()), thinned)}, automatic)
+
+
+def _mixed(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
+    """Return the mask of mixed pixels, by its reason, where the scan is a grid whose scanner's place is known."""
+    if scan.rows is None or scan.columns is None or not np.isfinite(scan.origin).all():
+        return {}
+    grid = (scan.rows, scan.columns)
+    return {"mixed_pixel": find_mixed(scan.cloud.points, scan.origin, *grid, planes.noise, settings.max_incidence)}
+
+
+def _sort_out(
+    scan: Scan, planes: TangentPlanes, mixed: Mapping[str, Bools], settings: SilhouetteSettings
+) -> tuple[dict[str, int], Bools]:
+    """Return how many points come in and go for each reason, and the mask of those that stay."""
+    reasons = _reasons(scan, planes, mixed, settings)
+    return {"in": len(scan.cloud), **_count_first(reasons)}, ~np.any(list(reasons.values()), axis=0)
 
 
 def _nothing_left(scan: Scan) -> FilterResult:
@@ -114,7 +134,9 @@ def _nothing_left(scan: Scan) -> FilterResult:
     return FilterResult(PointCloud(np.empty((0, 3)), origins=apply(scan.pose, scan.origin)), counts, {})
 
 
-def _reasons(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
+def _reasons(
+    scan: Scan, planes: TangentPlanes, mixed: Mapping[str, Bools], settings: SilhouetteSettings
+) -> dict[str, Bools]:
     """Return for each reason to drop points the mask of those that it holds for; the first that holds is counted.
 
     What needs the place of the scanner is left out where that is not known.
@@ -122,12 +144,8 @@ def _reasons(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) ->
     points, origin = scan.cloud.points, scan.origin
     if not np.isfinite(origin).all():
         return {"speck": find_specks(planes.reach, planes.spacing, settings.isolation), "outlier": planes.is_outlier}
-    ranges = measure_ranges(points, origin)
-    reasons = {"speck": find_specks(planes.reach, ranges, settings.isolation), "outlier": planes.is_outlier}
-    if scan.rows is not None and scan.columns is not None:
-        reasons["mixed_pixel"] = find_mixed(
-            points, origin, scan.rows, scan.columns, planes.noise, settings.max_incidence
-        )
+    specks = find_specks(planes.reach, measure_ranges(points, origin), settings.isolation)
+    reasons = {"speck": specks, "outlier": planes.is_outlier, **mixed}
     if settings.drop_rims:
         known = ~(reasons["speck"] | reasons["outlier"])
         reasons["rim"] = find_rims(points, origin, planes.noise, settings.max_incidence, known, settings.drop_border)

@@ -158,6 +158,7 @@ def find_rims(
     border : whether points half of whose surroundings is empty are rims too.
     """
     which = np.arange(len(points)) if known is None else np.flatnonzero(known)
+    which = which.astype(np.int32 if len(points) < 2**31 else np.int64)
     field = _look_out(points, origin, noise, which, math.tan(max_incidence))
     rims = _beside_jumps(field)
     if border:
@@ -190,8 +191,9 @@ def _look_out(points: Floats, origin: Floats, noise: Floats, which: Ints, slope:
         beams = points[which[block]] - origin
         ranges[block] = np.linalg.norm(beams, axis=1)
         directions[block] = beams / ranges[block, None]
-    order = canonical_order(directions)
-    return _Field(build_index(directions[order]), order, ranges[order], noise[which][order], slope)
+    order: Ints = canonical_order(directions).astype(which.dtype)
+    ranges, directions = ranges[order], directions[order]  # one after the other: what is unsorted goes at once
+    return _Field(build_index(directions), order, ranges, noise[which[order]], slope)
 
 
 def _beside_jumps(field: _Field) -> Bools:

@@ -26,6 +26,8 @@ MODE_WIDTH = 4.0  # half width of the kernel in sigmas of the noise
 MODE_SPREAD = 1.05  # standard error of that mode over that of the mean, normal errors (simulated: test_thinning.py)
 SLOPE_SHARE = 0.9
 FREE, DROPPED = -1, -2  # owner of a point
+CARRY = 0.5  # of its own slope, along which a height is carried where the surface is not smooth: `_represent`
+N_VALUES = 10  # of a representative: `_represent`
 COMPATIBLE = 0.5  # cosine: members of a cylinder look the same way within 60 degrees
 
 
@@ -147,26 +149,10 @@ def thin(
     targets : (n,) m, target spacing.
     keep : (n,) points to be thinned; the others stand in no representative. None: all.
     """
-    radii = np.where(targets > planes.spacing, targets / DISC_PACKING, 0.0)
-    is_smooth = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
-    carry = np.where(is_smooth, np.float32(0.0), np.float32(0.5))
-    owner = np.full(len(radii), FREE, dtype=np.int32)
+    owner = np.full(len(targets), FREE, dtype=np.int32)
     if keep is not None:
         owner[~keep] = DROPPED
-    order = draw_order(index.points, seed)
-    rows = _draw(
-        index.points,
-        index.low,
-        index.high,
-        planes.normals,
-        planes.noise,
-        carry,
-        planes.n_neighbours,
-        merged,
-        radii,
-        order,
-        owner,
-    )
+    rows = _draw_all(index, planes, merged, targets, draw_order(index.points, seed), owner)
     members = np.argsort(owner, kind="stable")[np.count_nonzero(owner == DROPPED) :]
     counts = np.bincount(owner[owner >= 0], minlength=len(rows))
     return ThinnedPoints(
@@ -174,6 +160,25 @@ def thin(
         starts=np.concatenate([[0], np.cumsum(counts)]), n_merged=rows[:, 7].astype(np.int32), spread=rows[:, 8],
         sigma=rows[:, 9],
     )  # fmt: skip
+
+
+def _draw_all(
+    index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats, order: Ints, owner: Ints
+) -> Floats:
+    """Draw cylinders in the given order; return a row for each representative and write the owner of each point.
+
+    The rows grow in place: there are up to as many as points, and mostly far fewer.
+    """
+    radii = np.where(targets > planes.spacing, targets / DISC_PACKING, 0.0).astype(targets.dtype)
+    is_smooth = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
+    about = (planes.normals, planes.noise, ~is_smooth, planes.n_neighbours, merged, radii)
+    rows, n_rows, n_drawn = np.empty((max(1, len(order) // 8), N_VALUES)), 0, 0
+    while True:
+        n_rows, n_drawn = _draw(index.points, index.low, index.high, *about, order, n_drawn, owner, rows, n_rows)
+        if n_drawn == len(order):
+            rows.resize((n_rows, N_VALUES), refcheck=False)
+            return rows
+        rows.resize((n_rows + n_rows // 2 + 1, N_VALUES), refcheck=False)
 
 
 @njit(cache=True, error_model="numpy")
@@ -253,7 +258,7 @@ def _represent(
     points: Any,
     normals: Any,
     noise: Any,
-    carry: Any,
+    is_bent: Any,
     sizes: Any,
     merged: Any,
     found: Any,
@@ -265,9 +270,10 @@ def _represent(
 ) -> None:
     """Write the row of a representative: point, normal, member nearest to the mode, measurements, spread, sigma.
 
-    Where the surface is not smooth, a member's height is carried to the axis along half of its own slope, which is
-    exact on surfaces of second order, so that curvature neither shifts nor widens the distribution. The normals' own
-    errors then add to those of the mode as `SLOPE_SHARE` times members over neighbourhood size (measured on planes).
+    Where the surface `is_bent`, not smooth, a member's height is carried to the axis along half of its own slope,
+    which is exact on surfaces of second order, so that curvature neither shifts nor widens the distribution. The
+    normals' own errors then add to those of the mode as `SLOPE_SHARE` times members over neighbourhood size (measured
+    on planes).
     """
     cx = cy = cz = noise2 = total = total2 = 0.0
     for j in range(n):
@@ -286,7 +292,7 @@ def _represent(
         height = dx * axis[0] + dy * axis[1] + dz * axis[2]
         along = normals[q, 0] * axis[0] + normals[q, 1] * axis[1] + normals[q, 2] * axis[2]
         aside = normals[q, 0] * dx + normals[q, 1] * dy + normals[q, 2] * dz - along * height
-        heights[j] = height + carry[q] * aside / along
+        heights[j] = height + (CARRY * aside / along if is_bent[q] else 0.0)
     mode = density_mode(heights, weights, n, MODE_WIDTH * max(sigma, 1e-9)) if n > 1 else 0.0
     nearest, gap = found[0], math.inf
     for j in range(n):
@@ -300,7 +306,9 @@ def _represent(
     # spread: the noise around counts as the spread of ten more.
     own = 1.4826 * n / (n - 0.8) * smallest(weights, n, n // 2 + 1, heights) if n > 4 else sigma
     row[8] = math.sqrt((max(n - 1, 0) * own * own + 10.0 * sigma * sigma) / (max(n - 1, 0) + 10.0))
-    spread2 = MODE_SPREAD**2 + 2.0 * carry[nearest] * SLOPE_SHARE * n / sizes[nearest] if n > 1 else 1.0
+    spread2 = 1.0
+    if n > 1:
+        spread2 = MODE_SPREAD**2 + (2.0 * CARRY * SLOPE_SHARE * n / sizes[nearest] if is_bent[nearest] else 0.0)
     row[9] = row[8] * math.sqrt(spread2 * total2) / total
 
 
@@ -311,25 +319,25 @@ def _draw(
     high: Any,
     normals: Any,
     noise: Any,
-    carry: Any,
+    is_bent: Any,
     sizes: Any,
     merged: Any,
     radii: Any,
     order: Any,
+    n_drawn: int,
     owner: Any,
+    rows: Any,
+    n_rows: int,
 ) -> Any:
-    """Draw cylinders in the given order; return a row for each representative and write the owner of each point."""
-    rows = np.empty((max(1, points.shape[0] // 8), 10))
+    """Go on drawing cylinders until the rows are full; return the rows written and the points of the order passed."""
     stack, found = np.empty(128, dtype=np.int64), np.empty(4096, dtype=np.int32)
     heights, weights = np.empty(4096), np.empty(4096)
-    n_rows = 0
-    for seed in order:
+    for place in range(n_drawn, len(order)):
+        seed = order[place]
         if owner[seed] != FREE:
             continue
         if n_rows == rows.shape[0]:
-            longer = np.empty((n_rows + n_rows // 2 + 1, 10))
-            longer[:n_rows] = rows
-            rows = longer
+            return n_rows, place
         n, axis = 1, (normals[seed, 0], normals[seed, 1], normals[seed, 2])
         found[0] = seed
         radius = radii[seed]
@@ -343,8 +351,8 @@ def _draw(
             n_ball = _select_members(points, normals, noise, owner, found, n, points[seed], axis, 2.0 * radius, length)
             axis = _mean_axis(normals, found, n_ball)
             n = _select_members(points, normals, noise, owner, found, n_ball, points[seed], axis, radius, length)
-        _represent(points, normals, noise, carry, sizes, merged, found, n, axis, heights, weights, rows[n_rows])
+        _represent(points, normals, noise, is_bent, sizes, merged, found, n, axis, heights, weights, rows[n_rows])
         for j in range(n):
             owner[found[j]] = n_rows
         n_rows += 1
-    return rows[:n_rows]
+    return n_rows, len(order)
