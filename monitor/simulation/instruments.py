@@ -29,6 +29,10 @@ class Instrument:
     `cyclic_amplitudes[k] * sin(2 pi (k + 1) r / cyclic_wavelength + cyclic_phases[k])`. Axis errors as in Lichti and
     Licht 2006 (Experiences with terrestrial laser scanner modelling), from whose 19 terms only the trunnion and
     collimation axis and the cyclic errors are taken: range offset, index error and the empirical terms are left out.
+
+    No source at hand states a trunnion or collimation axis error of any of the presets, and paper 003, section 1.2.2,
+    leaves them out as even over a narrow field: they are 0 there, which means unknown, not absent. Who has calibrated
+    an instrument puts its own in: `dataclasses.replace(INSTRUMENTS["leica-hds6000"], trunnion_error=5e-5)`.
     """
 
     name: str = setting("phase scanner", unit="", meaning="name, written into the scans")
@@ -76,15 +80,17 @@ def faro_ls880() -> Instrument:
 
     Sources: 000 section 2.1 and fig. 1: cyclic error of 0.6, 0.3, 0.2, 0.15 m; median absolute deviation of a plane
     patch 1 mm before and 0.4 mm after calibration, hence one sigma of 0.6 mm at a few metres (its range axis) and an
-    amplitude of about 1.9 mm for the strongest wave; 002: the whole effect is below 3 mm. 000 section 2.4 and 002:
-    0.7 mm between pulses on a stove, less than the footprint: as 40000 steps a turn give at 4.5 m and a beam of 3 mm
-    and 0.25 mrad has. No source was found for these three, nor for 0.6 to 76 m, a vertical field of 320 degrees, the
-    angular noise, the phases, and how the amplitude is shared among the four waves: assumed.
+    amplitude of about 1.9 mm for the strongest wave; 002: the whole effect is below 3 mm, here 2.9. 000 section 2.4
+    and 002: 0.7 mm between pulses on a stove, less than the footprint: as 40000 steps a turn give at 4.5 m and a beam
+    of 3 mm and 0.25 mrad has. No source was found for these three, nor for 0.6 to 76 m, a vertical field of 320
+    degrees, the angular noise, the phases, and how the amplitude is shared among the four waves: assumed. Trunnion
+    axis: Lichti and Licht (2006) have it among the terms they calibrated of a Faro; their figure was not at hand:
+    unknown, 0.
     """
     return Instrument(
         name="Faro LS 880HE", beam_diameter=0.003, beam_divergence=0.25e-3, noise_floor=0.5e-3, noise_10m=0.7e-3,
         angular_noise=10.0 * _ARCSECOND, cyclic_amplitudes=(1.6e-3, 0.8e-3, 0.4e-3, 0.3e-3),
-        cyclic_phases=(0.4, 2.1, 4.0, 5.2), range_min=0.6, range_max=76.0, elevation_min=np.radians(-70.0),
+        cyclic_phases=(0.4, 2.1, 4.0, 4.4), range_min=0.6, range_max=76.0, elevation_min=np.radians(-70.0),
         dropout=1e-3,
     )  # fmt: skip
 
@@ -92,10 +98,11 @@ def faro_ls880() -> Instrument:
 def faro_photon120() -> Instrument:
     """Return the Faro Photon 120 of papers 001 and 002.
 
-    Sources: 001 section 4.1: noise of 0.3 to 0.5 mm within 10 m, hence 0.4 mm at 10 m on 90 %; 001 section 4.1,
-    sculptures: 2 mm on average at quarter resolution from at most 5 m, as 40000 steps a turn give from 3.2 m; the
-    name: 120 m. No source was found for the beam, 3.3 mm at exit and 0.16 mrad, the residual cyclic error (0.2 mm),
-    that this noise is half floor and half light, the shortest range and the angular noise: assumed.
+    Sources: 001 section 4.1, synthetic data, of "modern panoramic scanners": noise of 0.3 to 0.5 mm within 10 m, hence
+    0.4 mm at 10 m on 90 %; 001 section 4.1, sculptures: 2 mm on average at quarter resolution from at most 5 m, as
+    40000 steps a turn give from 3.2 m; the name: 120 m. No source was found for the beam, 3.3 mm at exit and 0.16 mrad,
+    the residual cyclic error (0.2 mm), that this noise is half floor and half light, the shortest range and the angular
+    noise: assumed. Trunnion axis: no source, unknown, 0.
     """
     return Instrument(
         name="Faro Photon 120", beam_diameter=0.0033, beam_divergence=0.16e-3, noise_floor=0.28e-3, noise_10m=0.28e-3,
@@ -113,6 +120,7 @@ def leica_hds6000() -> Instrument:
     Section 4.3: one scan of the relief lies 0.7 mm (one sigma) from the reference. Assumed: that 0.6 mm of those
     0.7 mm is range noise, its split, no cyclic error left, angular noise. Sections 1.2.2 and 1.3 also draw on 1 and
     2 mm (maker's figures for any target and range); section 3.1 measured 0.4 mm on one point in 20 repetitions.
+    Trunnion axis: section 1.2.2 names it and states no figure: unknown, 0.
     """
     return Instrument(
         name="Leica HDS 6000", beam_diameter=0.003, beam_divergence=0.22e-3, noise_floor=0.55e-3, noise_10m=0.8e-3,
@@ -126,16 +134,18 @@ def current_phase_scanner() -> Instrument:
 
     Source: the maker's data sheet of the Faro Focus M/S as a public catalogue of scanners quotes it (the comments of
     the scanner models of the plant simulator Helios): beam 2.12 mm at exit and 0.3 mrad, both to 1/e of its power;
-    vertical field of 300 degrees. A beam of 1550 nm and 3.0 mm (2.12 mm * sqrt 2, to 1/e2) cannot diverge by less than
-    4 lambda / (pi D) = 0.66 mrad in full, so those 0.3 mrad must be the half angle: 0.85 mrad in full to 1/e2.
+    vertical field of 300 degrees, so from -60 degrees up. A beam of 1550 nm and 3.0 mm (2.12 mm * sqrt 2, to 1/e2)
+    cannot diverge by less than 4 lambda / (pi D) = 0.66 mrad in full, so those 0.3 mrad must be the half angle: 0.85
+    mrad in full to 1/e2.
     Angular noise: 2 to 4 arc seconds were measured of a Z+F Imager 5016A (Methodological framework for determining
     vertical angular variances of terrestrial laser scanners, ISPRS Annals XI-1-2026, 363). No source was found for
     the 1550 nm, 0.3 mm noise at 10 m on 90 % and its split, 0.6 to 150 m, and that no cyclic error is left: assumed.
-    The lowest elevation, -60 degrees in that sheet, stays at -65.
+    Trunnion axis: no source, unknown, 0.
     """
     return Instrument(
         name="phase scanner 2020", beam_diameter=0.0030, beam_divergence=0.85e-3, noise_floor=0.15e-3,
-        noise_10m=0.26e-3, angular_noise=4.0 * _ARCSECOND, range_min=0.6, range_max=150.0, dropout=1e-4,
+        noise_10m=0.26e-3, angular_noise=4.0 * _ARCSECOND, range_min=0.6, range_max=150.0,
+        elevation_min=np.radians(-60.0), dropout=1e-4,
     )  # fmt: skip
 
 

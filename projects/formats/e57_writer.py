@@ -6,10 +6,11 @@ row and column are the grid's, and cells without a return can be kept as points 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from projects.errors import FormatError
 from projects.formats.complete_file import complete_file
-from projects.model import Scan
+from projects.model import Floats, Scan
 from projects.transforms import apply, require_rigid
 
 CHUNK = 1_000_000
@@ -52,14 +53,40 @@ def write_e57(
     FormatError
         No scans, an empty scan, points that are not finite, or a grid that cannot be filled.
     """
-    from pye57 import E57
-
     if not scans:
         raise FormatError(f"{path}: no scans were given; an E57 file needs at least one")
-    with complete_file(path) as unfinished, E57(str(unfinished), mode="w") as document:
+    with complete_file(path) as unfinished, _new_image(unfinished, acquired) as image:
         for scan in map(_centred, scans):
             fields = _fields_of(scan, path, fill_grid)
-            _write_scan(document, scan, fields, {"acquired": acquired, "description": description})
+            _write_scan(image, scan, fields, {"acquired": acquired, "description": description})
+
+
+@contextlib.contextmanager
+def _new_image(path: Path, acquired: datetime.datetime | None) -> Iterator[Any]:
+    """Yield a new file with its header, to be closed afterwards; created when acquired, as far as is known."""
+    from pye57 import libe57
+
+    image = libe57.ImageFile(str(path), "w")
+    try:
+        image.extensionsAdd("", libe57.E57_V1_0_URI)
+        root = image.root()
+        root.set("formatName", libe57.StringNode(image, "ASTM E57 3D Imaging Data File"))
+        root.set("guid", libe57.StringNode(image, "{" + str(uuid.uuid4()) + "}"))
+        root.set("versionMajor", libe57.IntegerNode(image, libe57.E57_FORMAT_MAJOR))
+        root.set("versionMinor", libe57.IntegerNode(image, libe57.E57_FORMAT_MINOR))
+        root.set("e57LibraryVersion", libe57.StringNode(image, libe57.E57_LIBRARY_ID))
+        root.set("coordinateMetadata", libe57.StringNode(image, ""))
+        root.set("creationDateTime", _structure(image, _moment(acquired or GPS_EPOCH)))
+        root.set("data3D", libe57.VectorNode(image, True))
+        root.set("images2D", libe57.VectorNode(image, True))
+        yield image
+    finally:
+        image.close()
+
+
+def _moment(time: datetime.datetime) -> dict[str, Any]:
+    """Return a time as E57 tells it: seconds since the GPS epoch."""
+    return {"dateTimeValue": (time - GPS_EPOCH).total_seconds(), "isAtomicClockReferenced": 0}
 
 
 def _centred(scan: Scan) -> Scan:
@@ -111,11 +138,10 @@ def _with_empty_cells(fields: dict[str, Any], name: str, path: Path) -> dict[str
     return full
 
 
-def _write_scan(document: Any, scan: Scan, fields: dict[str, Any], about: dict[str, Any]) -> None:
+def _write_scan(image: Any, scan: Scan, fields: dict[str, Any], about: dict[str, Any]) -> None:
     """Append one scan with its header and points."""
     from pye57 import libe57
 
-    image = document.image_file
     node = _structure(image, {"guid": "{" + str(uuid.uuid4()) + "}", "name": scan.name, **_instrument(scan, about)})
     for name, content in _bounds(scan, fields).items():
         node.set(name, _structure(image, content))
@@ -123,7 +149,7 @@ def _write_scan(document: Any, scan: Scan, fields: dict[str, Any], about: dict[s
     prototype = _prototype(image, fields)
     points = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
     node.set("points", points)
-    document.data3d.append(node)
+    libe57.VectorNode(image.root().get("data3D")).append(node)
     _write_points(image, points, fields)
 
 
@@ -133,8 +159,7 @@ def _instrument(scan: Scan, about: dict[str, Any]) -> dict[str, Any]:
     if scan.scanner:
         entries["sensorModel"] = scan.scanner
     if about["acquired"] is not None:
-        seconds = (about["acquired"] - GPS_EPOCH).total_seconds()
-        entries["acquisitionStart"] = {"dateTimeValue": seconds, "isAtomicClockReferenced": 0}
+        entries["acquisitionStart"] = _moment(about["acquired"])
     return entries
 
 
@@ -145,7 +170,7 @@ def _bounds(scan: Scan, fields: dict[str, Any]) -> dict[str, dict[str, Any]]:
     box: dict[str, Any] = {}
     for k, axis in enumerate("xyz"):
         box |= {f"{axis}Minimum": float(low[k]), f"{axis}Maximum": float(high[k])}
-    bounds = {"cartesianBounds": box}
+    bounds = {"cartesianBounds": box, "sphericalBounds": _spherical_bounds(points)}
     if "rowIndex" in fields:
         index: dict[str, Any] = {}
         for name in ("row", "column"):
@@ -158,6 +183,22 @@ def _bounds(scan: Scan, fields: dict[str, Any]) -> dict[str, dict[str, Any]]:
         limits = {"Minimum": 0, "Maximum": 255}
         bounds["colorLimits"] = {f"color{c}{k}": v for c in ("Red", "Green", "Blue") for k, v in limits.items()}
     return bounds
+
+
+def _spherical_bounds(points: Floats) -> dict[str, Any]:
+    """Return ranges [m], elevations and azimuths [rad]; azimuths run from start up to end, which may lie beyond pi."""
+    x, y, z = points.T
+    elevation, azimuth = np.arctan2(z, np.hypot(x, y)), np.sort(np.arctan2(y, x))
+    ranges = np.sqrt(x * x + y * y + z * z)
+    gaps = np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi)
+    last = int(gaps.argmax())  # the widest empty sector lies outside
+    start = float(azimuth[(last + 1) % len(azimuth)])
+    end = float(azimuth[last]) + (2.0 * np.pi if azimuth[last] < start else 0.0)
+    return {
+        "rangeMinimum": float(ranges.min()), "rangeMaximum": float(ranges.max()),
+        "elevationMinimum": float(elevation.min()), "elevationMaximum": float(elevation.max()),
+        "azimuthStart": start, "azimuthEnd": end,
+    }  # fmt: skip
 
 
 def _pose(image: Any, scan: Scan) -> Any:

@@ -1,11 +1,16 @@
 """Simulated scans as E57 and PTX files, as an instrument's software leaves them, and back through the reader."""
 
+import dataclasses
+import datetime
+
 import numpy as np
+import pye57
 import pytest
 
 from monitor.simulation import INSTRUMENTS, Scene, Window, misregister, simulate_scan, stand_at
 from monitor.simulation.scenes import make_ball, make_box
 from projects.formats import read_scans, write_e57, write_ptx
+from projects.model import PointCloud
 from projects.transforms import apply
 
 POSES = [stand_at([3.0, -2.0, 1.6], facing=[0.0, 0.0, 1.0]), stand_at([-2.5, -2.5, 1.4], facing=[0.0, 0.0, 1.0])]
@@ -78,3 +83,33 @@ def test_an_e57_file_can_hold_the_empty_cells_too_and_they_are_counted_as_no_ret
         assert sum(len(chunk.cloud) for chunk in chunks) == len(scan.cloud)
         n_cells = (scan.rows.max() + 1) * (scan.columns.max() + 1)
         assert sum(sum(chunk.dropped.values()) for chunk in chunks) == n_cells - len(scan.cloud)
+
+
+def test_the_header_of_an_e57_file_tells_when_and_over_which_field_as_instruments_do(scans, tmp_path):
+    when = datetime.datetime(2025, 5, 12, 9, 30, tzinfo=datetime.UTC)
+    turned = [scans[0], scans[1]]
+    write_e57(tmp_path / "survey.e57", turned, acquired=when)
+    seconds = (when - datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)).total_seconds()
+    with pye57.E57(str(tmp_path / "survey.e57")) as document:
+        assert document.root["creationDateTime"]["dateTimeValue"].value() == seconds
+        for k, scan in enumerate(turned):
+            node = document.data3d[k]
+            assert node["acquisitionStart"]["dateTimeValue"].value() == seconds
+            field = {name: node["sphericalBounds"][name].value() for name in (
+                "rangeMinimum", "rangeMaximum", "elevationMinimum", "elevationMaximum", "azimuthStart", "azimuthEnd"
+            )}  # fmt: skip
+            x, y, z = scan.cloud.points.T
+            found = [np.hypot(np.hypot(x, y), z), np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)]
+            expected = [v for a in found for v in (a.min(), a.max())]
+            np.testing.assert_allclose(list(field.values()), expected, atol=1e-12)
+
+
+def test_a_field_across_the_seam_of_azimuths_goes_on_beyond_pi(scans, tmp_path):
+    about = np.diag([-1.0, -1.0, 1.0])
+    scan = dataclasses.replace(scans[0], cloud=PointCloud(scans[0].cloud.points @ about, origins=np.zeros(3)))
+    write_e57(tmp_path / "survey.e57", [scan])
+    azimuth = np.arctan2(*scans[0].cloud.points[:, 1::-1].T)
+    with pye57.E57(str(tmp_path / "survey.e57")) as document:
+        bounds = document.data3d[0]["sphericalBounds"]
+        found = [bounds[name].value() for name in ("azimuthStart", "azimuthEnd")]
+    np.testing.assert_allclose(found, np.array([azimuth.min(), azimuth.max()]) + np.pi, atol=1e-12)
