@@ -119,6 +119,7 @@ def _figures(found: Adjustment, seen: Sequence[int]) -> dict[str, Any]:
     figures: dict[str, Any] = {
         "applied": found.applied,
         "reason": found.reason,
+        "doubt": found.doubt,
         "misfit_before_m": found.sigma_before,
         "misfit_after_m": found.sigma_after,
         "n_iterations": found.n_iterations,

@@ -130,7 +130,7 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
     """Return how well the scans of each epoch agree with each other, and its surface with them."""
     found = [{step.product: step.automatic for step in of_epoch} for of_epoch in steps.values()]
     fitted = [_figures(f, "quality", "all") for f in found]
-    rows = (
+    rows: tuple[tuple[str, ...], ...] = (
         ("Scans against each other before adjustment", *_lengths(found, "network", "misfit_before_m")),
         ("after adjustment", *(_adjusted(f.get("network", {})) for f in found)),
         ("Disagreement left between scans (one sigma)", *_lengths(found, "surface", "scan_disagreement_m")),
@@ -140,6 +140,12 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
         ("95\u00a0% of the points within", *(_length(f, "p95_m") for f in fitted)),
         ("points without surface", *(percent(float(f.get("unknown_share", NAN))) for f in fitted)),
     )
+    doubts = [str(f.get("network", {}).get("doubt", "")) for f in found]
+    if any(doubts):
+        rows = (
+            *rows,
+            ("doubt about the poses of scans, which only those as given tell", *(d or "none" for d in doubts)),
+        )
     return Table("The scans of each epoch", ("", *steps), rows)
 
 

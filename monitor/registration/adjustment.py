@@ -37,6 +37,7 @@ from monitor.registration.overlaps import (
     misfit_of,
 )
 from monitor.registration.sampling import sample_source
+from monitor.registration.scan_rivals import find_scan_rivals
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder
 from monitor.registration.ties import Ties, no_ties
@@ -52,6 +53,7 @@ SHRINK = 0.7  # of the search radius, from step to step
 MANY_MORE = 1.5  # times as many points that find partners: the motions are right, whatever the misfit was
 N_TIE_STEPS = 4  # steps by targets alone, before surfaces are matched
 NEAR = 4.0  # spacings: scans whose first search radius is no larger lie on each other as well as points can tell
+N_TIES_HOLD = 3  # targets of a scan that tell where it is
 TURN_BACK = 0.7  # of the length of steps is kept where a step goes back
 
 
@@ -80,7 +82,8 @@ class Adjustment:
     (rad, m; design section 3): relative to the mean of all scans, or, with control, in the project's frame; then
     `joint_covariance` (6 n, 6 n) is of all of them together, so that what they do in common is known too, and
     `covariance` (6, 6) is that of the epoch as a whole about `centre`, NaN otherwise. `ties` and `components` are the
-    residuals of targets and control points and the variance components (1: as stated).
+    residuals of targets and control points and the variance components (1: as stated). `doubt` says which scans
+    would fit as well elsewhere, so that only the poses as given tell where they are.
     """
 
     motions: tuple[Floats, ...]
@@ -98,6 +101,7 @@ class Adjustment:
     centre: Floats = field(default_factory=lambda: np.full(3, np.nan))
     ties: tuple[TieFit, ...] = ()
     components: TieScales = field(default_factory=TieScales)
+    doubt: str = ""
 
     @property
     def blunders(self) -> tuple[TieFit, ...]:
@@ -197,9 +201,24 @@ def adjust_scans(
     patch = PATCH_IN_SPACINGS * network.overlaps.spacing
     witnesses = gather_witnesses(before, unmoved, patch), gather_witnesses(after, state.motions, patch)
     if not is_tied and not explains_misfit(*witnesses, 6 * (n - 1)) and n_after <= MANY_MORE * n_before:
-        return replace(found, reason="the given poses fit as well")
+        return _beside_rivals(replace(found, reason="the given poses fit as well"), network, unmoved)
+    found = _beside_rivals(found, network, state.motions)
+    if not found.converged:
+        return found
     moved = tuple(_about(T, network.shift) for T in state.motions)
     return _with_covariances(replace(found, motions=moved, applied=True), replace(state, matches=after), network)
+
+
+def _beside_rivals(found: Adjustment, network: _Network, motions: Sequence[Floats]) -> Adjustment:
+    """Return the adjustment, refused where a scan fits as well elsewhere and its pose as given is no help, in doubt
+    where that pose alone tells."""
+    n_ties = np.bincount(network.ties.scan, minlength=len(motions))
+    rivals = find_scan_rivals(network.overlaps, motions, np.flatnonzero(n_ties >= N_TIES_HOLD).tolist())
+    doubt = "; ".join(rival.words for rival in rivals)
+    ambiguous = "; ".join(rival.words for rival in rivals if rival.is_ambiguous)
+    if ambiguous:
+        return replace(found, converged=False, reason=f"{ambiguous}, and the poses as given do not tell", doubt=doubt)
+    return replace(found, doubt=doubt)
 
 
 def _with_covariances(found: Adjustment, state: _State, network: _Network) -> Adjustment:

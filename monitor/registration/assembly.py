@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,8 +71,8 @@ def assemble(clouds: Sequence[PointCloud]) -> Assembly:
             links.append(Link(i, j, found.T_target_source, found.score))
     good, refused = check_triangles(links, [s.places.points for s in shapes], cell)
     poses, used = hang_on_tree(good, len(shapes))
-    return Assembly(_in_given_frames(poses, shifts), np.isfinite(poses[:, 0, 0]), tuple(used), tuple(refused),
-                    tuple(links))  # fmt: skip
+    told = [tuple(_link_in_given_frames(link, shifts) for link in some) for some in (used, refused, links)]
+    return Assembly(_in_given_frames(poses, shifts), np.isfinite(poses[:, 0, 0]), *told)
 
 
 def check_triangles(links: Sequence[Link], places: Sequence[Floats], cell: float) -> tuple[list[Link], list[Link]]:
@@ -123,3 +123,10 @@ def _in_given_frames(poses: Floats, shifts: Sequence[Floats]) -> Floats:
     for k in placed:
         out[k, :3, 3] += shifts[int(placed[0])] - poses[k, :3, :3] @ shifts[int(k)]
     return out
+
+
+def _link_in_given_frames(link: Link, shifts: Sequence[Floats]) -> Link:
+    """Return a link between frames that were moved by `-shift` as one between the frames as given."""
+    T = link.T_first_second.copy()
+    T[:3, 3] += shifts[link.first] - T[:3, :3] @ shifts[link.second]
+    return replace(link, T_first_second=T)

@@ -17,14 +17,17 @@ from monitor.registration.degeneracy import describe
 from monitor.registration.held import Frames
 from monitor.registration.matching import MatchLimits, match
 from monitor.registration.self_likeness import Fit, Steps, alike_shifts, alike_turns
-from monitor.registration.weights import tukey_weights
+from monitor.registration.weights import robust_scale, tukey_weights
 from projects.model import Floats, Registration
-from projects.transforms import apply, invert
+from projects.transforms import apply, invert, perturb
 
 N_SAMPLES = 1_500  # tell 3 % of the surface that fits from none
-N_REFINED, N_ITERATIONS = 400, 10  # samples and steps that lead to the bottom of another minimum
+N_REFINED, N_ITERATIONS = 400, 8  # samples and steps that lead to the bottom of another minimum
+N_FIRST, HOPELESS = 3, 5.0  # steps after which it is given up where pairs still scatter by so many sigmas
 SURE = 3.0  # sigmas
 LEAST_DIFFERENCE = 0.02  # of the surface: no less is believed, since rims do not fall alike
+PARTWAY = (0.382, 0.5)  # of the way to a rival; one of them is between periods where the other meets one
+BARRIER = 0.8  # of what fits at both ends
 TELLING = 4.0  # times farther from the pose as given than the one found: then the given one tells which is right
 
 
@@ -50,6 +53,13 @@ class Rival:
         """Whether more of the surface fits there."""
         return self.there > self.here + self.telling
 
+    def describe(self) -> str:
+        """Return in words how much fits there and here."""
+        return (
+            f"{100 * self.there:.0f} % of the surface fit {1e3 * self.way:.0f} mm off, by a {self.words}; "
+            f"here {100 * self.here:.0f} %"
+        )
+
 
 def find_rival(fit: Fit) -> Rival | None:
     """Return another minimum where as much of the surface fits as at the one found: that where most does, if it is
@@ -60,7 +70,7 @@ def find_rival(fit: Fit) -> Rival | None:
     few = replace(fit, samples=fit.samples.every(max(len(fit.samples.points) // N_SAMPLES, 1)))
     here = support(few, few.T_target_source)
     tried = [refine(few, T, steps, here) for steps in (alike_shifts(fit), alike_turns(few)) for T in steps.motions]
-    rivals = [rival for rival in tried if rival is not None and rival.is_as_good]
+    rivals = [rival for rival in tried if rival is not None]
     better = [rival for rival in rivals if rival.is_better]
     if better:
         return max(better, key=lambda rival: rival.there)
@@ -77,11 +87,16 @@ def support(fit: Fit, T_target_source: Floats) -> Floats:
 
 
 def refine(fit: Fit, step: Floats, steps: Steps, here: Floats) -> Rival | None:
-    """Return the minimum near the pose found moved by one of the `steps`, None where it is the same one."""
+    """Return the minimum near the pose found moved by one of the `steps`, None where it is the same one or less
+    of the surface fits there."""
     few = fit.samples.every(max(len(fit.samples.points) // N_REFINED, 1))
     rules = replace(fit.rules, distance=steps.reach, max_iterations=N_ITERATIONS, n_pairs=len(few.points) // 3,
                     locked=None, precision=0.3 * fit.sigma)  # fmt: skip
-    found = align(few, fit.target, step @ fit.T_target_source, rules, both_oriented=fit.both_oriented)
+    first = replace(rules, max_iterations=N_FIRST)
+    found = align(few, fit.target, step @ fit.T_target_source, first, both_oriented=fit.both_oriented)
+    if robust_scale(found.matches.residuals) > HOPELESS * fit.sigma:
+        return None
+    found = align(few, fit.target, found.T_target_source, rules, both_oriented=fit.both_oriented)
     if not found.weights.any():
         return None
     places = apply(fit.T_target_source, fit.samples.points)
@@ -91,8 +106,19 @@ def refine(fit: Fit, step: Floats, steps: Steps, here: Floats) -> Rival | None:
         return None
     there = support(fit, found.T_target_source)
     telling = SURE * float(np.std(there - here)) / np.sqrt(len(here))
-    return Rival(found.T_target_source, way, name_way(gone, places), float(here.mean()), float(there.mean()),
+    rival = Rival(found.T_target_source, way, name_way(gone, places), float(here.mean()), float(there.mean()),
                  max(telling, LEAST_DIFFERENCE))  # fmt: skip
+    return rival if rival.is_as_good and has_barrier(fit, gone, min(rival.here, rival.there)) else None
+
+
+def has_barrier(fit: Fit, step: Floats, low: float) -> bool:
+    """Return whether less fits on the way by `step` (4, 4), so that it leads to another minimum and not along a slide
+    that nothing holds; `low` is the share that fits at the worse of both ends."""
+    turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
+    middle = apply(fit.T_target_source, fit.samples.points).mean(axis=0)
+    way = apply(step, middle) - middle
+    between = [perturb(fit.T_target_source, middle, part * np.concatenate([turn, way])) for part in PARTWAY]
+    return min(float(support(fit, T).mean()) for T in between) < BARRIER * low
 
 
 def name_way(T: Floats, places: Floats) -> str:
@@ -112,10 +138,7 @@ def judge_rivals(found: Registration, fit: Fit, T_start: Floats, frames: Frames 
     rival = find_rival(fit)
     if rival is None:
         return found
-    there = (
-        f"{100 * rival.there:.0f} % of the surface fit {1e3 * rival.way:.0f} mm off, by a {rival.words}; "
-        f"here {100 * rival.here:.0f} %"
-    )
+    there = rival.describe()
     ways = [away_from_given(T, fit, T_start, frames) for T in (fit.T_target_source, rival.T_target_source)]
     if rival.is_better and frames is None:
         return refuse(found, f"it lies in a local minimum: {there}; give a better start, targets or control points")

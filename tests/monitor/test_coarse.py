@@ -155,3 +155,8 @@ def test_bunny_is_assembled_from_ten_scans_in_random_poses(real_data: Path, rng:
     for k in np.flatnonzero(assembly.is_placed):
         error = apply(to_truth @ assembly.T_first_scan[k], clouds[k].points) - apply(scans[k][1], scans[k][0].points)
         assert np.sqrt((error**2).sum(axis=1).mean()) < 3e-3, names[k]
+    for link in assembly.links:
+        i, j = link.first, link.second
+        error = apply(scans[i][1] @ invert(motions[i]) @ link.T_first_second, clouds[j].points)
+        error -= apply(scans[j][1], scans[j][0].points)
+        assert np.sqrt((error**2).sum(axis=1).mean()) < 3e-3, names[j]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bumpy_body import move, noisy_cloud, unit
+from test_adjustment import bumpy_cap, displaced
 
 from monitor.registration import register
+from monitor.registration.adjustment import adjust_scans
 from monitor.registration.held import Frames
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, invert, perturb
@@ -118,4 +120,34 @@ def test_a_body_that_repeats_nothing_has_no_rival(rng: np.random.Generator) -> N
     given = perturb(np.eye(4), np.zeros(3), np.array([0.03, 0.02, 0.01, 0.01, 0.0, 0.0]))
     found = register(move(noisy_cloud(N, rng), given), noisy_cloud(N, rng))
     assert found.converged
+    assert not found.doubt
+
+
+def two_scans(rng: np.random.Generator, steps: float) -> list[PointCloud]:
+    """Return scans of the lower and the upper ten of fourteen steps, the second off by so many of them."""
+    upper = shift(steps * TREAD + 0.002, 0.001, steps * RISE)
+    return [stairs(rng), move(stairs(rng, first=4), upper)]
+
+
+def test_a_scan_that_came_to_lie_a_step_off_is_refused_with_its_reason(rng: np.random.Generator) -> None:
+    found = adjust_scans(two_scans(rng, 0.6))
+    assert not found.converged
+    assert not found.applied
+    assert "scan 2 fits the others as well elsewhere" in found.reason
+    assert "328 mm off, by a slide along (0.85, 0.00, 0.52)" in found.reason
+
+
+def test_a_scan_given_near_its_step_is_fitted_and_the_doubt_told(rng: np.random.Generator) -> None:
+    found = adjust_scans(two_scans(rng, 0.0))
+    assert found.applied
+    way = found.motions[0][:3, 3] - found.motions[1][:3, 3]
+    assert np.allclose(way, [0.002, 0.001, 0.0], atol=3e-4)
+    assert "328 mm off" in found.doubt
+
+
+def test_scans_that_repeat_nothing_have_no_doubt(rng: np.random.Generator) -> None:
+    clouds = [bumpy_cap(rng, turn, 0.0003) for turn in (0.0, 0.8, 1.6)]
+    clouds[1] = displaced(clouds[1], shift(0.003, 0.0, 0.002))
+    found = adjust_scans(clouds)
+    assert found.applied
     assert not found.doubt
