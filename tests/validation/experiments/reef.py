@@ -14,14 +14,14 @@ from typing import NamedTuple
 
 import front_door
 import numpy as np
-from rows import Row, Size, in_percent, judge
+from rows import Row, Size, in_percent, in_words, judge
 from scipy.spatial import cKDTree
 
 from monitor.simulation import INSTRUMENTS, Scene, Station, SurveyedEpoch, erode, register_with_errors, write_campaign
 from monitor.simulation.reef import STATIONS, reef_scene
 from monitor.simulation.scanner import stand_at
 from projects.formats import read_scans
-from projects.model import Assessment, Bools, Comparison, Floats
+from projects.model import Assessment, Bools, Comparison, Floats, NotAssessed
 from projects.transforms import apply
 
 TITLE = "Oyster reef (paper 001, 4.2): what is not seen or too sparse"
@@ -142,9 +142,29 @@ def rows_of(
         Row("seen surface that is covered", in_percent(covered, 1)),
         Row("seen surface that is assessed", in_percent(float(np.mean(is_assessed[seen])), 1)),
         Row("unchanged, assessed surface called changed", in_percent(called, 2), judge(called <= 0.01), "", "1 %"),
-        Row("hollow of 40 mm, 0.3 m wide", "found" if hits.any() else "missed", judge(bool(hits.any())), "", "found"),
+        row_of_hollow(comparison, lost, bool(hits.any())),
         Row("other regions", str(int((~hits).sum())), judge(not (~hits).any()), "", "none"),
     ]  # fmt: skip
+
+
+def row_of_hollow(comparison: Comparison, depth: Floats, is_found: bool) -> Row:
+    """Return whether the hollow is found; where not, what the vertices inside it say.
+
+    `depth` (n,) m: how deep the vertices of the reference lie above the true surface afterwards, with sign.
+    """
+    side = comparison.on_reference
+    inside = (np.linalg.norm(side.surface.vertices - place_of_hollow(), axis=1) < RADIUS) & (depth < -0.5 * DEPTH)
+    reasons = side.reasons[inside]
+    counted = {NotAssessed(r).name.lower().replace("_", " "): float(np.mean(reasons == r)) for r in np.unique(reasons)}
+    told = ", ".join(f"{name} {in_percent(share)}" for name, share in sorted(counted.items(), key=lambda i: -i[1]))
+    known = inside & (side.assessment != Assessment.NOT_ASSESSABLE)
+    figures = "none assessed"
+    if known.any():
+        median, lod = (1e3 * float(np.nanmedian(v[known])) for v in (side.distances, side.lod95))
+        figures = f"of those assessed median distance {in_words(median, 1)} mm, lod95 {in_words(lod, 1)} mm"
+    cause = f"of its {int(inside.sum())} vertices deeper than 20 mm: {told}; {figures}"
+    return Row("hollow of 40 mm, 0.3 m wide", "found" if is_found else "missed", judge(is_found), "", "found",
+               cause="" if is_found else cause)  # fmt: skip
 
 
 NOTES = (
