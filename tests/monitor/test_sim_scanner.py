@@ -168,6 +168,10 @@ def test_a_glossy_surface_shows_what_stands_in_its_mirror():
     # 0.2 rad off the perpendicular, where the glaze throws nothing straight back.
     scan = simulate_scan(Scene("glaze", (mirror, behind)), EXACT, np.eye(4), Window(0.2, 0.24, -0.02, 0.02), step=0.002)
     np.testing.assert_allclose(scan.cloud.points[:, 0], 3.0 + 3.0 + 2.0, atol=1e-3)
+    # The light passes the mirror there and back; the wall behind is met under the angle that left the scanner.
+    azimuth, elevation = 0.2 + 0.002 * scan.columns, -0.02 + 0.002 * scan.rows
+    expected = 0.9 * 0.8**2 * np.cos(azimuth) * np.cos(elevation)
+    assert np.mean(scan.cloud.intensity / expected) == pytest.approx(1.0, abs=0.005)  # 2 % of noise, 441 pulses: 0.1 %
 
 
 def test_a_glossy_surface_dazzles_where_it_faces_the_scanner():
