@@ -102,7 +102,7 @@ def _ranges(target: Target, eye: Floats, rays: Floats) -> Floats:
     return found
 
 
-def rows_of(as_registered: Differences, at_truth: Differences, without_noise: Differences | None) -> list[Row]:
+def rows_of(as_registered: Differences, at_truth: Differences) -> list[Row]:
     """Return the share within 1 mm as the paper has it, and beside it what the instrument could reach."""
     within = _within(as_registered.distances)
     far = np.abs(as_registered.distances) >= 0.001
@@ -111,18 +111,13 @@ def rows_of(as_registered: Differences, at_truth: Differences, without_noise: Di
         f"{in_percent(hidden)} of what lies beyond 1 mm is surface that one of the two scans does not truly see, made "
         "of mixed pixels or closed over; registration is not the cause"
     )
-    rows = [
+    return [
         Row("scan to scan within 1 mm", in_percent(within, 1), judge(within >= 0.95), "differences < 1 mm", "95 %",
             _rms(as_registered.distances), within, "" if within >= 0.95 else cause),
         _stated("the same at the scans' true poses", at_truth.distances),
         _stated("of that, where both scans see the true surface", at_truth.distances[at_truth.both_see]),
         _stated("of that, where no range jumps within a beam", at_truth.distances[at_truth.is_free]),
     ]  # fmt: skip
-    if without_noise is not None:
-        d = without_noise
-        rows.append(_stated("the same scans without noise, at true poses: what the beam leaves", d.distances))
-        rows.append(_stated("of that, where both scans see the true surface", d.distances[d.both_see]))
-    return rows
 
 
 def _stated(what: str, distances: Floats) -> Row:

@@ -37,7 +37,6 @@ from monitor.simulation import (
     register_with_errors,
     stove_model,
     stove_stations,
-    without_errors,
     write_campaign,
 )
 from projects.model import Floats
@@ -99,7 +98,7 @@ def implant(model: Model, scene: Scene, size: Size) -> tuple[Edit, ...]:
 
 
 def run(size: Size) -> list[Row]:
-    """Survey both epochs, process, compare and judge; survey the first once more without noise."""
+    """Survey both epochs, process, compare and judge."""
     model = front(size)
     before = build_scene(model)
     edits = implant(model, before, size)
@@ -113,27 +112,18 @@ def run(size: Size) -> list[Row]:
         folder = Path(name)
         campaign = write_campaign(folder, surveys, INSTRUMENT, box=box)
         told = [front_door.Epoch(f"e{k}", f"{2008 + k}-05-01", [path]) for k, path in enumerate(campaign.epochs)]
-        if size == "full":
-            exact = SurveyedEpoch(before, stations, datetime.date(2010, 5, 1))
-            quiet = write_campaign(folder / "quiet", [exact], without_errors(INSTRUMENT), box=box)
-            told.append(front_door.Epoch("quiet", "2010-05-01", list(quiet.epochs)))
         project = front_door.process(folder, told, extent=campaign.extent)
         comparison = front_door.compare(project, "e0", "e1")
-        agreement = agree(project, surveys[0], stations, size)
+        agreement = agree(project, surveys[0], stations)
     changes = measure_changes(model, edits)
     return [*agreement, *against_truth.rows_of_changes(comparison, changes, (before, after), FOOTPRINT)]
 
 
-def agree(project: Path, survey: SurveyedEpoch, stations: Sequence[Station], size: Size) -> list[Row]:
-    """Return how the models of single scans agree: as registered, at their true poses, and without noise."""
+def agree(project: Path, survey: SurveyedEpoch, stations: Sequence[Station]) -> list[Row]:
+    """Return how the models of single scans agree, as registered and at their true poses."""
     motions, exact = scan_to_scan.network_motions(project, "e0"), scan_to_scan.true_motions(survey.stations)
     registered, true = (scan_to_scan.differ(project, "e0", T, stations, survey.scene) for T in (motions, exact))
-    quiet = None
-    if size == "full":
-        quiet = scan_to_scan.differ(
-            project, "quiet", scan_to_scan.true_motions(stations), stations, survey.scene
-        )  # fmt: skip
-    return scan_to_scan.rows_of(registered, true, quiet)
+    return scan_to_scan.rows_of(registered, true)
 
 
 NOTES = (
