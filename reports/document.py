@@ -12,6 +12,7 @@ from dataclasses import replace
 import pandas as pd
 
 from projects.errors import StoreError
+from projects.extent import Extent
 from projects.model import Comparison, EpochRecord, ObjectRecord, Step
 from projects.store import Project
 from reports.answer import state_answer
@@ -115,6 +116,7 @@ def make_facts(
         mode=comparison.mode,
         comparison=comparison,
         parts=parts_table(comparison),
+        stable=_given_stable(made),
     )
 
 
@@ -150,6 +152,12 @@ def _false_discovery_rate(made: Step | None) -> float:
     asked = (made.parameters.get("compare") or {}) if made else {}
     rate = asked.get("false_discovery_rate")
     return FALSE_DISCOVERY_RATE if rate is None or not math.isfinite(rate) else float(rate)
+
+
+def _given_stable(made: Step | None) -> Extent | None:
+    """Return where the user says that nothing moved, None where it was found."""
+    given = made.parameters.get("stable") if made else None
+    return None if given is None else Extent.from_mapping(given)
 
 
 def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from projects.extent import Extent
 from projects.model import Comparison, Floats, Series
 from reports.quantities import Estimate
 
@@ -122,6 +123,7 @@ class ReportFacts:
     history : the two epochs side by side, and what became of their points.
     series : how regions go on over more than two epochs, where the compared epoch ends such a series.
     parts : the parts that moved rigidly, where there are any.
+    stable : where the user says that nothing moved, where they did.
     calibrations : the range calibration of a scan of each epoch, where one was corrected.
     record : the steps in order; versions and inputs : what they were made with and from.
     """
@@ -145,3 +147,4 @@ class ReportFacts:
     series: SeriesFacts | None = None
     calibrations: tuple[CalibrationFacts, ...] = ()
     parts: Table | None = None
+    stable: Extent | None = None

@@ -26,6 +26,7 @@ from reports.document import MEANINGS
 from reports.facts import ReportFacts
 from reports.figures import draw_colour_bar, draw_histogram, draw_section
 from reports.ranging import draw_calibration
+from reports.stability import draw_stable
 from reports.views import Picture, View, ViewPictures, choose_views, draw_close_up, draw_comparison, frame_views
 
 VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
@@ -59,9 +60,19 @@ class EmbeddedView:
 
 
 @dataclass(frozen=True)
+class EmbeddedSingle:
+    """One picture by itself, its view's name, and how wide it is shown [%]."""
+
+    name: str
+    picture: Embedded
+    wide: float
+
+
+@dataclass(frozen=True)
 class Pictures:
     """All pictures of a report; `regions` holds the close-up and the section of a region by its number,
-    `courses` the charts of a series where there is one, `calibrations` those of corrected ranges."""
+    `courses` the charts of a series where there is one, `calibrations` those of corrected ranges, `stable` the stable
+    areas from few views."""
 
     views: tuple[EmbeddedView, ...]
     colour_bar: Embedded
@@ -69,6 +80,7 @@ class Pictures:
     regions: Mapping[int, tuple[Embedded, Embedded]]
     courses: Embedded | None = None
     calibrations: tuple[Embedded, ...] = ()
+    stable: tuple[EmbeddedSingle, ...] = ()
 
 
 def write_report(path: Path | str, facts: ReportFacts) -> None:
@@ -85,6 +97,7 @@ def write_report(path: Path | str, facts: ReportFacts) -> None:
         pictures = replace(pictures, courses=charts)
     ranging = [embed_svg(draw_calibration(c.profile), "Distances to a plane by range") for c in facts.calibrations]
     pictures = replace(pictures, calibrations=tuple(ranging))
+    pictures = replace(pictures, stable=embed_stable(draw_stable(facts.comparison, facts.stable)))
     write_whole(Path(path), fill_page(facts, pictures))
 
 
@@ -123,6 +136,13 @@ def embed_views(views: Sequence[ViewPictures]) -> tuple[EmbeddedView, ...]:
                      round(wide * v.difference.width, 2), round(narrow * v.difference.width, 2))
         for v in views
     )  # fmt: skip
+
+
+def embed_stable(drawn: Sequence[tuple[View, Picture]]) -> tuple[EmbeddedSingle, ...]:
+    """Return the pictures of the stable areas for the page: in one row, no wider than a third of the page each."""
+    total = sum(p.width for _, p in drawn) if drawn else 1
+    scale = min((ROW - GAP * (len(drawn) - 1)) / total, min((ROW / 4.0 / p.width for _, p in drawn), default=0.0))
+    return tuple(EmbeddedSingle(VIEW_NAMES.get(v.name, v.name), embed(p), round(scale * p.width, 2)) for v, p in drawn)
 
 
 def fit_rows(sizes: Sequence[tuple[int, int]]) -> float:

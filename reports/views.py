@@ -83,7 +83,9 @@ def draw_surface(
     of_vertex = np.zeros(len(surface.vertices), dtype=np.int32) if regions is None else regions
     numbers = _thin_out(np.where(pixels.hit & ~pixels.inside, of_vertex[pixels.vertex], 0))
     labels = place_labels(numbers, _thin_out(pixels.hit), frame)
-    return _finish(annotate(draw_stone(pixels), frame, labels), frame, numbers, f"The surface, {_side(view.name)}")
+    return finish_picture(
+        annotate(draw_stone(pixels), frame, labels), frame, numbers, f"The surface, {_side(view.name)}"
+    )
 
 
 def draw_difference(
@@ -143,7 +145,7 @@ def _draw_view(
     earlier, later = (cast_view(scene, frame) for scene in scenes)
     none = np.zeros((1, 1), dtype=np.int32)
     stones = [
-        _finish(annotate(draw_stone(seen), frame, []), frame, none, f"The {epoch} epoch, {_side(view.name)}")
+        finish_picture(annotate(draw_stone(seen), frame, []), frame, none, f"The {epoch} epoch, {_side(view.name)}")
         for epoch, seen in (("reference", earlier), ("compared", later))
     ]
     difference = _difference(
@@ -169,7 +171,7 @@ def _difference(
         hit = hit | other[1].hit
     numbers = _drop_slivers(_thin_out(numbers), side[0], other[0] if other else None, frame)
     labels = place_labels(numbers, _thin_out(hit), frame) if label else []
-    return _finish(annotate(picture, frame, labels), frame, numbers, _say_change(frame, numbers))
+    return finish_picture(annotate(picture, frame, labels), frame, numbers, _say_change(frame, numbers))
 
 
 def _drop_slivers(numbers: Ints, side: ComparedSurface, other: ComparedSurface | None, frame: Frame) -> Ints:
@@ -211,7 +213,7 @@ def draw_close_up(
     picture = outline(draw_change(seen, paint_change(seen, side, limit)), numbers == region_number)
     marks = section_marks(choose_plane(comparison, region_number), frame)
     drawn = annotate(picture, frame, [], marks)
-    return _finish(drawn, frame, _thin_out(numbers), f"Change as colours, close up on region {region_number}")
+    return finish_picture(drawn, frame, _thin_out(numbers), f"Change as colours, close up on region {region_number}")
 
 
 def section_marks(plane: SectionPlane, frame: Frame) -> Floats:
@@ -249,7 +251,7 @@ def _side(name: str) -> str:
     return "seen from below" if name == "below" else f"{name} view"
 
 
-def _finish(drawn: RGB, frame: Frame, numbers: Ints, alt: str) -> Picture:
+def finish_picture(drawn: RGB, frame: Frame, numbers: Ints, alt: str) -> Picture:
     """Return the drawn picture as JPEG."""
     stream = io.BytesIO()
     Image.fromarray(drawn).save(stream, "JPEG", quality=QUALITY, subsampling=0, optimize=True)

@@ -1,0 +1,57 @@
+"""The picture of what held two epochs together: green where stable, sand where changed, pale where nobody asked."""
+
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+from PIL import Image
+from report_examples import example_comparison
+
+from projects.extent import Extent
+from projects.model import Assessment, Comparison
+from reports.colours import LEFT_OUT, OUTSIDE, SET_ASIDE, STABLE
+from reports.stability import draw_stable
+from reports.views import Picture
+
+
+def held(is_stable: np.ndarray | None) -> Comparison:
+    comparison = example_comparison()
+    return replace(comparison, registration=replace(comparison.registration, is_stable=is_stable))
+
+
+def share(picture: Picture, colour: tuple[int, int, int]) -> float:
+    """Return the share of the object's pixels whose hue is that of `colour`, whatever light falls on them."""
+    pixels = np.asarray(Image.open(BytesIO(picture.image))).reshape(-1, 3).astype(float)
+    body = pixels[pixels.min(axis=1) < 250]
+    hues = np.array([STABLE, SET_ASIDE, LEFT_OUT, OUTSIDE], dtype=float)
+    hues /= hues.mean(axis=1, keepdims=True)
+    nearest = np.argmin(np.abs(body[:, None] / body.mean(axis=1)[:, None, None] - hues).sum(axis=2), axis=1)
+    grey = (STABLE, SET_ASIDE, LEFT_OUT, OUTSIDE).index(colour)
+    return float(np.mean(np.isin(nearest, (2, 3) if grey >= 2 else (grey,))))
+
+
+def test_all_is_green_but_what_changed() -> None:
+    comparison = example_comparison()
+    n = len(comparison.on_compared.surface.vertices)
+    drawn = draw_stable(held(np.ones(n, dtype=bool)))
+    assert 1 <= len(drawn) <= 4
+    changed = float(np.mean(comparison.on_compared.assessment == Assessment.CHANGED))
+    greens, sands = (np.array([share(p, c) for _, p in drawn]) for c in (STABLE, SET_ASIDE))
+    assert greens.mean() > 0.6
+    assert sands.max() > 0.5 * changed
+    assert greens.max() > sands.max()
+
+
+def test_what_follows_no_motion_and_what_was_not_asked_is_grey() -> None:
+    vertices = example_comparison().on_compared.surface.vertices
+    low = vertices[:, 2] < np.median(vertices[:, 2])
+    partly = draw_stable(held(low))
+    assert 0.25 < np.mean([share(p, LEFT_OUT) for _, p in partly]) < 0.75
+    middle = float(np.median(vertices[:, 2]))
+    corners = np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]])
+    given = draw_stable(held(np.ones(len(vertices), dtype=bool)), Extent(corners, top=middle))
+    assert 0.25 < np.mean([share(p, OUTSIDE) for _, p in given]) < 0.75
+
+
+def test_without_stable_areas_there_is_no_picture() -> None:
+    assert draw_stable(held(None)) == []
