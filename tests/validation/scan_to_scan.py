@@ -108,8 +108,9 @@ def rows_of(as_registered: Differences, at_truth: Differences) -> list[Row]:
     far = np.abs(as_registered.distances) >= 0.001
     hidden = float(np.mean(~as_registered.both_see[far])) if far.any() else 0.0
     cause = (
-        f"{in_percent(hidden)} of what lies beyond 1 mm is surface that one of the two scans does not truly see, made "
-        "of mixed pixels or closed over; registration is not the cause"
+        f"{in_percent(hidden)} of what lies beyond 1 mm is surface that one of the two scans does not truly see, where "
+        "its model can only rest on mixed pixels or close a gap; the registration takes "
+        f"{in_words(100.0 * (_within(at_truth.distances) - within), 1)} % of the whole"
     )
     return [
         Row("scan to scan within 1 mm", in_percent(within, 1), judge(within >= 0.95), "differences < 1 mm", "95 %",
