@@ -25,7 +25,7 @@ METHOD = {
     "filtered": 2,
     "surface": 2,
     "quality": 1,
-    "comparison": 5,
+    "comparison": 6,
     "series": 1,
 }
 

@@ -52,6 +52,10 @@ class Noise:
         """Return the scale (n,) of what is stated at each vertex."""
         return self.scales[stratum_of(side, self.spacing)]
 
+    def is_at_rim(self, side: Side) -> Bools:
+        """Return whether each vertex (n,) lies in the two strata beside a free edge."""
+        return stratum_of(side, self.spacing) < 3 * 2
+
     def variance_of(self, side: Side) -> Floats:
         """Return the variance (n,) [m2] of each vertex's change without what is common to many: scans, registration."""
         return (self.scale_of(side) * side.sigma_surfaces) ** 2 + self.floor_of(side) ** 2

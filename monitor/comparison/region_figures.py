@@ -62,17 +62,21 @@ def is_volume_known(sides: Pair, regions: tuple[Ints, Ints], beyond: Beyond, wid
     return unknown <= MOST_UNKNOWN * area
 
 
-def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints], grown: tuple[Ints, Ints],
-                    margins: list[Ints], beyond: Beyond, registration: Registration) -> list[Any]:  # fmt: skip
-    """Return the row of one region in the order of `REGION_COLUMNS`.
+def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints], grown: tuple[Ints, Ints],
+               margins: list[Ints], beyond: Beyond, registration: Registration) -> list[RegionView]:  # fmt: skip
+    """Return one region as each of the sides that have a part in it sees it.
 
     `regions` are its assessed vertices; `grown` also those that lie outside or inside of the other surface without a
     perpendicular: they count in area, extreme and place; `margins` with their margin.
     """
     masks = [((r == number) & s.is_assessed, g == number, m == number)
              for r, g, m, s in zip(regions, grown, margins, sides, strict=True)]  # fmt: skip
-    views = [view_region(sides[k], found, k, masks[k], beyond, registration)
-             for k in range(2) if (regions[k] == number).any()]  # fmt: skip
+    return [view_region(sides[k], found, k, masks[k], beyond, registration)
+            for k in range(2) if (regions[k] == number).any()]  # fmt: skip
+
+
+def describe_region(number: int, views: list[RegionView]) -> list[Any]:
+    """Return the row of one region in the order of `REGION_COLUMNS`."""
     area, sigma_area = combine([v.area for v in views], [v.sigma_area for v in views])
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
     mean, sigma_mean = combine([v.mean for v in views], [v.sigma_mean for v in views])
@@ -81,6 +85,16 @@ def describe_region(number: int, sides: Pair, found: Detected, regions: tuple[In
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
     kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
     return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid]
+
+
+def stands_out(views: list[RegionView]) -> float:
+    """Return how many of its own sigmas the mean of a region lies off zero, on the side where it is fewer.
+
+    How far the two sides disagree says how well the mean is known, not whether there is a change. NaN where no side
+    has a perpendicular; below 0 where the sides see opposite changes.
+    """
+    z = np.array([v.mean / v.sigma_mean for v in views if np.isfinite(v.sigma_mean)])
+    return float((np.sign(z.sum()) * z).min()) if len(z) else np.nan
 
 
 def combine(values: list[float], sigmas: list[float]) -> tuple[float, float]:

@@ -17,7 +17,15 @@ from scipy.stats import norm
 from monitor.comparison.detection import Detected, Detection, Tested
 from monitor.comparison.enclosure import SIGNS, Beyond, grow_regions, measure_body, spread_over_assessed
 from monitor.comparison.moved import name_moved
-from monitor.comparison.region_figures import describe_region, is_volume_known, settle_kind, spread_margin
+from monitor.comparison.noise import Noise
+from monitor.comparison.region_figures import (
+    describe_region,
+    is_volume_known,
+    settle_kind,
+    spread_margin,
+    stands_out,
+    view_sides,
+)
 from monitor.comparison.side import Side, both_in
 from monitor.comparison.units import sum_groups
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
@@ -38,7 +46,9 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     least = least_area(sides, found)
     gone = area_looked_through(sides, beyond, parts, len(area))
     candidates = np.flatnonzero(area >= least)
-    stands = [bool(gone[k] >= least) or holds(int(k), sides, found.test, parts, level) for k in candidates]
+    stands = [bool(gone[k] >= least) or (is_borne_out(int(k), sides, found.noise, parts)
+                                         and holds(int(k), sides, found.test, parts, level))
+              for k in candidates]  # fmt: skip
     kept = candidates[np.array(stands, dtype=np.bool_)]
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
@@ -49,10 +59,9 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     grown = grow_regions(sides, beyond, (regions[0], regions[1]), signs, least_beyond(sides, found))
     width = min(found.noise.correlation.length, found.test.size)
     margins = [spread_margin(s, r, width) for s, r in zip(sides, regions, strict=True)]
-    rows = [describe_region(k, sides, found, (regions[0], regions[1]), grown, margins, beyond,
-                            registration)
-            for k in range(1, len(kept) + 1)]  # fmt: skip
-    table = pd.DataFrame(rows, columns=list(REGION_COLUMNS))
+    views = [view_sides(k, sides, found, (regions[0], regions[1]), grown, margins, beyond, registration)
+             for k in range(1, len(kept) + 1)]  # fmt: skip
+    table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
     table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, grown, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     table["kind"] = name_moved(table, sides, (regions[0], regions[1]))
@@ -61,18 +70,18 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     rank[order + 1] = np.arange(1, len(kept) + 1)
     table = table.iloc[order].reset_index(drop=True)
     table["region"] = np.arange(1, len(kept) + 1)
-    return keep_significant(table, (rank[regions[0]], rank[regions[1]]), sides, gone[kept][order] >= least, level)
+    z = np.array([stands_out(v) for v in views])[order]
+    return keep_significant(table, (rank[regions[0]], rank[regions[1]]), sides, z, gone[kept][order] >= least, level)
 
 
-def keep_significant(table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tuple[Side, Side], is_gone: Bools,
-                     level: float) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:  # fmt: skip
-    """Return the regions whose own mean, with the sigma that is stated of it, is significant in its family.
+def keep_significant(table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tuple[Side, Side], z: Floats,
+                     is_gone: Bools, level: float) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:  # fmt: skip
+    """Return the regions whose own mean is significant in its family, by how many sigmas `z` (r,) it lies off zero.
 
     The family is as many places as regions of this size have room on the surface (Bonferroni). A patch may stand out
     where the region around it, as it is reported, does not; what was looked through (`is_gone`) needs no such proof.
     """
     assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
-    z = np.abs(table["mean_m"].to_numpy(dtype=float)) / table["sigma_mean_m"].to_numpy(dtype=float)
     n_places = np.maximum(assessed / table["area_m2"].to_numpy(dtype=float), 1.0)
     kept = np.flatnonzero(is_gone | ~(2.0 * norm.sf(z) * n_places > level))
     number = np.zeros(len(table) + 1, dtype=np.int32)
@@ -122,6 +131,17 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
             volumes[k] = body.volume, body.sigma
     volumes[~known] = np.nan
     return volumes
+
+
+def is_borne_out(number: int, sides: tuple[Side, Side], noise: Noise, parts: tuple[Ints, Ints]) -> bool:
+    """Whether both sides show a part, or most of it lies away from free edges.
+
+    Where a surface ends its errors have tails that no level describes: one surface alone is no witness there.
+    """
+    own = [(part == number) & side.is_assessed for side, part in zip(sides, parts, strict=True)]
+    whole = [float(side.areas[here].sum()) for side, here in zip(sides, own, strict=True)]
+    at_rim = [float(side.areas[here & noise.is_at_rim(side)].sum()) for side, here in zip(sides, own, strict=True)]
+    return min(whole) > 0.0 or sum(at_rim) < 0.5 * sum(whole)
 
 
 def holds(number: int, sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints], level: float) -> bool:

@@ -8,10 +8,9 @@ import trimesh
 from scipy.stats import norm
 
 from monitor.comparison import compare, lague_lod95, level_of_detection
-from monitor.comparison.correlation import Correlation, estimate_correlation, kept_variance
 from monitor.comparison.level_of_detection import estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
-from monitor.comparison.region_figures import name_kind
+from monitor.comparison.region_figures import RegionView, name_kind, stands_out
 from projects.model import Registration, Surface
 
 
@@ -97,32 +96,6 @@ def test_floor_is_what_is_missing_to_the_spread(rng: np.random.Generator) -> Non
     assert estimate_floor(0.1 * sigma * norm.ppf(0.9), sigma) == 0.0
 
 
-def test_correlation_of_a_field_is_found(rng: np.random.Generator) -> None:
-    lags, found = np.array([0.03, 0.1]), []
-    for _ in range(6):
-        points = rng.uniform(0, 1, (1000, 3)) * [1, 1, 0]
-        lag = np.linalg.norm(points[:, None] - points[None], axis=-1)
-        field = np.linalg.cholesky(0.7 * np.exp(-lag / 0.05) + 0.3 * np.eye(1000)) @ rng.normal(size=1000)
-        found.append(estimate_correlation(points, field, np.full(1000, 1e-3), rng).at(lags))
-    # one field scatters by 0.05, the mean of six by 0.02
-    np.testing.assert_allclose(np.mean(found, axis=0), 0.7 * np.exp(-lags / 0.05), atol=0.06)
-
-
-def test_mean_over_a_patch_keeps_what_its_correlation_leaves(rng: np.random.Generator) -> None:
-    correlation = Correlation(np.array([0.8]), np.array([0.01]))
-    n, radius = 400, 0.02
-    points = (
-        radius
-        * np.sqrt(rng.uniform(size=n))[:, None]
-        * np.column_stack([np.cos(a := rng.uniform(0, 2 * np.pi, n)), np.sin(a)])
-    )
-    lag = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    by_hand = np.mean(np.where(lag > 0, 0.8 * np.exp(-lag / 0.01), 1.0))
-    kept = kept_variance(np.array([np.pi * radius**2]), np.array([n]), correlation)
-    assert kept[0] == pytest.approx(by_hand, rel=0.03)
-    assert correlation.area == pytest.approx(2 * np.pi * 0.8 * 1e-4)
-
-
 def test_benjamini_hochberg_gives_the_textbook_answer() -> None:
     p = np.array([0.001, 0.008, 0.039, 0.041, 0.042, 0.06, 0.074, 0.205, 0.212, 0.216])
     assert benjamini_hochberg(p, 0.05) == 0.008
@@ -161,3 +134,15 @@ def test_a_sheet_seen_in_one_epoch_only_is_not_taken_for_a_loss(rng: np.random.G
     behind = np.unique(inner) + n
     assert (result.on_compared.assessment[behind] == 0).all()  # 7 mm behind: neither changed nor unchanged
     assert np.isnan(result.on_compared.distances[behind]).all()
+
+
+def view_of(mean: float, sigma: float) -> RegionView:
+    """Return a region as one side sees it, of which only the mean and its sigma matter."""
+    return RegionView(1e-3, 1e-5, 0.0, 0.0, mean, sigma, (mean, sigma), np.zeros(3), 0.0)
+
+
+def test_sides_that_disagree_on_how_much_do_not_make_a_loss_doubtful() -> None:
+    assert stands_out([view_of(-6e-3, 5e-4), view_of(-3e-3, 5e-4)]) == pytest.approx(6.0)  # the weaker witness
+    assert stands_out([view_of(-6e-3, 5e-4)]) == pytest.approx(12.0)
+    assert stands_out([view_of(-6e-3, 5e-4), view_of(3e-3, 5e-4)]) == pytest.approx(-6.0)  # one of them is wrong
+    assert np.isnan(stands_out([view_of(-6e-3, np.nan)]))
