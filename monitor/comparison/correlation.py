@@ -1,7 +1,10 @@
 """How the errors of neighbouring vertices hang together: without this a million vertices are a million witnesses.
 
-In: standardized distances of stable vertices. Out: correlation against distance, nugget + sum of sills exp(-h / r),
-the area over which errors agree, and the share of variance that a mean over a patch keeps.
+In: standardized distances of stable vertices. Out: correlation against distance, nugget + sum of spherical models, the
+area over which errors agree, and the share of variance that a mean over a patch keeps.
+
+Spherical models end where fits end that share no point; exponential ones go on beyond, and keep twice the variance of a
+wide patch that it really has.
 """
 
 from __future__ import annotations
@@ -11,38 +14,45 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import pdist
 
 from projects.model import Floats, Ints
 
-N_SAMPLES = 1500  # vertices whose pairs show the correlation at distance
+N_SAMPLES = 2000  # vertices whose pairs show the correlation at each scale
 FEWEST_VERTICES = 50  # that a correlation is learned from
-N_NEAR = 12
+N_NEAR = 24  # of each sample at each scale
 N_BINS = 20
 N_RANGES = 8
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """rho(h) = sum sills exp(-h / ranges) for h > 0; what is missing to 1 is independent from vertex to vertex."""
+    """rho(h) = sum sills (1 - 1.5 u + 0.5 u^3), u = h / ranges up to 1, for h > 0; what is missing to 1 is independent
+    from vertex to vertex. Spherical models are valid in up to three dimensions (Matheron 1965)."""
 
     sills: Floats
     ranges: Floats
 
     def at(self, distance: Floats) -> Floats:
         """Return the correlation of errors `distance` [m] apart; 1 at zero distance."""
-        rho = np.exp(-distance[..., None] / self.ranges) @ self.sills
+        used = self.sills > 0.0
+        rho = spherical(distance[..., None] / self.ranges[used]) @ self.sills[used]
         return np.where(distance > 0.0, rho, 1.0)
 
     @property
     def area(self) -> float:
-        """Area [m2] that counts as one witness: the integral of rho over the plane, 2 pi sum sill r^2."""
-        return float(2.0 * np.pi * np.sum(self.sills * self.ranges**2))
+        """Area [m2] that counts as one witness: the integral of rho over the plane, pi / 5 sum sill r^2."""
+        return float(0.2 * np.pi * np.sum(self.sills * self.ranges**2))
 
     @property
     def length(self) -> float:
         """Correlation length [m]: radius of the disc of that area."""
         return float(np.sqrt(self.area / np.pi))
+
+
+def spherical(u: Floats) -> Floats:
+    """Return the spherical model 1 - 1.5 u + 0.5 u^3 at distance over range `u`, 0 beyond 1."""
+    inside = np.minimum(u, 1.0)
+    return 1.0 - inside * (1.5 - 0.5 * inside * inside)
 
 
 def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.random.Generator) -> Correlation:
@@ -53,35 +63,40 @@ def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.
     """
     n = len(points)
     spacing = float(np.sqrt(np.median(areas))) if n else 1.0
-    longest = max(0.1 * float(np.linalg.norm(np.ptp(points, axis=0))) if n else 0.0, 2.0 * spacing)
-    ranges = np.geomspace(spacing, longest, N_RANGES)
+    longest = max(0.3 * float(np.linalg.norm(np.ptp(points, axis=0))) if n else 0.0, 6.0 * spacing)
+    ranges = np.geomspace(3.0 * spacing, longest, N_RANGES)
     scale = 1.4826 * float(np.median(np.abs(errors))) if n else 0.0
     if n < FEWEST_VERTICES or scale == 0.0:
         return Correlation(np.zeros(N_RANGES), ranges)
     usual = np.abs(errors) <= 3.0 * scale
     points, errors = points[usual], errors[usual] / max(scale, 1e-300)
-    lag, product = _pair_products(points, errors, rng)
-    edges = np.geomspace(0.5 * spacing, 3.0 * longest, N_BINS + 1)
-    where = np.digitize(lag, edges) - 1
+    lag, product = _pair_products(points, errors, spacing, longest, rng)
+    edges = np.geomspace(0.5 * spacing, longest, N_BINS + 1)
+    where = np.digitize(lag, edges) - 1  # below 0: the vertex itself
     inside = (where >= 0) & (where < N_BINS)
     count = np.bincount(where[inside], minlength=N_BINS)
     used = count >= 30
     total = np.bincount(where[inside], product[inside], minlength=N_BINS)
     mean_lag = np.bincount(where[inside], lag[inside], minlength=N_BINS)[used] / count[used]
     rho = total[used] / count[used] / float(np.mean(errors**2))
-    sills, _ = nnls(np.exp(-mean_lag[:, None] / ranges), rho)
+    sills, _ = nnls(spherical(mean_lag[:, None] / ranges), rho)
     return Correlation(sills / max(float(sills.sum()), 1.0), ranges)
 
 
-def _pair_products(points: Floats, errors: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return the distances and products of pairs: near neighbours of some vertices, and all pairs of these."""
-    some = rng.choice(len(points), min(N_SAMPLES, len(points)), replace=False)
-    near_lag, near = cKDTree(points).query(points[some], k=min(N_NEAR + 1, len(points)))
-    i, j = np.triu_indices(len(some), 1)
-    far_lag = pdist(points[some])
-    near_product = errors[some][:, None] * errors[near[:, 1:]]
-    return (np.concatenate([near_lag[:, 1:].ravel(), far_lag]),
-            np.concatenate([near_product.ravel(), errors[some[i]] * errors[some[j]]]))  # fmt: skip
+def _pair_products(points: Floats, errors: Floats, spacing: float, longest: float, rng: np.random.Generator,
+                   ) -> tuple[Floats, Floats]:  # fmt: skip
+    """Return the distances and products of pairs, as many at each scale: every scale looks at `N_NEAR` neighbours among
+    a draw of the vertices as dense as its reach asks for, four spacings and then twice as far each."""
+    n = len(points)
+    some = rng.choice(n, min(N_SAMPLES, n), replace=False)
+    lags, products = [], []
+    for reach in 4.0 * spacing * 2.0 ** np.arange(np.ceil(np.log2(max(longest / (4.0 * spacing), 1.0))) + 1):
+        share = min(N_NEAR * spacing**2 / (np.pi * reach**2), 1.0)
+        drawn = rng.choice(n, min(max(int(share * n), N_NEAR + 1), n), replace=False)
+        lag, near = cKDTree(points[drawn]).query(points[some], k=min(N_NEAR + 1, len(drawn)))
+        lags.append(lag.ravel())
+        products.append((errors[some][:, None] * errors[drawn[near]]).ravel())
+    return np.concatenate(lags), np.concatenate(products)
 
 
 def kept_variance(areas: Floats, n_vertices: Ints, correlation: Correlation) -> Floats:
@@ -97,7 +112,7 @@ def kept_variance(areas: Floats, n_vertices: Ints, correlation: Correlation) -> 
     nodes, weights = np.polynomial.legendre.leggauss(48)
     t = 0.5 * (nodes + 1.0)  # distance over diameter
     density = t * (np.arccos(t) - t * np.sqrt(1.0 - t * t)) * weights
-    rho = np.exp(-2.0 * table[:, None, None] * t[None, :, None] / correlation.ranges) @ correlation.sills
+    rho = spherical(2.0 * table[:, None, None] * t[None, :, None] / correlation.ranges) @ correlation.sills
     between = np.interp(radius, table, rho @ (density / density.sum()))
     n = np.maximum(n_vertices, 1)
     return 1.0 / n + (1.0 - 1.0 / n) * between

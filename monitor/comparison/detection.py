@@ -3,7 +3,7 @@
 In: the two measured sides. Out: the noise learned from what is stable, and for each side lod95, the smoothed change
 and whether each vertex is changed. Two passes: the first finds what stands out of the core of all distances; the
 second learns from all the rest, stable by registration or not, since areas chosen for their small residuals show too
-little noise.
+little noise. What is suspect, significant or not, does not teach: a change not found yet would raise its own floor.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from projects.model import Bools, Floats, Ints, Registration
 
 Sizes = list[list[Patches]]  # [size][side]
 
+SUSPECT = 1e-3  # p value up to which a patch does not teach the noise, significant or not
 N_ROUNDS = 2  # of learning from what the last test left unchanged
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
 
@@ -162,9 +163,9 @@ def _standardize(patches: Patches) -> Floats:
 
 
 def away_from(side: Side, test: Tested, which: int) -> Bools:
-    """Return which assessed vertices lie neither in a significant unit nor in one that touches it."""
+    """Return which assessed vertices lie neither in a significant or suspect unit nor in one that touches it."""
     number = test.units[which].number
-    hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= test.limit
+    hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= max(test.limit, SUSPECT)
     pairs = number[side.edges[both_in(number >= 0, side.edges)]]
     touched = np.append(hit, False)  # unit -1, not assessable, is the last
     touched[pairs[hit[pairs[:, 0]], 1]] = True

@@ -112,7 +112,7 @@ def measure_patches(units: Units, members: csr_matrix, correlation: Correlation,
 
 def patch_radii(size: float, area: float) -> list[float]:
     """Return the radii [m] of the patches tested, for units of edge `size` [m] on a surface of `area` [m2]."""
-    return [r * size for r in REACHES if np.pi * (r * size + 0.5 * size) ** 2 <= LARGEST_SHARE * area or r == 0.0]
+    return [r * size for r in REACHES if np.pi * (r * size) ** 2 <= LARGEST_SHARE * area or r == 0.0]
 
 
 def benjamini_hochberg(p: Floats, level: float) -> float:

@@ -72,7 +72,7 @@ def test_a_bowl_is_found_with_its_sign_place_and_volume(rng: np.random.Generator
     assert abs(region.volume_m3 - truth) < 3.0 * region.sigma_volume_m3
     assert region.extreme_m == pytest.approx(-sign * 2e-3, abs=2e-4)
     assert 0.6 * np.pi * 0.02**2 < region.area_m2 < 1.1 * np.pi * 0.02**2
-    assert np.hypot(region.x - 0.0595, region.y - 0.0595) < 1e-3
+    assert np.hypot(region.x - 0.0595, region.y - 0.0595) < 3e-3  # rms of 20 seeds: 1.03 mm, of the ragged border
     changed = result.on_compared.assessment == Assessment.CHANGED
     assert np.all(np.sign(result.on_compared.distances[changed & (np.abs(change.ravel()) > 1e-3)]) == -sign)
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from monitor.comparison.correlation import Correlation
+from monitor.comparison.correlation import Correlation, spherical
 from monitor.comparison.noise import STATED_WITNESSES, count_witnesses, size_of_errors
 
 
 def test_witnesses_of_a_variance_are_those_that_its_scatter_shows(rng: np.random.Generator) -> None:
     points = np.column_stack([rng.uniform(0.0, 1.0, (300, 2)), np.zeros(300)])
-    correlation = Correlation(np.array([0.6]), np.array([0.2]))
+    correlation = Correlation(np.array([0.6]), np.array([0.4]))
     lag = cdist(points, points)
-    rho = np.where(lag > 0.0, 0.6 * np.exp(-lag / 0.2), 1.0)
+    rho = np.where(lag > 0.0, 0.6 * spherical(lag / 0.4), 1.0)
     errors = np.linalg.cholesky(rho) @ rng.normal(size=(300, 4000))
     scatter2 = np.var(np.mean(errors**2, axis=0))  # 2 / n of n independent ones
     assert count_witnesses(points, correlation, rng) == pytest.approx(2.0 / scatter2, rel=0.1)  # of means: a quarter
