@@ -27,7 +27,6 @@ from monitor.comparison.region_figures import (
     view_sides,
 )
 from monitor.comparison.side import Side, both_in
-from monitor.comparison.units import sum_groups
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
 
@@ -46,10 +45,9 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     least = least_area(sides, found)
     gone = area_looked_through(sides, beyond, parts, len(area))
     candidates = np.flatnonzero(area >= least)
-    stands = [bool(gone[k] >= least) or (is_borne_out(int(k), sides, found.noise, parts)
-                                         and holds(int(k), sides, found.test, parts, level))
-              for k in candidates]  # fmt: skip
-    kept = candidates[np.array(stands, dtype=np.bool_)]
+    stands = hold_patches(sides, found.test, parts, len(area), level)
+    stands &= bear_out_parts(sides, found.noise, parts, len(area))
+    kept = candidates[(stands | (gone >= least))[candidates]]
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     regions = [number[part] for part in parts]  # part -1 is the last entry: 0
@@ -133,33 +131,43 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
     return volumes
 
 
-def is_borne_out(number: int, sides: tuple[Side, Side], noise: Noise, parts: tuple[Ints, Ints]) -> bool:
-    """Whether both sides show a part, or most of it lies away from free edges.
+def bear_out_parts(sides: tuple[Side, Side], noise: Noise, parts: tuple[Ints, Ints], n_parts: int) -> Bools:
+    """Return which parts (n_parts,) both sides show, or lie mostly away from free edges.
 
     Where a surface ends its errors have tails that no level describes: one surface alone is no witness there.
     """
-    own = [(part == number) & side.is_assessed for side, part in zip(sides, parts, strict=True)]
-    whole = [float(side.areas[here].sum()) for side, here in zip(sides, own, strict=True)]
-    at_rim = [float(side.areas[here & noise.is_at_rim(side)].sum()) for side, here in zip(sides, own, strict=True)]
-    return min(whole) > 0.0 or sum(at_rim) < 0.5 * sum(whole)
+    whole, at_rim = np.zeros((2, n_parts)), np.zeros((2, n_parts))
+    for k, (side, part) in enumerate(zip(sides, parts, strict=True)):
+        own = (part >= 0) & side.is_assessed
+        rim = own & noise.is_at_rim(side)
+        whole[k] = np.bincount(part[own], side.areas[own], minlength=n_parts)
+        at_rim[k] = np.bincount(part[rim], side.areas[rim], minlength=n_parts)
+    return np.asarray((whole > 0.0).all(axis=0) | (at_rim.sum(axis=0) < 0.5 * whole.sum(axis=0)))
 
 
-def holds(number: int, sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints], level: float) -> bool:
-    """Whether a part makes up at least half of the change of a patch that is significant among all patches tested.
+def hold_patches(sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints], n_parts: int, level: float) -> Bools:
+    """Return which parts (n_parts,) make up most of the change of a patch that is significant among all patches tested.
 
-    Noise beside a large change shares its patches, but does not make them.
+    All parts together are at least half of it, and this one is the largest: a faint change falls to pieces vertex by
+    vertex. Noise beside a large change shares its patches, but does not make them.
     """
+    stands = np.zeros(n_parts, dtype=np.bool_)
     for k, side in enumerate(sides):
         units = test.units[k]
-        vertices = np.flatnonzero((parts[k] == number) & (units.number >= 0))
-        change = side.areas[vertices] * side.distances[vertices]
-        here = sum_groups(units.number[vertices], change, len(units.means))
+        at = np.flatnonzero((parts[k] >= 0) & (units.number >= 0))
+        change = side.areas[at] * side.distances[at]
+        of_units = coo_matrix((change, (units.number[at], parts[k][at])), shape=(len(units.means), n_parts)).tocsr()
         for patches, p_values in zip(test.patches, test.p_values, strict=True):
-            whole = patches[k].members @ (units.areas * units.means)
-            share = (patches[k].members @ here) / np.where(whole == 0.0, np.inf, whole)
-            if ((p_values[k] <= level / test.n_tested) & (share >= 0.5)).any():
-                return True
-    return False
+            significant = np.flatnonzero(p_values[k] <= level / test.n_tested)
+            if not (len(significant) and n_parts):
+                continue
+            members = patches[k].members[significant]
+            whole = members @ (units.areas * units.means)
+            share = (members @ of_units).multiply(1.0 / np.where(whole == 0.0, np.inf, whole)[:, None]).tocsr()
+            most = np.asarray(share.argmax(axis=1)).ravel()
+            together = np.asarray(share.maximum(0.0).sum(axis=1)).ravel()
+            stands[most[together >= 0.5]] = True
+    return stands
 
 
 def least_area(sides: tuple[Side, Side], found: Detected) -> float:
