@@ -12,9 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from projects.model import Bools, Floats, PointCloud
+from monitor.filtering.silhouettes import RIM_GAP, widest_gap
+from projects.model import Bools, Floats, Ints, PointCloud
 
-N_BEAMS = 4  # beams of the other scan that must have passed, the nearest ones
+N_AROUND = 16  # beams of the other scan that must have passed, the nearest ones, on all sides
+N_BEAMS = 4  # of them, none farther aside than twice their own spacing
 N_AGREE = 6  # nearest points of the same scan, of which half must be contradicted as well
 SIGMAS = 5.0
 STEEPEST = math.radians(80.0)  # a surface that the beams pass beside may lie as steep as this
@@ -23,9 +25,11 @@ STEEPEST = math.radians(80.0)  # a surface that the beams pass beside may lie as
 def find_seen_through(clouds: Sequence[PointCloud], slack: float = 0.0) -> list[Bools]:
     """Return for each cloud the points (n,) that the beams of another cloud passed through.
 
-    A point is contradicted where the four beams of another scan that pass nearest to it, none farther aside than twice
-    that scan's own spacing, all went on behind it by more than a steep surface, the noise of both and `slack` explain.
-    At least half of the points next to it must be contradicted too; a wire between the beams stays.
+    A point is contradicted where the beams of another scan that pass nearest to it, none of the four nearest farther
+    aside than twice that scan's own spacing, all went on behind it by more than a steep surface, the noise of both and
+    `slack` explain. They must pass on all sides of it: at the silhouette of a body whose rim was dropped, the nearest
+    beams that are left may all pass beside the body. At least half of the points next to it must be contradicted too; a
+    wire between the beams stays.
 
     Parameters
     ----------
@@ -40,10 +44,9 @@ def find_seen_through(clouds: Sequence[PointCloud], slack: float = 0.0) -> list[
         beams = other.points - other.origins
         ranges = np.linalg.norm(beams, axis=1)
         tree = cKDTree(beams / ranges[:, None])
-        steps = tree.query(tree.data, N_BEAMS + 1)[0][:, -1]
         for k, cloud in enumerate(clouds):
             if k != j and len(cloud):
-                masks[k] |= _passed(cloud, other, (tree, ranges, steps), slack)
+                masks[k] |= _passed(cloud, other, (tree, ranges), slack)
     return [mask & _agreed(cloud, mask) for cloud, mask in zip(clouds, masks, strict=True)]
 
 
@@ -53,17 +56,37 @@ def _is_usable(cloud: PointCloud) -> bool:
     return known and len(cloud) > 2 * N_BEAMS
 
 
-def _passed(cloud: PointCloud, other: PointCloud, seen: tuple[cKDTree, Floats, Floats], slack: float) -> Bools:
+def _passed(cloud: PointCloud, other: PointCloud, seen: tuple[cKDTree, Floats], slack: float) -> Bools:
     """Return the points (n,) of a cloud that all of the nearest beams of the other passed."""
-    tree, ranges, steps = seen
+    tree, ranges = seen
     assert other.origins is not None
-    towards = cloud.points - other.origins
-    here = np.linalg.norm(towards, axis=1)
-    aside, beam = tree.query(towards / np.maximum(here, 1e-12)[:, None], N_BEAMS)
+    here, towards = _look(cloud.points - other.origins)
+    aside, beam = tree.query(towards)
+    passed = _all_behind(cloud, other, here, aside[:, None], (beam[:, None], ranges), slack)
+    which = np.flatnonzero(passed)  # most points end here
+    if len(which):
+        aside, beam = tree.query(towards[which], min(N_AROUND, len(other)))
+        passed[which] = _all_behind(cloud.take(which), other, here[which], aside, (beam, ranges), slack)
+        steps = tree.query(tree.data[beam[:, :N_BEAMS]], N_BEAMS + 1)[0][:, :, -1]
+        passed[which] &= aside[:, N_BEAMS - 1] <= 2.0 * np.median(steps, axis=1)
+        passed[which] &= widest_gap(towards[which], tree.data[beam] - towards[which][:, None]) < RIM_GAP
+    return passed
+
+
+def _look(vectors: Floats) -> tuple[Floats, Floats]:
+    """Return the lengths (n,) [m] of vectors (n, 3) and their directions."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    return lengths, vectors / np.maximum(lengths, 1e-12)[:, None]
+
+
+def _all_behind(
+    cloud: PointCloud, other: PointCloud, here: Floats, aside: Floats, beams: tuple[Ints, Floats], slack: float
+) -> Bools:
+    """Return the points (n,) at range `here` [m] behind which all the beams (n, k) `aside` by so many rad ended."""
+    beam, ranges = beams
     sigma = np.hypot(_sigma(cloud)[:, None], _sigma(other)[beam])
     limit = here[:, None] * aside * math.tan(STEEPEST) + SIGMAS * sigma + slack
-    surrounded = aside[:, -1] <= 2.0 * np.median(steps[beam], axis=1)
-    return surrounded & (ranges[beam] - here[:, None] > limit).all(axis=1)
+    return np.asarray((ranges[beam] - here[:, None] > limit).all(axis=1))
 
 
 def _sigma(cloud: PointCloud) -> Floats:

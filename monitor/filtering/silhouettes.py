@@ -57,7 +57,7 @@ class SilhouetteSettings:
         meaning="whether drop_rims takes the border of what the scan holds too, where a spot may reach over nothing",
     )
     drop_seen_through: bool = setting(
-        False,
+        True,
         unit="",
         meaning="whether points are dropped that the beams of another scan of the epoch passed through",
     )
@@ -225,7 +225,7 @@ def _mark_jumps(directions: Any, ranges: Any, noise: Any, near: Any, first: int,
 def _beside_nothing(field: _Field) -> Bools:
     """Return the directions (n,) half of whose surroundings is empty."""
     wide = [
-        _widest_gap(field.index.points[which], field.index.points[near] - field.index.points[which][:, None]) > RIM_GAP
+        widest_gap(field.index.points[which], field.index.points[near] - field.index.points[which][:, None]) > RIM_GAP
         for which, near in field.blocks(np.arange(len(field.order)), N_ASIDE + 1)
     ]
     return np.concatenate(wide) if wide else np.zeros(0, dtype=bool)
@@ -243,7 +243,7 @@ def _has_inner(field: _Field, rims: Bools) -> Bools:
     return named
 
 
-def _widest_gap(directions: Floats, aside: Floats) -> Floats:
+def widest_gap(directions: Floats, aside: Floats) -> Floats:
     """Return the widest angle (n,) [rad] about each direction (n, 3) in which none of its neighbours (n, k, 3) lies."""
     across = np.cross(directions, np.where(np.abs(directions[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
     upward = np.cross(directions, across)

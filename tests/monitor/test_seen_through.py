@@ -46,6 +46,22 @@ def test_a_real_body_stays_where_both_stations_saw_it(rng):
     assert sum(mask[:-n].sum() for mask in masks) == 0
 
 
+def test_the_silhouette_of_a_body_whose_rim_the_other_scan_dropped_stays(rng):
+    """Of a plate 0.3 m before the wall the second scan has no rim, 8 mm: beams pass beside it, and none within."""
+    n = 6000
+    plate = np.c_[rng.uniform(-0.1, 0.1, (n, 2)), 0.3 + rng.normal(0, SIGMA, n)]
+    whole = wall(rng, LEFT, more=plate)
+    full = wall(rng, RIGHT).points
+    on_plate = RIGHT + (full - RIGHT) * ((0.3 - RIGHT[2]) / (full[:, 2] - RIGHT[2]))[:, None]
+    clear = (np.abs(on_plate[:, :2]) > 0.1).any(axis=1)
+    inner = (np.abs(plate[:, :2]) < 0.092).all(axis=1)
+    points = np.concatenate([full[clear], plate[inner]])
+    cut = PointCloud(points, origins=RIGHT, spread=np.full(len(points), SIGMA))
+    first, second = find_seen_through([whole, cut])
+    assert first.sum() == 0
+    assert second.sum() == 0
+
+
 def test_a_wire_between_the_beams_stays(rng):
     """A wire seen by one scan, too thin for the spacing of the other, whose wall shows through beside it."""
     wire = np.c_[np.linspace(-0.1, 0.1, 60), np.full(60, 0.1), np.full(60, 0.01)]

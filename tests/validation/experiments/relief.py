@@ -65,14 +65,14 @@ def make_view(scene, pose: Floats, window: Window, step: float) -> View:
 
 
 def errors_of(surface: Surface, view: View) -> Floats:
-    """Return by how much the surface lies before (positive) what could be seen, across it, NaN where it is open [m]."""
+    """Return by how much nearer (positive) the surface is than what could be seen, along the beams [m]; NaN: open."""
     o3d = load_open3d()
     scene = o3d.t.geometry.RaycastingScene(nthreads=2)
     shifted = (surface.vertices - view.origin).astype(np.float32)
     scene.add_triangles(o3d.core.Tensor(shifted), o3d.core.Tensor(surface.faces.astype(np.uint32)))
     rays = np.column_stack([np.zeros_like(view.beams), view.beams]).astype(np.float32)
     hit = scene.cast_rays(o3d.core.Tensor(rays), nthreads=2)["t_hit"].numpy().astype(float)
-    return np.where(np.isfinite(hit), (view.ranges - hit) * view.cosines, np.nan)
+    return np.where(np.isfinite(hit), view.ranges - hit, np.nan)
 
 
 def brow_heights(points: Floats, heights: Floats) -> Floats:
@@ -119,7 +119,7 @@ def rows_of(case: str, surface: Surface, view: View, paper: str, asked: float) -
     """Return rms, edges, brows and how much of the relief there is."""
     error = errors_of(surface, view)
     offset = float(np.nanmedian(error))  # drift and what else is common: a range offset, stated beside
-    free = 1e3 * (error - offset)
+    free = 1e3 * (error - offset) * view.cosines  # across the surface, of which a steep one has less of an offset
 
     def rms(which: Bools) -> float:
         return float(np.sqrt(np.nanmean(free[which] ** 2)))
@@ -127,7 +127,7 @@ def rows_of(case: str, surface: Surface, view: View, paper: str, asked: float) -
     everywhere = rms(np.ones(len(free), bool))
     flat, steep = rms(view.regions["flat"]), rms(view.regions["steep"])
     ideal = view.origin + view.ranges[:, None] * view.beams
-    ours = ideal - (error / np.maximum(view.cosines, 0.05))[:, None] * view.beams
+    ours = ideal - error[:, None] * view.beams
     known = np.isfinite(error)
     could = brow_heights(ideal[:, [0, 2]], -ideal[:, 1])
     kept = brow_heights(ours[known][:, [0, 2]], -ours[known][:, 1])
