@@ -128,6 +128,25 @@ def number_nodes(marks: Any) -> Any:
 
 
 @jit(nopython=True, cache=True, nogil=True)
+def index_nodes(nodes: Ints, shape: Ints) -> Any:
+    """Dense index of nodes (n, 3) numbered in their order, -1 elsewhere."""
+    index = np.full((shape[0], shape[1], shape[2]), -1, np.int32)
+    for i in range(nodes.shape[0]):
+        index[nodes[i, 0], nodes[i, 1], nodes[i, 2]] = i
+    return index
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def take_values(number: Ints, values: Any, edge: int, shift: Ints, index: Any, out: Any) -> None:
+    """Write to `out` (n,) the values of a tile's nodes, `number` within its cube of `edge`, that `index` has too."""
+    for k in range(number.shape[0]):
+        rest = number[k] // edge
+        a, b, c = rest // edge + shift[0], rest % edge + shift[1], number[k] % edge + shift[2]
+        if 0 <= a < index.shape[0] and 0 <= b < index.shape[1] and 0 <= c < index.shape[2] and index[a, b, c] >= 0:
+            out[index[a, b, c]] = values[k]
+
+
+@jit(nopython=True, cache=True, nogil=True)
 def node_neighbours(nodes: Ints, index: Any) -> Any:
     """Neighbours (n, 6) of each node: +x +y +z -x -y -z; -1 where the band ends."""
     out = np.full((nodes.shape[0], 6), -1, np.int32)

@@ -20,7 +20,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.reconstruction.band import Tiles, cut_tiles, in_box, mark_cells, node_neighbours, number_nodes
+from monitor.reconstruction.band import (
+    Tiles,
+    cut_tiles,
+    in_box,
+    index_nodes,
+    mark_cells,
+    node_neighbours,
+    number_nodes,
+    take_values,
+)
 from monitor.reconstruction.contour import contour_tile
 from monitor.reconstruction.poisson import (
     BLUR_PASSES,
@@ -28,6 +37,7 @@ from monitor.reconstruction.poisson import (
     blur,
     divergence,
     field_and_start,
+    screening_cells,
     screening_rows,
     solve_field,
     splat_normals,
@@ -83,10 +93,12 @@ def localized_mesh(
     numbers = range(len(tiles.corners))
     with tempfile.TemporaryDirectory(prefix="surface-tiles-") as folder:
         fields: Spool | None = None
+        prepared = Spool(Path(folder, "prepared"))
+        list(run(partial(prepare_tile, lattice, prepared), numbers))
         for sweep in range(sweeps):
             tolerance = EXACTLY if sweep == sweeps - 1 else ROUGHLY
             solved = Spool(Path(folder, f"sweep-{sweep}"))
-            list(run(partial(solve_tile, lattice, fields, solved, tolerance), numbers))
+            list(run(partial(solve_tile, lattice, prepared, fields, solved, tolerance), numbers))
             fields = solved
         assert fields is not None
         pieces = Spool(Path(folder, "pieces"))
@@ -109,11 +121,8 @@ def _map_threads(function: Callable[[int], Any], numbers: Sequence[int]) -> list
         return list(pool.map(function, numbers))
 
 
-def solve_tile(lattice: Lattice, known: Spool | None, solved: Spool, tolerance: float, tile: int) -> None:
-    """Solve one tile with its halo; where its neighbours' values are `known`, they hold the rim of the halo.
-
-    What the tile owns goes to `solved`: the numbers of its nodes within the tile, and their values in cells.
-    """
+def prepare_tile(lattice: Lattice, prepared: Spool, tile: int) -> None:
+    """Lay aside what a tile with its halo is solved from: its nodes, first values, divergence, cells with points."""
     corner, edge = lattice.tiles.corners[tile], lattice.tiles.edge
     low, high = corner - HALO, corner + edge + HALO
     band, rows = tile_band(lattice.tiles, tile, HALO + SPLAT_HALO, BAND)
@@ -121,20 +130,36 @@ def solve_tile(lattice: Lattice, known: Spool | None, solved: Spool, tolerance: 
     sums = splat_normals(local, lattice.normals[rows], band.index, len(band.nodes))
     sums = blur(sums, node_neighbours(band.nodes, band.index), BLUR_PASSES)
     band, keep = restrict(band, low, high)
-    neighbours = node_neighbours(band.nodes, band.index)
     mean, start = field_and_start(sums[keep], band.nodes)
+    rhs = divergence(mean, node_neighbours(band.nodes, band.index))
     local = local[in_box(local, low - band.low, high - band.low - 1)]
-    corners, weights, full = screening_rows(local, band.index, lattice.full_cell)
+    cells, places, full = screening_cells(local, band.index.shape, lattice.full_cell)
+    frame = np.array([band.low, band.index.shape])
+    prepared.put(tile, frame, band.nodes, start, rhs, cells.astype(np.int16), places, full)
+
+
+def solve_tile(
+    lattice: Lattice, prepared: Spool, known: Spool | None, solved: Spool, tolerance: float, tile: int
+) -> None:
+    """Solve one tile with its halo; where its neighbours' values are `known`, they hold the rim of the halo.
+
+    What the tile owns goes to `solved`: the numbers of its nodes within the tile, and their values in cells.
+    """
+    corner, edge = lattice.tiles.corners[tile], lattice.tiles.edge
+    (low, shape), nodes, start, rhs, cells, places, full = prepared.get(tile, 7)
+    band = Band(index_nodes(nodes, shape), nodes, low)
+    neighbours = node_neighbours(band.nodes, band.index)
+    corners, weights = screening_rows(cells, places, band.index)
     is_fixed = np.zeros(len(start), np.bool_)
     if known is not None:
         given = spread(band, known, lattice.tiles, lattice.tiles.neighbours(tile, HALO))
         is_known = np.isfinite(given)
         start = np.where(is_known, given, start)
-        is_fixed = is_known & ~in_box(band.nodes, low + 1 - band.low, high - 1 - band.low)
+        is_fixed = is_known & ~in_box(nodes, corner - HALO + 1 - low, corner + edge + HALO - 1 - low)
     screening = (corners, weights, full * np.float32((2 * BAND + 1) / SCREENING_LENGTH**2))
-    solve_field(start, divergence(mean, neighbours), neighbours, screening, is_fixed, tolerance, MOST_ITERATIONS)
+    solve_field(start, rhs, neighbours, screening, is_fixed, tolerance, MOST_ITERATIONS)
     own = owned(band, corner, edge)
-    inside = (band.nodes[own] + band.low - corner).astype(np.int32)
+    inside = (nodes[own] + low - corner).astype(np.int32)
     solved.put(tile, (inside[:, 0] * edge + inside[:, 1]) * edge + inside[:, 2], start[own])
 
 
@@ -168,9 +193,7 @@ def restrict(band: Band, low: Ints, high: Ints) -> tuple[Band, Bools]:
     """Return the band with only the nodes in [low, high) of the lattice, and which those are."""
     keep = in_box(band.nodes, low - band.low, high - band.low)
     nodes = np.ascontiguousarray(band.nodes[keep])
-    index = np.full_like(band.index, -1)
-    index[nodes[:, 0], nodes[:, 1], nodes[:, 2]] = np.arange(len(nodes))
-    return Band(index, nodes, band.low), keep
+    return Band(index_nodes(nodes, np.array(band.index.shape)), nodes, band.low), keep
 
 
 def owned(band: Band, corner: Ints, edge: int) -> Bools:
@@ -182,11 +205,7 @@ def owned(band: Band, corner: Ints, edge: int) -> Bools:
 def spread(band: Band, fields: Spool, tiles: Tiles, owners: list[int]) -> Any:
     """Return the owners' values at the band's nodes (n,) float32, NaN where no owner has one."""
     out = np.full(len(band.nodes), np.nan, np.float32)
-    shape, edge = np.array(band.index.shape), tiles.edge
     for j in owners:
         number, values = fields.get(j, 2)
-        at = np.stack(np.unravel_index(number, (edge, edge, edge)), axis=1) + (tiles.corners[j] - band.low)
-        inside = in_box(at, np.zeros(3, np.int64), shape)
-        row = band.index[at[inside, 0], at[inside, 1], at[inside, 2]]
-        out[row[row >= 0]] = values[inside][row >= 0]
+        take_values(number, values, tiles.edge, tiles.corners[j] - band.low, band.index, out)
     return out

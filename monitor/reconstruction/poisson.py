@@ -35,8 +35,11 @@ def corner_weights(x: float, y: float, z: float, weights: Any) -> None:
 
 @jit(nopython=True, cache=True, nogil=True)
 def splat_normals(points: Floats, normals: Floats, index: Any, n_nodes: int) -> Any:
-    """Weighted sums at the nodes (n, 5): normal, weight, and normal . point (all in cell units)."""
-    sums = np.zeros((n_nodes, 5), np.float32)
+    """Weighted sums at the nodes (n, 8): normal, weight, and normal . point (all in cell units), and room.
+
+    The room makes one vector of a node, which `blur` takes at once.
+    """
+    sums = np.zeros((n_nodes, 8), np.float32)
     weights = np.empty(8)
     for i in range(points.shape[0]):
         a, b, c = int(points[i, 0]), int(points[i, 1]), int(points[i, 2])
@@ -60,7 +63,7 @@ def blur(sums: Any, neighbours: Ints, n_passes: int) -> Any:
         for axis in range(3):
             for i in range(sums.shape[0]):
                 up, down = neighbours[i, axis], neighbours[i, axis + 3]
-                for q in range(5):
+                for q in range(8):
                     value = np.float32(0.5) * sums[i, q]
                     if up >= 0:
                         value += np.float32(0.25) * sums[up, q]
@@ -100,13 +103,13 @@ def divergence(mean: Any, neighbours: Ints) -> Any:
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def screening_rows(points: Floats, index: Any, full_cell: float) -> Any:
-    """One row a cell that holds points: its 8 nodes, the weights of the mean point, and how full it is (0 to 1).
+def screening_cells(points: Floats, shape: Any, full_cell: float) -> Any:
+    """Cells that hold points: lowest node (k, 3), mean point within the cell (k, 3), and how full it is (0 to 1).
 
     `full_cell` is the number of points that fill a cell at the epoch's spacing; a cell that the surface only touches
     holds fewer and weighs less.
     """
-    cell_of = np.full(index.shape, -1, np.int32)
+    cell_of = np.full(shape, -1, np.int32)
     cells = np.empty((points.shape[0], 3), np.int32)
     sums = np.zeros((points.shape[0], 4))
     n = 0
@@ -122,15 +125,24 @@ def screening_rows(points: Floats, index: Any, full_cell: float) -> Any:
         sums[k, 1] += points[i, 1] - b
         sums[k, 2] += points[i, 2] - c
         sums[k, 3] += 1.0
-    corners, weights = np.empty((n, 8), np.int32), np.empty((n, 8), np.float32)
-    full = np.empty(n, np.float32)
+    places, full = np.empty((n, 3)), np.empty(n, np.float32)
     for k in range(n):
-        m = sums[k, 3]
-        corner_weights(sums[k, 0] / m, sums[k, 1] / m, sums[k, 2] / m, weights[k])
+        for a in range(3):
+            places[k, a] = sums[k, a] / sums[k, 3]
+        full[k] = min(sums[k, 3] / full_cell, 1.0)
+    return cells[:n].copy(), places, full
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def screening_rows(cells: Any, places: Floats, index: Any) -> Any:
+    """One row a cell that holds points: its 8 nodes, and the weights of the mean point."""
+    n = cells.shape[0]
+    corners, weights = np.empty((n, 8), np.int32), np.empty((n, 8), np.float32)
+    for k in range(n):
+        corner_weights(places[k, 0], places[k, 1], places[k, 2], weights[k])
         for q in range(8):
             corners[k, q] = index[cells[k, 0] + (q & 1), cells[k, 1] + ((q >> 1) & 1), cells[k, 2] + (q >> 2)]
-        full[k] = min(m / full_cell, 1.0)
-    return corners, weights, full
+    return corners, weights
 
 
 @jit(nopython=True, cache=True, nogil=True)
@@ -151,18 +163,18 @@ def link_nodes(neighbours: Ints, is_fixed: Any) -> Any:
 def apply_operator(x: Any, out: Any, links: Any, screening: Any, is_fixed: Any) -> None:
     """out = (graph Laplacian + screening) x, zero at fixed nodes; `screening` is (corners, weights, pull)."""
     corners, weights, pull = screening
-    for i in range(x.shape[0]):
+    for i in range(np.uint64(x.shape[0])):
         out[i] = np.float32(6.0) * x[i] - (
             (x[links[0, i]] + x[links[1, i]]) + (x[links[2, i]] + x[links[3, i]]) + (x[links[4, i]] + x[links[5, i]])
         )
-    for p in range(corners.shape[0]):
+    for p in range(np.uint64(corners.shape[0])):
         v = np.float32(0.0)
         for q in range(8):
             v += weights[p, q] * x[corners[p, q]]
         v *= pull[p]
         for q in range(8):
             out[corners[p, q]] += v * weights[p, q]
-    for i in range(x.shape[0]):
+    for i in range(np.uint64(x.shape[0])):
         if is_fixed[i]:
             out[i] = np.float32(0.0)
 
@@ -172,7 +184,7 @@ def solve_field(x: Any, rhs: Any, neighbours: Ints, screening: Any, is_fixed: An
     """Conjugate gradients with Jacobi preconditioning, in place on `x`; returns the number of iterations."""
     screening = (screening[0].astype(np.uint32), screening[1], screening[2])
     corners, weights, pull = screening
-    n = x.shape[0]
+    n = np.uint64(x.shape[0])  # unsigned, as of `link_nodes`
     nowhere = np.zeros(n, np.bool_)
     links = link_nodes(neighbours, nowhere)
     inverse = np.zeros(n, np.float32)
@@ -180,7 +192,7 @@ def solve_field(x: Any, rhs: Any, neighbours: Ints, screening: Any, is_fixed: An
         for k in range(6):
             if neighbours[i, k] >= 0:
                 inverse[i] += np.float32(1.0)
-    for p in range(corners.shape[0]):
+    for p in range(np.uint64(corners.shape[0])):
         for q in range(8):
             inverse[corners[p, q]] += pull[p] * weights[p, q] * weights[p, q]
     r, p_, q_ = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
