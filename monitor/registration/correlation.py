@@ -42,19 +42,19 @@ def fit_correlation(means: Floats, rows: Floats, counts: Floats, distances: Floa
     Parameters
     ----------
     means : (p,) mean standardized residual of each patch, after the fit.
-    rows : (p, 6) mean row of each patch: what the fit could absorb.
+    rows : (p, k) mean row of each patch: what the fit could absorb.
     counts : (p,) points of each patch.
     distances : (p, p) m, between the patches.
     cell : m, size of a patch.
 
     Notes
     -----
-    V = noise2 (diag(1/n) + ratio R), R of `correlate`; log L = -(log|V| + log|X'V^-1 X| + (p - 6) log r'V^-1 r) / 2
+    V = noise2 (diag(1/n) + ratio R), R of `correlate`; log L = -(log|V| + log|X'V^-1 X| + (p - k) log r'V^-1 r) / 2
     with r the generalized least squares residual. Flat prior over the grid, in which "no field" has its place.
     """
     root = np.sqrt(counts)
-    y, X = means * root, rows / np.sqrt(np.sum(rows**2, axis=0)) * root[:, None]
-    free = max(len(means) - 6, 1)
+    y, X = means * root, orthonormal(rows * root[:, None])
+    free = max(len(means) - X.shape[1], 1)
     ratios = np.concatenate([[0.0], np.geomspace(LOWEST_RATIO, HIGHEST_RATIO, N_RATIOS)]) / counts.mean()
     found = []
     for reach in np.geomspace(LOWEST_RANGE * cell, max(HIGHEST_RANGE * distances.max(), cell), N_RANGES):
@@ -67,6 +67,13 @@ def fit_correlation(means: Floats, rows: Floats, counts: Floats, distances: Floa
     total = sum(np.exp(likelihood - best) for likelihood, *_ in found)
     return tuple(CorrelationModel(float(np.exp(likelihood - best) / total), noise2, field2, reach)
                  for likelihood, noise2, field2, reach in found)  # fmt: skip
+
+
+def orthonormal(rows: Floats) -> Floats:
+    """Return an orthonormal basis (p, r) of what columns (p, k) of any scale span, rounding left out."""
+    scaled = rows / np.maximum(np.sqrt(np.sum(rows**2, axis=0)), 1e-300)
+    left, values, _ = np.linalg.svd(scaled, full_matrices=False)
+    return np.asarray(left[:, values > 1e-6 * values[0]])
 
 
 def restricted_likelihood(y: Floats, X: Floats, variance: Floats, free: int) -> tuple[float, float]:

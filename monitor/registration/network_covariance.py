@@ -7,7 +7,7 @@ field is the same in all pairs that it takes part in.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from monitor.registration.weights import tukey_slope, tukey_weights
 from projects.model import Floats, Ints
 
 N_PATCHES = 120  # of one scan
+PATCHES_PER_PARAMETER = 3  # of the motions that residuals are cleared of; with fewer nothing would be left of them
 FEWEST_PATCHES = 12  # that tell a range of correlation
 
 
@@ -109,7 +110,8 @@ def _score_covariance(turned: Turned, scan: int, n: int, scales: Scales) -> Floa
     points = np.concatenate([v[0] for v in mine.values()])
     member, cell = _patches(points, np.concatenate([v[1] for v in mine.values()]))
     count = np.bincount(member).astype(float)
-    scores, rows, y, own = np.zeros((len(count), 6 * n)), [], [], np.zeros((6 * n, 6 * n))
+    scores, y, own = np.zeros((len(count), 6 * n)), [], np.zeros((6 * n, 6 * n))
+    absorbed: dict[int, Floats] = {}  # by the scan's motion against each other one
     unit, at = np.repeat([1.0 / scales.lever, 1.0], 3), 0
     for key, (p, a, b, residuals) in mine.items():
         other = key[1] if key[0] == scan else key[0]
@@ -120,12 +122,12 @@ def _score_covariance(turned: Turned, scan: int, n: int, scales: Scales) -> Floa
         sums = weight * _sum_into(which, row, len(count))
         scores[:, 6 * scan : 6 * scan + 6] += sums
         scores[:, 6 * other : 6 * other + 6] -= sums
+        absorbed[other] = absorbed.get(other, np.zeros((len(count), 6))) + _sum_into(which, row, len(count))
         _add_pair(own, key, weight**2 * row.T @ row)
         psi = residuals / scales.sigma
         y.append((1.0 if key[0] == scan else -1.0) * scales.sigma * psi * tukey_weights(psi)
                  / max(float(np.mean(tukey_slope(psi))), 0.1))  # fmt: skip
-        rows.append(row)
-    values, all_rows = np.concatenate(y), np.concatenate(rows)
+    values = np.concatenate(y)
     if len(count) < FEWEST_PATCHES:
         return np.asarray(np.mean(values**2) * scores.T @ scores)
     means = np.bincount(member, values) / count
@@ -133,11 +135,21 @@ def _score_covariance(turned: Turned, scan: int, n: int, scales: Scales) -> Floa
     distances = np.linalg.norm(middles[:, None] - middles[None], axis=2)
     total = np.zeros((6 * n, 6 * n))
     fields: dict[float, Floats] = {}
-    for model in fit_correlation(means, sum_by(member, all_rows) / count[:, None], count, distances, cell):
+    for model in fit_correlation(means, absorbed_motions(absorbed) / count[:, None], count, distances, cell):
         if model.range not in fields:
             fields[model.range] = scores.T @ correlate(distances, model.range) @ scores
         total += 0.5 * model.probability * (model.noise2 * own + model.field2 * fields[model.range])
     return total
+
+
+def absorbed_motions(absorbed: Mapping[int, Floats]) -> Floats:
+    """Return what the fit could absorb in the patches (p, k): the scan's motion against all others, and against each of
+    those that share most with it, as long as there are three patches for each of k parameters."""
+    own = np.sum(list(absorbed.values()), axis=0)
+    most = max(len(own) // (6 * PATCHES_PER_PARAMETER) - 1, 0)
+    size = {other: float(np.abs(rows).sum()) for other, rows in absorbed.items()}
+    largest = sorted(absorbed, key=lambda other: (-size[other], other))[:most]
+    return np.hstack([own, *(absorbed[other] for other in largest)])
 
 
 def _patches(points: Floats, normals: Floats) -> tuple[Ints, float]:

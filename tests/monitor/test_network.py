@@ -27,6 +27,7 @@ from monitor.registration.network import (
     tie_equations,
     tie_statistics,
 )
+from monitor.registration.network_covariance import absorbed_motions
 from monitor.registration.placing import place_scans
 from monitor.registration.ties import identify_targets, no_ties
 from projects.model import ControlPoint, PointCloud, SurveyTarget
@@ -234,3 +235,13 @@ def test_clouds_may_come_one_at_a_time(rng: np.random.Generator) -> None:
     clouds: list[PointCloud] = noisy_caps(rng, 3, None)
     one, other = adjust_scans(iter(clouds), FEW), adjust_scans(clouds, FEW)
     assert one.sigma_after == other.sigma_after
+
+
+@pytest.mark.parametrize("n_others", [1, 3, 30])
+def test_motions_against_many_scans_leave_residuals_to_learn_from(rng: np.random.Generator, n_others: int) -> None:
+    absorbed = {other: rng.normal(size=(120, 6)) for other in range(n_others)}
+    told = absorbed_motions(absorbed)
+    own = sum(absorbed.values())
+    assert 3 * told.shape[1] <= 120
+    assert np.linalg.matrix_rank(told) == min(6 * n_others, 36)
+    assert np.linalg.matrix_rank(np.hstack([told, own])) == np.linalg.matrix_rank(told)
