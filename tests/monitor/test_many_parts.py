@@ -96,3 +96,18 @@ def test_where_most_pieces_moved_the_motion_is_that_of_where_the_user_says_nothi
 def test_without_a_majority_no_motion_is_that_of_the_stable_areas() -> None:
     assert doubt_majority(0.55) == ""
     assert "only 41 % of the surface follows one motion" in doubt_majority(0.41)
+
+
+def test_what_most_pieces_do_alike_is_the_motion_of_the_whole(rng: np.random.Generator) -> None:
+    before, _ = scan_stove(rng)
+    after, piece = scan_stove(rng)
+    most = piece < 14
+    T = perturb(np.eye(4), np.zeros(3), np.array([0.0, 0.0, 0.0, 0.0008, 0.0, 0.002]))
+    points = after.points.copy()
+    points[most] = apply(T, points[most])
+    found = register(PointCloud(points, after.normals), before)
+    assert found.converged, found.reason
+    assert found.stable_share == pytest.approx(0.7, abs=0.05)
+    assert apply(found.T_target_source @ T, points).mean(axis=0) == pytest.approx(points.mean(axis=0), abs=5e-5)
+    assert found.is_stable is not None
+    assert found.is_stable[~most].mean() < 0.1
