@@ -17,7 +17,16 @@ import numpy as np
 from rows import Row, Size, in_percent, in_words, judge
 from scipy.spatial import cKDTree
 
-from monitor.simulation import INSTRUMENTS, Scene, Station, SurveyedEpoch, erode, register_with_errors, write_campaign
+from monitor.simulation import (
+    INSTRUMENTS,
+    Scene,
+    Station,
+    SurveyedEpoch,
+    erode,
+    register_with_errors,
+    visible_change,
+    write_campaign,
+)
 from monitor.simulation.reef import STATIONS, reef_scene
 from monitor.simulation.scanner import stand_at
 from projects.formats import read_scans
@@ -102,6 +111,7 @@ def run(size: Size) -> list[Row]:
     """Compare the two epochs and ask what is said of the unseen."""
     with tempfile.TemporaryDirectory() as folder:
         measured, comparison = survey(size, Path(folder))
+    looked_at = row_of_sight(measured.scenes[1], SPACINGS[size])
     side = comparison.on_reference
     cell = float(np.median(edge_lengths(side.surface.vertices, side.surface.faces)))
     reach = TRIM_CELLS * cell
@@ -110,7 +120,24 @@ def run(size: Size) -> list[Row]:
     vertices = cKDTree(side.surface.vertices)
     near, index = vertices.query(samples, workers=2)
     is_assessed = (side.assessment[index] != Assessment.NOT_ASSESSABLE) & (near < reach)
-    return rows_of(measured, comparison, gap, near, is_assessed, cell)
+    return [*rows_of(measured, comparison, gap, near, is_assessed, cell), looked_at]
+
+
+def row_of_sight(after: Scene, spacing: float) -> Row:
+    """Return how much of the hollow's floor the stations of the second epoch truly see, and how densely."""
+    body, centre = after.bodies[0], place_of_hollow()
+    corners = body.vertices[body.faces]
+    middle = corners.mean(axis=1)
+    floor = np.linalg.norm((middle - centre)[:, :2], axis=1) < 0.5 * RADIUS
+    normals = np.cross(corners[floor, 1] - corners[floor, 0], corners[floor, 2] - corners[floor, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    poses = [s.T_project_scanner for s in stations(spacing, 1)]
+    seen = visible_change(
+        after, INSTRUMENT, poses, middle[floor], normals, step=spacing / 10.0, extent=2.0 * RADIUS, reflectance=0.4
+    )  # fmt: skip
+    share, between = float(np.mean(seen.n_stations > 0)), 1e3 * float(np.nanmedian(seen.spacing))
+    told = f"{in_percent(share)}, by {np.median(seen.n_stations):.0f} stations, {between:.0f} mm between pulses"
+    return Row("the hollow's floor that stations truly see", told, value=share)
 
 
 def edge_lengths(vertices: Floats, faces: Floats) -> Floats:
