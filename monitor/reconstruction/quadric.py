@@ -17,17 +17,15 @@ from numba import jit
 
 from projects.model import Floats
 
-PASSES = 2, 3  # by degree: least squares, with the fourth order, without outliers
-MORE_PASSES = 2  # where there are outliers, which had moved the fit that told them
+MOST_PASSES = 3  # against outliers: again where there are any, which had moved the fit that told them
 CUT = 6.0  # in sigmas, of a single point; wide, so that clean noise loses under 1 % and only outliers are left out
-NO_CUT = 1e30  # a variance beside which every residual is small
 U, V, Z, COUNT, SPREAD_UU, SPREAD_UV, SPREAD_VV, SPREAD_UZ, SPREAD_VZ, SPREAD_ZZ = range(10)
 HEIGHT, SLOPE_U, SLOPE_V, UNIT_ERROR, SIGMA, EFFECTIVE, BEND = range(7)
 
 
 @jit(nopython=True, cache=True)
-def solve_spd(matrix: Floats, rhs: Floats, m: int) -> bool:
-    """Solve in place by Cholesky for two right-hand sides (m, 2); False where the system is singular."""
+def factorise(matrix: Floats, m: int) -> bool:
+    """Cholesky in place of the lower triangle (m, m); False where the system is singular."""
     for i in range(m):
         for j in range(i + 1):
             s = matrix[i, j]
@@ -39,81 +37,105 @@ def solve_spd(matrix: Floats, rhs: Floats, m: int) -> bool:
                 matrix[i, i] = np.sqrt(s)
             else:
                 matrix[i, j] = s / matrix[j, j]
-    for r in range(rhs.shape[1]):
-        for i in range(m):
-            for k in range(i):
-                rhs[i, r] -= matrix[i, k] * rhs[k, r]
-            rhs[i, r] /= matrix[i, i]
-        for i in range(m - 1, -1, -1):
-            for k in range(i + 1, m):
-                rhs[i, r] -= matrix[k, i] * rhs[k, r]
-            rhs[i, r] /= matrix[i, i]
     return True
 
 
+@jit(nopython=True, cache=True)
+def substitute(factor: Floats, rhs: Floats, m: int) -> None:
+    """Solve in place for the right-hand side (m,), by what `factorise` made."""
+    for i in range(m):
+        for k in range(i):
+            rhs[i] -= factor[i, k] * rhs[k]
+        rhs[i] /= factor[i, i]
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            rhs[i] -= factor[k, i] * rhs[k]
+        rhs[i] /= factor[i, i]
+
+
 # Sums over a neighbourhood may be taken in vector order: it is fixed when compiling, hence the same for any threads.
+# Groups are counted by unsigned numbers, which index without a look whether they count from the end: or else compilers
+# gather each group by itself.
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def residuals(patch: Floats, n: int, c: Floats, heights: Floats, squares: Floats) -> None:
-    """Heights less the fourth order of patch `c` and their covariance with u and v, (3, n); mean squared residuals."""
-    c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
-    for i in range(n):
+def flatten(patch: Floats, n: int, c: Floats, heights: Floats) -> None:
+    """Heights less the fourth order of patch `c`, and their covariance with u and v, (3, n)."""
+    c3, c4, c5 = c[3], c[4], c[5]
+    for i in range(np.uint64(n)):
         u, v = patch[U, i], patch[V, i]
         uu, uv, vv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
         bend_u, bend_v = 2.0 * c3 * u + c4 * v, c4 * u + 2.0 * c5 * v
         bend2, twice = bend_u * bend_u + bend_v * bend_v, bend_u * u + bend_v * v
         rise_u = 0.25 * (bend_u * bend2 + twice * (2.0 * c3 * bend_u + c4 * bend_v))
         rise_v = 0.25 * (bend_v * bend2 + twice * (c4 * bend_u + 2.0 * c5 * bend_v))
-        height = patch[Z, i] - 0.125 * twice * bend2
-        r = height - (c0 + c1 * u + c2 * v + c3 * (u * u + uu) + c4 * (u * v + uv) + c5 * (v * v + vv))
-        su, sv = c1 + bend_u, c2 + bend_v
-        within = (patch[SPREAD_ZZ, i] - 2.0 * (su * patch[SPREAD_UZ, i] + sv * patch[SPREAD_VZ, i])
-                  + su * su * uu + 2.0 * su * sv * uv + sv * sv * vv)  # fmt: skip
-        heights[0, i] = height
+        heights[0, i] = patch[Z, i] - 0.125 * twice * bend2
         heights[1, i] = patch[SPREAD_UZ, i] - rise_u * uu - rise_v * uv
         heights[2, i] = patch[SPREAD_VZ, i] - rise_u * uv - rise_v * vv
+
+
+@jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
+def mean_squares(patch: Floats, n: int, c: Floats, heights: Floats, squares: Floats) -> None:
+    """Mean squared residuals (n,) of each group's points across patch `c`."""
+    c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
+    for i in range(np.uint64(n)):
+        u, v = patch[U, i], patch[V, i]
+        uu, uv, vv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
+        r = heights[0, i] - (c0 + c1 * u + c2 * v + c3 * (u * u + uu) + c4 * (u * v + uv) + c5 * (v * v + vv))
+        su, sv = c1 + 2.0 * c3 * u + c4 * v, c2 + c4 * u + 2.0 * c5 * v
+        within = (patch[SPREAD_ZZ, i] - 2.0 * (su * patch[SPREAD_UZ, i] + sv * patch[SPREAD_VZ, i])
+                  + su * su * uu + 2.0 * su * sv * uv + sv * sv * vv)  # fmt: skip
         squares[i] = (r * r + within) / (1.0 + su * su + sv * sv)
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def weigh(patch: Floats, n: int, span2: float, squares: Floats, scale2: float, weights: Floats) -> float:
-    """Weights (2, n): of each group, its points times the mean of max(1 - t^2, 0), and how that follows 1 - t^2.
+def place_weights(patch: Floats, n: int, per2: float, weights: Floats) -> None:
+    """Weights (2, n) by place: points of each group times the mean of max(1 - t^2, 0), and how that follows 1 - t^2.
 
-    At the rim a group is taken to lie evenly across it. Less weight where the mean square is more than noise explains:
-    an outlier of 6 sigma among m points adds 36 / m to it, chance alone sqrt(2 / m). Returns how many groups are left
-    out altogether.
+    The square t^2 is that of the distance over the span. At the rim a group is taken to lie evenly across it.
     """
-    n_cut = 0.0
-    for i in range(n):
+    for i in range(np.uint64(n)):
         count, u, v = patch[COUNT, i], patch[U, i], patch[V, i]
         suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
-        inside = 1.0 - (u * u + v * v + suu + svv) / span2
-        half = np.sqrt(max(12.0 * (u * u * suu + 2.0 * u * v * suv + v * v * svv), 0.0)) / span2 + 1e-12
+        pu, qv = per2 * u, per2 * v
+        inside = 1.0 - (pu * u + qv * v + per2 * (suu + svv))
+        half = np.sqrt(max(12.0 * (pu * pu * suu + 2.0 * pu * qv * suv + qv * qv * svv), 0.0)) + 1e-12
         share = min(max((inside + half) / (2.0 * half), 0.0), 1.0)
-        beyond = squares[i] / scale2 - (1.0 - 1.0 / count)
-        ratio = max(beyond, 0.0) / max(CUT * CUT / count, CUT * np.sqrt(2.0 / count))
+        weights[0, i] = count * (inside if inside > half else share * share * half)
+        weights[1, i] = count * share
+
+
+@jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
+def weigh(patch: Floats, n: int, placed: Floats, squares: Floats, scale2: float, weights: Floats) -> float:
+    """Weights (2, n) of place, less where the mean square is more than noise explains.
+
+    An outlier of 6 sigma among m points adds 36 / m to it, chance alone sqrt(2 / m). Returns how many groups are left
+    out altogether.
+    """
+    n_cut, per = 0.0, 1.0 / scale2
+    for i in range(np.uint64(n)):
+        share = 1.0 / patch[COUNT, i]
+        beyond = squares[i] * per - (1.0 - share)
+        ratio = max(beyond, 0.0) / max(CUT * CUT * share, CUT * np.sqrt(2.0 * share))
         less = max(1.0 - ratio * ratio, 0.0)
-        weights[1, i] = count * less * less * share
-        weights[0, i] = count * less * less * (inside if inside > half else share * share * half)
-        n_cut += 1.0 if share > 0.0 and less <= 0.0 else 0.0
+        weights[0, i] = less * less * placed[0, i]
+        weights[1, i] = less * less * placed[1, i]
+        n_cut += 1.0 if placed[1, i] > 0.0 and less <= 0.0 else 0.0
     return n_cut
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def plane_equations(
-    patch: Floats, n: int, span2: float, heights: Floats, weights: Floats, a: Floats, rhs: Floats
-) -> None:
-    """Fill normal matrix and right-hand side of a plane.
+def plane_matrix(patch: Floats, n: int, per2: float, weights: Floats, a: Floats) -> None:
+    """Fill the normal matrix of a plane.
 
-    They are sums over points: within a group, products of the means and what covariances add, also those with the
+    Its sums are over points: within a group, products of the means and what covariances add, also those with the
     weight 1 - t^2. Without the latter, noise along the normals of a curved surface, which moves points along it too,
     would thin out otherwise than `fit_patch` takes off.
     """
-    s0 = s1 = s2 = s11 = s12 = s22 = h0 = h1 = h2 = 0.0
-    for i in range(n):
-        u, v, w, h, hu, hv = patch[U, i], patch[V, i], weights[0, i], heights[0, i], heights[1, i], heights[2, i]
+    s0 = s1 = s2 = s11 = s12 = s22 = 0.0
+    for i in range(np.uint64(n)):
+        u, v, w = patch[U, i], patch[V, i], weights[0, i]
         suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
-        down = -2.0 * weights[1, i] / span2
-        e1, e2, eh = down * (u * suu + v * suv), down * (u * suv + v * svv), down * (u * hu + v * hv)
+        du, dv = -2.0 * per2 * weights[1, i] * u, -2.0 * per2 * weights[1, i] * v
+        e1, e2 = du * suu + dv * suv, du * suv + dv * svv
         p1, p2 = w * u + e1, w * v + e2
         s0 += w
         s1 += p1
@@ -121,29 +143,23 @@ def plane_equations(
         s11 += p1 * u + u * e1 + w * suu
         s12 += p1 * v + u * e2 + w * suv
         s22 += p2 * v + v * e2 + w * svv
-        h0 += w * h + eh
-        h1 += p1 * h + u * eh + w * hu
-        h2 += p2 * h + v * eh + w * hv
     a[0, 0], a[1, 0], a[1, 1], a[2, 0], a[2, 1], a[2, 2] = s0, s1, s11, s2, s12, s22
-    rhs[0, 0], rhs[1, 0], rhs[2, 0] = h0, h1, h2
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def curved_equations(
-    patch: Floats, n: int, span2: float, heights: Floats, weights: Floats, a: Floats, rhs: Floats
-) -> None:
-    """Fill normal matrix and right-hand side of a curved patch; see `plane_equations`."""
-    plane_equations(patch, n, span2, heights, weights, a, rhs)
+def curved_matrix(patch: Floats, n: int, per2: float, weights: Floats, a: Floats) -> None:
+    """Fill the normal matrix of a curved patch; see `plane_matrix`."""
+    plane_matrix(patch, n, per2, weights, a)
     s30 = s31 = s32 = s33 = s40 = s41 = s42 = s43 = s44 = 0.0
-    s50 = s51 = s52 = s53 = s54 = s55 = h3 = h4 = h5 = 0.0
-    for i in range(n):
-        u, v, w, h, hu, hv = patch[U, i], patch[V, i], weights[0, i], heights[0, i], heights[1, i], heights[2, i]
+    s50 = s51 = s52 = s53 = s54 = s55 = 0.0
+    for i in range(np.uint64(n)):
+        u, v, w = patch[U, i], patch[V, i], weights[0, i]
         suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
         uu, uv, vv, u2, v2 = u * u + suu, u * v + suv, v * v + svv, 2.0 * u, 2.0 * v
         k31, k32, k41, k42, k51, k52 = u2 * suu, u2 * suv, v * suu + u * suv, v * suv + u * svv, v2 * suv, v2 * svv
-        down = -2.0 * weights[1, i] / span2
-        e1, e2, eh = down * (u * suu + v * suv), down * (u * suv + v * svv), down * (u * hu + v * hv)
-        e3, e4, e5 = down * (u * k31 + v * k32), down * (u * k41 + v * k42), down * (u * k51 + v * k52)
+        du, dv = -2.0 * per2 * weights[1, i] * u, -2.0 * per2 * weights[1, i] * v
+        e1, e2 = du * suu + dv * suv, du * suv + dv * svv
+        e3, e4, e5 = du * k31 + dv * k32, du * k41 + dv * k42, du * k51 + dv * k52
         p3, p4, p5 = w * uu + e3, w * uv + e4, w * vv + e5
         s30 += p3
         s31 += p3 * u + uu * e1 + w * k31
@@ -160,13 +176,30 @@ def curved_equations(
         s53 += p5 * uu + vv * e3 + w * u2 * k51
         s54 += p5 * uv + vv * e4 + w * v2 * k42
         s55 += p5 * vv + vv * e5 + w * v2 * k52
-        h3 += p3 * h + uu * eh + w * u2 * hu
-        h4 += p4 * h + uv * eh + w * (v * hu + u * hv)
-        h5 += p5 * h + vv * eh + w * v2 * hv
     a[3, 0], a[3, 1], a[3, 2], a[3, 3] = s30, s31, s32, s33
     a[4, 0], a[4, 1], a[4, 2], a[4, 3], a[4, 4] = s40, s41, s42, s43, s44
     a[5, 0], a[5, 1], a[5, 2], a[5, 3], a[5, 4], a[5, 5] = s50, s51, s52, s53, s54, s55
-    rhs[3, 0], rhs[4, 0], rhs[5, 0] = h3, h4, h5
+
+
+@jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
+def right_side(patch: Floats, n: int, per2: float, heights: Floats, weights: Floats, rhs: Floats) -> None:
+    """Fill the right-hand side (6,) of a curved patch, its first three of a plane too; see `plane_matrix`."""
+    h0 = h1 = h2 = h3 = h4 = h5 = 0.0
+    for i in range(np.uint64(n)):
+        u, v, w, h, hu, hv = patch[U, i], patch[V, i], weights[0, i], heights[0, i], heights[1, i], heights[2, i]
+        suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
+        uu, uv, vv, u2, v2 = u * u + suu, u * v + suv, v * v + svv, 2.0 * u, 2.0 * v
+        du, dv = -2.0 * per2 * weights[1, i], -2.0 * per2 * weights[1, i]
+        du, dv = du * u, dv * v
+        e1, e2, eh = du * suu + dv * suv, du * suv + dv * svv, du * hu + dv * hv
+        e4 = v * e1 + u * e2
+        h0 += w * h + eh
+        h1 += (w * u + e1) * h + u * eh + w * hu
+        h2 += (w * v + e2) * h + v * eh + w * hv
+        h3 += (w * uu + u2 * e1) * h + uu * eh + w * u2 * hu
+        h4 += (w * uv + e4) * h + uv * eh + w * (v * hu + u * hv)
+        h5 += (w * vv + v2 * e2) * h + vv * eh + w * v2 * hv
+    rhs[0], rhs[1], rhs[2], rhs[3], rhs[4], rhs[5] = h0, h1, h2, h3, h4, h5
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
@@ -174,7 +207,7 @@ def sum_up(patch: Floats, n: int, g: Floats, squares: Floats, weights: Floats, i
     """Influence (n,) of each point of a group; sums of weights, their squares a point, squares, squared influences."""
     total, weights2, misfit2, variance = 0.0, 0.0, 0.0, 0.0
     g0, g1, g2, g3, g4, g5 = g[0], g[1], g[2], g[3], g[4], g[5]
-    for i in range(n):
+    for i in range(np.uint64(n)):
         u, v, w, count = patch[U, i], patch[V, i], weights[0, i], patch[COUNT, i]
         uu, uv, vv = u * u + patch[SPREAD_UU, i], u * v + patch[SPREAD_UV, i], v * v + patch[SPREAD_VV, i]
         one = w / count * (g0 + g1 * u + g2 * v + g3 * uu + g4 * uv + g5 * vv)
@@ -187,11 +220,11 @@ def sum_up(patch: Floats, n: int, g: Floats, squares: Floats, weights: Floats, i
 
 
 @jit(nopython=True, cache=True)
-def robust_scale2(patch: Floats, n: int, span2: float, squares: Floats, m: int, buffer: Floats) -> float:
+def robust_scale2(patch: Floats, n: int, per2: float, squares: Floats, m: int, buffer: Floats) -> float:
     """Variance of a point from the median of the groups' mean squares; -1 where they are too few for m unknowns."""
     used = 0
     for i in range(n):
-        if patch[U, i] * patch[U, i] + patch[V, i] * patch[V, i] < span2:
+        if per2 * (patch[U, i] * patch[U, i] + patch[V, i] * patch[V, i]) < 1.0:
             median_of_mean = (1.0 - 2.0 / (9.0 * patch[COUNT, i])) ** 3  # of chi2 over its degrees (Wilson & Hilferty)
             buffer[used] = squares[i] / median_of_mean
             used += 1
@@ -209,33 +242,38 @@ def fit_patch(
     `patch` (10, n) is in units of `radius` (m), of which the fit takes the share `span`. `out` receives height, slope
     along u, slope along v, standard error per unit sigma, sigma, effective number, and the sum of the slopes that both
     curvatures make at the rim. `influence[i]` is how far the height moves with a point of group i: the heights of two
-    fits to the same groups differ by sigma * |influence - influence'|. `work` is as of `fit_room`.
+    fits to the same groups differ by sigma * |influence - influence'|. `work` is as of `fit_room`. By least squares
+    first; a curved patch once more with its fourth order, by the same matrix; then without outliers.
     """
-    c, a, rhs, heights, squares, weights, buffer = work
-    m, span2, scale2 = (3 if degree == 1 else 6), span * span, NO_CUT
+    c, a, g, heights, squares, placed, weights, buffer = work
+    m, per2 = (3 if degree == 1 else 6), 1.0 / (span * span)
     c[:] = 0.0
-    n_cut, k, last = 0.0, 0, PASSES[degree - 1] - 1
-    while k <= last or (n_cut > 0.0 and k <= last + MORE_PASSES):
-        residuals(patch, n, c, heights, squares)
-        if k >= last:
-            scale2 = robust_scale2(patch, n, span2, squares, m, buffer)
-            if scale2 < 0.0:
-                return False
-        n_cut = weigh(patch, n, span2, squares, scale2, weights)
-        rhs[:, 1] = 0.0
-        rhs[0, 1] = 1.0
-        if degree == 1:
-            plane_equations(patch, n, span2, heights, weights, a, rhs)
-        else:
-            curved_equations(patch, n, span2, heights, weights, a, rhs)
-            if k >= last:
-                rhs[3, 1] = rhs[5, 1] = -2.0 * scale2
-        if not a[0, 0] > 0.0 or not solve_spd(a, rhs, m):
+    place_weights(patch, n, per2, placed)
+    flatten(patch, n, c, heights)
+    if not solve_patch(patch, n, per2, heights, placed, a, c, m):
+        return False
+    if degree == 2:
+        flatten(patch, n, c, heights)
+        right_side(patch, n, per2, heights, placed, c)
+        substitute(a, c, m)
+    scale2, n_cut, k = 0.0, 1.0, 0
+    while n_cut > 0.0 and k < MOST_PASSES:
+        if degree == 2:
+            flatten(patch, n, c, heights)
+        mean_squares(patch, n, c, heights, squares)
+        scale2 = robust_scale2(patch, n, per2, squares, m, buffer)
+        if scale2 < 0.0:
             return False
-        c[:m] = rhs[:m, 0]
+        n_cut = weigh(patch, n, placed, squares, scale2, weights)
+        if not solve_patch(patch, n, per2, heights, weights, a, c, m):
+            return False
         k += 1
-    rhs[m:, 1] = 0.0
-    total, weights2, misfit2, variance = sum_up(patch, n, rhs[:, 1], squares, weights, influence)
+    g[:] = 0.0
+    g[0] = 1.0
+    if degree == 2:
+        g[3] = g[5] = -2.0 * scale2
+    substitute(a, g, m)
+    total, weights2, misfit2, variance = sum_up(patch, n, g, squares, weights, influence)
     effective = total * total / weights2
     sigma2 = misfit2 / total * effective / max(effective - m, 1.0)
     thinned = 2.0 * sigma2 * (c[3] + c[5])
@@ -246,14 +284,32 @@ def fit_patch(
 
 
 @jit(nopython=True, cache=True)
+def solve_patch(
+    patch: Floats, n: int, per2: float, heights: Floats, weights: Floats, a: Floats, c: Floats, m: int
+) -> bool:
+    """Set c (6,) to the least squares plane (m 3) or curved patch (6); `a` becomes its factor. False where singular."""
+    if m == 3:
+        plane_matrix(patch, n, per2, weights, a)
+    else:
+        curved_matrix(patch, n, per2, weights, a)
+    if not a[0, 0] > 0.0 or not factorise(a, m):
+        return False
+    right_side(patch, n, per2, heights, weights, c)
+    substitute(a, c, m)
+    c[m:] = 0.0
+    return True
+
+
+@jit(nopython=True, cache=True)
 def fit_room(n: int) -> Any:
     """Room for `fit_patch` with up to n groups."""
     return (
         np.empty(6),
         np.empty((6, 6)),
-        np.empty((6, 2)),
+        np.empty(6),
         np.empty((3, n)),
         np.empty(n),
+        np.empty((2, n)),
         np.empty((2, n)),
         np.empty(n),
     )

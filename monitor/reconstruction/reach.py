@@ -15,22 +15,20 @@ import numpy as np
 from numba import jit, prange
 from scipy.spatial import cKDTree
 
-from monitor.reconstruction.moments import Level
-from monitor.reconstruction.projection import (
-    BLOCKS_PER_TASK,
-    MOST_EXTRAPOLATED,
+from monitor.reconstruction.gathering import (
     OVER_THE_RIM,
-    Reach,
-    Samples,
     Sites,
     block_sites,
     find_near,
     gate_height,
     gather_patch,
     mean_normal,
+    near_room,
     patch_room,
     rows_room,
 )
+from monitor.reconstruction.moments import Level
+from monitor.reconstruction.projection import BLOCKS_PER_TASK, MOST_EXTRAPOLATED, Reach, Samples
 from monitor.reconstruction.quadric import BEND, COUNT, EFFECTIVE, HEIGHT, SIGMA, UNIT_ERROR, fit_patch
 from projects.model import Bools, Floats, Ints
 
@@ -195,14 +193,15 @@ def is_supported(fit: Floats) -> bool:
 
 @jit(nopython=True, cache=True)
 def probe_one(
-    level: Any, near: Ints, n_near: int, vertex: Floats, normal: Floats, sizes: Any, room: Any, row: Floats
+    level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, sizes: Any, room: Any, row: Floats
 ) -> None:
     """Compare three fits at one probe: curved within the radius, curved within the last taken, plane."""
-    (patch, work, influence, fit), other, fit_other, own = room
+    held, other, fit_other, own = room
+    patch, work, influence, fit = held.patch, held.work, held.influence, held.fit
     radius, gate, inner = sizes
-    if not mean_normal(level, near, n_near, vertex, normal, radius, gate, own):
+    if not mean_normal(near, n_near, vertex, normal, radius, gate, own):
         return
-    n, _ = gather_patch(level, near, n_near, vertex, own, radius, gate, patch)
+    n, _ = gather_patch(level, near, n_near, vertex, own, radius, gate, patch, held.picked)
     if not fit_patch(patch, n, radius, 1.0, 2, work, fit, influence):
         return
     if not is_supported(fit):
@@ -244,7 +243,7 @@ def _probe(sites: Sites, level: Level, radius: float, noise: float, inner: Float
     reach = np.hypot(OVER_THE_RIM * radius, gate)
     n_blocks = len(sites.starts) - 1
     for task in prange((n_blocks + BLOCKS_PER_TASK - 1) // BLOCKS_PER_TASK):
-        spans, near = rows_room(reach, level.bucket), np.empty(1024, np.int64)
+        spans, near = rows_room(reach, level.bucket), near_room(1024)
         room = (patch_room(1024), np.empty(1024), np.empty(7), np.empty(3))
         for block in range(task * BLOCKS_PER_TASK, min((task + 1) * BLOCKS_PER_TASK, n_blocks)):
             n_near, near = find_near(level, sites, block, reach, spans, near)

@@ -16,11 +16,12 @@ from scipy.spatial import cKDTree
 from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import Sampling, choose_cell_size, measure_sampling
 from monitor.reconstruction.coverage import count_uncovered
+from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
-from monitor.reconstruction.projection import GATE_SIGMAS, Projection, project_vertices, sum_up_samples
+from monitor.reconstruction.projection import Projection, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import choose_reach, make_ladder
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from projects.errors import ReconstructionError

@@ -1,0 +1,256 @@
+"""Points around a vertex, as a fit takes them: found for a block of vertices at once, then each vertex's own patch.
+
+In: vertices sorted into blocks, a `Level` of groups of points. Out: the groups around a block, copied side by side so
+that each vertex of it passes over them in vector order; of these the mean normal and, in a frame on it, the patch.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import jit
+
+from monitor.reconstruction.moments import (
+    BUCKETS_PER_RADIUS,
+    CELLS_PER_RADIUS,
+    COS_ONE_WAY,
+    find_rows,
+    sort_by_cell,
+)
+from monitor.reconstruction.quadric import (
+    COUNT,
+    SPREAD_UU,
+    SPREAD_UV,
+    SPREAD_UZ,
+    SPREAD_VV,
+    SPREAD_VZ,
+    SPREAD_ZZ,
+    U,
+    V,
+    Z,
+    fit_room,
+)
+from projects.model import Floats, Ints
+
+GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
+OVER_THE_RIM = 1.0 + 0.6 / CELLS_PER_RADIUS  # of the radius: groups that reach into it lie nearer
+PLACE_X, PLACE_Y, PLACE_Z, NORMAL_X, NORMAL_Y, NORMAL_Z, N_POINTS, EXCESS = range(8)  # rows of what is near
+
+
+class Sites(NamedTuple):
+    """Vertices sorted into blocks, each of them near enough to share one search for points."""
+
+    vertices: Floats  # (n, 3)
+    normals: Floats  # (n, 3)
+    which: Ints  # (k,) those to work on, sorted by block
+    starts: Ints  # (b + 1,)
+
+
+class Near(NamedTuple):
+    """Groups around a block: their rows in the level, and (8, n) place, normal, count, and room for one value more."""
+
+    groups: Ints
+    values: Floats
+
+
+class Room(NamedTuple):
+    """Room for one patch of up to n groups and its fit."""
+
+    patch: Floats  # (10, n)
+    work: Any
+    influence: Floats  # (n,)
+    fit: Floats
+    picked: Ints  # (n,)
+
+
+def block_sites(vertices: Floats, normals: Floats, which: Ints, radius: float) -> Sites:
+    """Return the vertices `which`, blocked for fits within `radius` (m)."""
+    order, _, starts, _, _ = sort_by_cell(vertices[which], radius / BUCKETS_PER_RADIUS)
+    return Sites(vertices, normals, which[order], starts)
+
+
+@jit(nopython=True, cache=True)
+def tangent_frame(normal: Floats) -> Any:
+    """Two unit vectors that make a right-handed frame with `normal`."""
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    if abs(nx) < 0.6:
+        tx, ty, tz = 0.0, nz, -ny
+    else:
+        tx, ty, tz = -nz, 0.0, nx
+    length = np.sqrt(tx * tx + ty * ty + tz * tz)
+    tx, ty, tz = tx / length, ty / length, tz / length
+    return (tx, ty, tz), (ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx)
+
+
+@jit(nopython=True, cache=True)
+def gate_height(radius: float, noise: float) -> float:
+    """How far from the tangent plane a point of the same sheet may lie within `radius`."""
+    return GATE_SIGMAS * noise + GATE_SAG * radius
+
+
+@jit(nopython=True, cache=True)
+def near_room(n: int) -> Any:
+    """Room for n groups."""
+    return Near(np.empty(n, np.int64), np.empty((8, n)))
+
+
+@jit(nopython=True, cache=True)
+def patch_room(n: int) -> Any:
+    """Room for a patch of up to n groups and its fit."""
+    return Room(np.empty((10, n)), fit_room(n), np.empty(n), np.empty(7), np.empty(n, np.int64))
+
+
+@jit(nopython=True, cache=True)
+def rows_room(reach: float, bucket: float) -> Ints:
+    """Room for the ranges that `find_rows` finds around a block."""
+    return np.empty((int(2.0 * reach / bucket + 3.0) ** 2, 2), np.int64)
+
+
+@jit(nopython=True, cache=True)
+def find_near(level: Any, sites: Any, block: int, reach: float, rows: Ints, near: Any) -> Any:
+    """Groups within `reach` of the box around the vertices of a block: how many, and where they were copied to."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for k in range(sites.starts[block], sites.starts[block + 1]):
+        for a in range(3):
+            low[a] = min(low[a], sites.vertices[sites.which[k], a])
+            high[a] = max(high[a], sites.vertices[sites.which[k], a])
+    n_rows = find_rows(level, low - reach, high + reach, rows)
+    most = 0
+    for k in range(n_rows):
+        most += rows[k, 1] - rows[k, 0]
+    if most > len(near.groups):
+        near = near_room(2 * most)
+    n, reach2 = np.uint64(0), reach * reach
+    (x0, y0, z0), (x1, y1, z1) = (low[0], low[1], low[2]), (high[0], high[1], high[2])
+    for k in range(n_rows):
+        for p in range(np.uint64(rows[k, 0]), np.uint64(rows[k, 1])):
+            x, y, z = level.places[p, 0], level.places[p, 1], level.places[p, 2]
+            dx, dy, dz = max(x0 - x, x - x1, 0.0), max(y0 - y, y - y1, 0.0), max(z0 - z, z - z1, 0.0)
+            near.groups[n] = p
+            near.values[PLACE_X, n], near.values[PLACE_Y, n], near.values[PLACE_Z, n] = x, y, z
+            n += np.uint64(dx * dx + dy * dy + dz * dz <= reach2)
+    for q in range(n):
+        group = np.uint64(near.groups[q])
+        near.values[NORMAL_X, q], near.values[NORMAL_Y, q] = level.normals[group, 0], level.normals[group, 1]
+        near.values[NORMAL_Z, q], near.values[N_POINTS, q] = level.normals[group, 2], level.counts[group]
+    return np.int64(n), near
+
+
+# Sums over what is near may be taken in vector order: it is fixed when compiling, hence the same for any threads.
+@jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
+def sum_normals(values: Floats, n: int, vertex: Floats, normal: Floats, radius: float, gate: float) -> Any:
+    """Points within `radius` and `gate` of a vertex that look its way: how many, and the sum of their normals."""
+    vx, vy, vz, nx, ny, nz = vertex[0], vertex[1], vertex[2], normal[0], normal[1], normal[2]
+    n_points, sx, sy, sz, radius2 = 0.0, 0.0, 0.0, 0.0, radius * radius
+    for k in range(np.uint64(n)):
+        dx, dy, dz = values[PLACE_X, k] - vx, values[PLACE_Y, k] - vy, values[PLACE_Z, k] - vz
+        ax, ay, az, count = values[NORMAL_X, k], values[NORMAL_Y, k], values[NORMAL_Z, k], values[N_POINTS, k]
+        z = dx * nx + dy * ny + dz * nz
+        excess = max(abs(z) - gate, dx * dx + dy * dy + dz * dz - z * z - radius2)
+        weight = count if excess <= 0.0 else 0.0
+        weight = weight if ax * nx + ay * ny + az * nz > COS_ONE_WAY else 0.0
+        n_points += weight
+        sx += weight * ax
+        sy += weight * ay
+        sz += weight * az
+    return n_points, sx, sy, sz
+
+
+@jit(nopython=True, cache=True)
+def mean_normal(near: Any, n_near: int, vertex: Floats, normal: Floats, radius: float, gate: float,
+                out: Floats) -> bool:  # fmt: skip
+    """Unit mean normal of the points of the vertex's sheet, in `out`; False where there are too few."""
+    n_points, sx, sy, sz = sum_normals(near.values, n_near, vertex, normal, radius, gate)
+    length = np.sqrt(sx * sx + sy * sy + sz * sz)
+    if n_points < 4 or length < 1e-9:
+        return False
+    out[0], out[1], out[2] = sx / length, sy / length, sz / length
+    return True
+
+
+@jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
+def mark_excess(values: Floats, n: int, vertex: Floats, normal: Floats, rim2: float, gate: float) -> None:
+    """Write to the row `EXCESS` how far each group lies beyond the rim, the gate and the angle: inside if at most 0."""
+    vx, vy, vz, nx, ny, nz = vertex[0], vertex[1], vertex[2], normal[0], normal[1], normal[2]
+    for k in range(np.uint64(n)):
+        dx, dy, dz = values[PLACE_X, k] - vx, values[PLACE_Y, k] - vy, values[PLACE_Z, k] - vz
+        z = dx * nx + dy * ny + dz * nz
+        cosine = values[NORMAL_X, k] * nx + values[NORMAL_Y, k] * ny + values[NORMAL_Z, k] * nz
+        beyond = dx * dx + dy * dy + dz * dz - z * z - rim2
+        values[EXCESS, k] = max(beyond, abs(z) - gate, COS_ONE_WAY - cosine)
+
+
+@jit(nopython=True, cache=True)
+def pick(values: Floats, n: int, picked: Ints) -> Any:
+    """Numbers of the groups without excess, into `picked`; how many they are."""
+    m = np.uint64(0)
+    for k in range(np.uint64(n)):
+        picked[m] = k
+        m += np.uint64(values[EXCESS, k] <= 0.0)
+    return np.int64(m)
+
+
+@jit(nopython=True, cache=True)
+def gather_patch(level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, radius: float, gate: float,
+                 patch: Floats, picked: Ints) -> Any:  # fmt: skip
+    """Collect the groups of the vertex's sheet into `patch`, in units of `radius`; their number, and of points.
+
+    `picked` receives which of `near` these are.
+    """
+    (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
+    has_spread = len(level.spreads) > 0
+    per = 1.0 / radius
+    rim2 = (OVER_THE_RIM * radius) ** 2 if has_spread else radius * radius
+    mark_excess(near.values, n_near, vertex, normal, rim2, gate)
+    n = pick(near.values, n_near, picked)
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    n_points = 0.0
+    for k in range(np.uint64(n)):
+        p = np.uint64(picked[k])
+        dx, dy, dz = (near.values[PLACE_X, p] - vertex[0], near.values[PLACE_Y, p] - vertex[1],
+                      near.values[PLACE_Z, p] - vertex[2])  # fmt: skip
+        patch[U, k], patch[V, k] = per * (dx * tx + dy * ty + dz * tz), per * (dx * bx + dy * by + dz * bz)
+        patch[Z, k], patch[COUNT, k] = per * (dx * nx + dy * ny + dz * nz), near.values[N_POINTS, p]
+        n_points += near.values[N_POINTS, p]
+    for q in range(SPREAD_UU, SPREAD_ZZ + 1):
+        patch[q, :n] = 0.0
+    if has_spread:
+        for k in range(np.uint64(n)):
+            p = np.uint64(near.groups[np.uint64(picked[k])])
+            for q in range(np.uint64(6)):
+                patch[np.uint64(SPREAD_UU) + q, k] = level.spreads[p, q]
+        turn_spreads(patch, n, normal, per)
+    return n, n_points
+
+
+@jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
+def turn_spreads(patch: Floats, n: int, normal: Floats, per: float) -> None:
+    """Turn the spreads of a patch from xx xy xz yy yz zz to its frame and units."""
+    (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
+    nx, ny, nz = per * normal[0], per * normal[1], per * normal[2]
+    tx, ty, tz, bx, by, bz = per * tx, per * ty, per * tz, per * bx, per * by, per * bz
+    for k in range(np.uint64(n)):
+        xx, xy, xz = patch[SPREAD_UU, k], patch[SPREAD_UU + 1, k], patch[SPREAD_UU + 2, k]
+        yy, yz, zz = patch[SPREAD_UU + 3, k], patch[SPREAD_UU + 4, k], patch[SPREAD_UU + 5, k]
+        ax, ay, az = xx * tx + xy * ty + xz * tz, xy * tx + yy * ty + yz * tz, xz * tx + yz * ty + zz * tz
+        cx, cy, cz = xx * bx + xy * by + xz * bz, xy * bx + yy * by + yz * bz, xz * bx + yz * by + zz * bz
+        patch[SPREAD_UU, k] = ax * tx + ay * ty + az * tz
+        patch[SPREAD_UV, k] = ax * bx + ay * by + az * bz
+        patch[SPREAD_UZ, k] = ax * nx + ay * ny + az * nz
+        patch[SPREAD_VV, k] = cx * bx + cy * by + cz * bz
+        patch[SPREAD_VZ, k] = cx * nx + cy * ny + cz * nz
+        patch[SPREAD_ZZ, k] = (
+            xx * nx * nx + yy * ny * ny + zz * nz * nz + 2.0 * (xy * nx * ny + xz * nx * nz + yz * ny * nz)
+        )
+
+
+@jit(nopython=True, cache=True)
+def tilt(normal: Floats, slope_u: float, slope_v: float) -> None:
+    """Turn `normal` in place to that of a patch with these slopes in its frame."""
+    (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
+    length = np.sqrt(1.0 + slope_u * slope_u + slope_v * slope_v)
+    x = (normal[0] - slope_u * tx - slope_v * bx) / length
+    y = (normal[1] - slope_u * ty - slope_v * by) / length
+    z = (normal[2] - slope_u * tz - slope_v * bz) / length
+    normal[0], normal[1], normal[2] = x, y, z
