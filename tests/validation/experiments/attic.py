@@ -7,6 +7,7 @@ those of the command line. The points compared with are the thinned points of ea
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import tempfile
 from pathlib import Path
@@ -31,6 +32,7 @@ INSTRUMENT = INSTRUMENTS["faro-photon120"]
 SPACINGS = {"small": 0.012, "full": 0.003}
 CELLS = {"small": 0.012, "full": 0.005}
 LIMIT = 3600.0
+NOISE = "noise of these points"
 STEEP = np.radians(60.0)
 LIMB = 0.05  # m: where the true surface bends more sharply than this, most of a spot's power may miss its tangent plane
 
@@ -66,7 +68,18 @@ def run(size: Size) -> list[Row]:
     is_steep = cosine < np.cos(STEEP)
     is_bent = np.nanmax(np.abs(scene.truth.curvature(feet)), axis=1) > 1.0 / LIMB
     error = 1e3 * scene.truth.signed_distance(surface.vertices)
-    return [*rows_of(off, sigma, error), *rows_of_places(off, sigma, is_steep, is_bent)]
+    return with_cause([*rows_of(off, sigma, error), *rows_of_places(off, sigma, is_steep, is_bent)])
+
+
+def with_cause(rows: list[Row]) -> list[Row]:
+    """Return the rows, that of the rms with where it exceeds the noise; the last rows tell of places."""
+    above = [row for row in rows if row.what.startswith("rms of points") and row.value > float(row.others[NOISE])]
+    told = "; ".join(f"{row.what.removesuffix(', mm')}: {row.ours}, stated {row.others[NOISE]}" for row in above)
+    cause = f"only these lie farther off than they state: {told}" if above else ""
+    return [
+        dataclasses.replace(row, cause=cause) if row.what == "rms, mm" and row.verdict == "not yet" else row
+        for row in rows
+    ]
 
 
 def rows_of_places(off: Floats, sigma: Floats, is_steep: Bools, is_bent: Bools) -> list[Row]:
@@ -85,7 +98,7 @@ def rows_of_places(off: Floats, sigma: Floats, is_steep: Bools, is_bent: Bools) 
         share, of_squares = float(here.sum() / known.sum()), float(np.sum(off[here] ** 2)) / total
         rows.append(
             Row(f"rms of points {what}, mm", in_words(rms, 3), "stated", "", "", {
-                "noise of these points": in_words(noise, 3), "of the points": in_percent(share),
+                NOISE: in_words(noise, 3), "of the points": in_percent(share),
                 "of the squares": in_percent(of_squares)}, rms)
         )  # fmt: skip
     return rows
@@ -101,7 +114,7 @@ def rows_of(off: Floats, sigma: Floats, error: Floats) -> list[Row]:
         Row("signed mean, points over surface, mm", in_words(mean, 4, signed=True), judge(abs(mean) <= 0.02),
             "beside it all over", "0.02", value=mean),
         Row("rms, mm", in_words(rms, 3), judge(rms <= noise), "within 0.5 (Geomagic)", "the points' noise",
-            {"noise of these points": in_words(noise, 3)}, rms),
+            {NOISE: in_words(noise, 3)}, rms),
         Row("points farther than 0.5 mm", in_percent(float(np.mean(np.abs(known) > 0.5)), 2)),
         Row("points over no surface", in_percent(float(np.mean(~np.isfinite(off))), 2)),
         Row("surface against the truth: median, mm", in_words(float(np.median(near)), 3, signed=True),
