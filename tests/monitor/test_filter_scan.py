@@ -190,14 +190,14 @@ def test_merged_scans_of_unknown_stations_look_one_way(rng, monkeypatch):
 
 def test_what_another_scan_looked_through_is_dropped_before_merging(rng):
     """Forty points float 0.2 m before the wall in one scan; the other measured the wall behind them."""
-    dropping = FilterSettings(silhouettes=SilhouetteSettings(drop_seen_through=True))
+    keeping = FilterSettings(silhouettes=SilhouetteSettings(drop_seen_through=False))
     clouds = [filter_scan(wall_scan(rng)), filter_scan(wall_scan(rng, shift=(0.5, 0, 2.5), name="b"))]
     floating = clouds[0].take(np.arange(40))
     centre = np.median(clouds[0].points, axis=0) + np.array([0.0, 0.0, 0.2])
     floating = dataclasses.replace(floating, points=centre + rng.uniform(-0.01, 0.01, (40, 3)))
     clouds[0] = concatenate_clouds([clouds[0], floating])
     clouds[0] = dataclasses.replace(clouds[0], origins=floating.origins)
-    result = merge_scans(clouds, dropping)
+    result = merge_scans(clouds)
     assert result.counts["seen_through"] == 40
     assert result.counts["in"] == sum(map(len, clouds))
-    assert merge_scans(clouds, FilterSettings()).counts["seen_through"] == 0
+    assert merge_scans(clouds, keeping).counts["seen_through"] == 0
