@@ -22,7 +22,7 @@ METHOD = {
     "scan": 2,
     "targets": 1,
     "network": 3,
-    "filtered": 3,
+    "filtered": 4,
     "surface": 2,
     "quality": 1,
     "comparison": 6,

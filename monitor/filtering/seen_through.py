@@ -29,7 +29,8 @@ def find_seen_through(clouds: Sequence[PointCloud], slack: float = 0.0) -> list[
     aside than twice that scan's own spacing, all went on behind it by more than a steep surface, the noise of both and
     `slack` explain. They must pass on all sides of it: at the silhouette of a body whose rim was dropped, the nearest
     beams that are left may all pass beside the body. At least half of the points next to it must be contradicted too; a
-    wire between the beams stays.
+    wire between the beams stays. What another scan measured as well stays: a scan may lack the whole of a thin part
+    that it sees edge-on, an ear, and have beams on all sides of where it is.
 
     Parameters
     ----------
@@ -47,7 +48,8 @@ def find_seen_through(clouds: Sequence[PointCloud], slack: float = 0.0) -> list[
         for k, cloud in enumerate(clouds):
             if k != j and len(cloud):
                 masks[k] |= _passed(cloud, other, (tree, ranges), slack)
-    return [mask & _agreed(cloud, mask) for cloud, mask in zip(clouds, masks, strict=True)]
+    masks = [mask & _agreed(cloud, mask) for cloud, mask in zip(clouds, masks, strict=True)]
+    return [mask & ~_measured_again(k, clouds, mask, slack) for k, mask in enumerate(masks)]
 
 
 def _is_usable(cloud: PointCloud) -> bool:
@@ -103,3 +105,17 @@ def _agreed(cloud: PointCloud, mask: Bools) -> Bools:
     near = cKDTree(cloud.points).query(cloud.points[mask], min(N_AGREE + 1, len(cloud)))[1]
     agreed[mask] = mask[near.reshape(int(mask.sum()), -1)].mean(axis=1) >= 0.5
     return agreed
+
+
+def _measured_again(k: int, clouds: Sequence[PointCloud], mask: Bools, slack: float) -> Bools:
+    """Return the points of a mask (n,) of cloud k that lie no farther from another cloud than twice its spacing."""
+    again = np.zeros(len(mask), dtype=bool)
+    which = np.flatnonzero(mask)
+    for j, other in enumerate(clouds):
+        if j == k or len(other) <= N_BEAMS or not len(which):
+            continue
+        tree = cKDTree(other.points)
+        apart, near = tree.query(clouds[k].points[which])
+        spacing = tree.query(other.points[near], N_BEAMS + 1)[0][:, -1]
+        again[which] |= apart <= 2.0 * spacing + slack
+    return again

@@ -62,6 +62,16 @@ def test_the_silhouette_of_a_body_whose_rim_the_other_scan_dropped_stays(rng):
     assert second.sum() == 0
 
 
+def test_what_a_third_scan_measured_too_stays(rng):
+    """A thin blade that the second scan lacks altogether, its beams on all sides; a third has half of it."""
+    blade = np.c_[np.zeros(400), rng.uniform(-0.05, 0.05, 400), rng.uniform(0.2, 0.3, 400)]
+    first, *_ = find_seen_through([wall(rng, LEFT, more=blade), wall(rng, RIGHT)])
+    assert first[-400:].mean() > 0.9
+    third = wall(rng, LEFT, more=blade[:200] + rng.normal(0, SIGMA, (200, 3)))
+    first, *_ = find_seen_through([wall(rng, LEFT, more=blade), wall(rng, RIGHT), third])
+    assert first[-400:].sum() == 0
+
+
 def test_a_wire_between_the_beams_stays(rng):
     """A wire seen by one scan, too thin for the spacing of the other, whose wall shows through beside it."""
     wire = np.c_[np.linspace(-0.1, 0.1, 60), np.full(60, 0.1), np.full(60, 0.01)]
