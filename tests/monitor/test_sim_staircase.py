@@ -58,6 +58,13 @@ def test_distances_to_treads_walls_and_landing_are_exact_far_from_the_origin(sta
         assert not np.nan_to_num(staircase.truth.curvature(points + 1e-3 * np.array(normal))).any()
 
 
+def test_just_below_a_nosing_the_nearest_surface_is_its_underside(staircase):
+    heights = np.array([-1e-3, -1e-4, -1e-5, 1e-5, 1e-4, 1e-3])
+    near = np.column_stack([np.full(6, -20.00097676), np.full(6, -0.13538802), 0.1 + heights])
+    expected = np.where(heights < -9.7e-4, 0.00097676, -heights)  # a millimetre below, the riser is as near
+    np.testing.assert_allclose(staircase.truth.signed_distance(near), expected, atol=1e-9)
+
+
 def test_a_scan_shows_the_far_wall_to_float32s_two_micrometres(staircase):
     pose = stand_at([13.0, -0.5, 4.0], facing=[13.0, 4.0, 4.0])
     scan = simulate_scan(staircase, EXACT, pose, Window(-0.05, 0.05, 0.15, 0.2), step=0.002)
