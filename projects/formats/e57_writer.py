@@ -63,7 +63,7 @@ def write_e57(
 
 @contextlib.contextmanager
 def _new_image(path: Path, acquired: datetime.datetime | None) -> Iterator[Any]:
-    """Yield a new file with its header, to be closed afterwards; created when acquired, as far as is known."""
+    """Yield a new file with its header, to be closed afterwards; created when acquired, not told where unknown."""
     from pye57 import libe57
 
     image = libe57.ImageFile(str(path), "w")
@@ -76,7 +76,8 @@ def _new_image(path: Path, acquired: datetime.datetime | None) -> Iterator[Any]:
         root.set("versionMinor", libe57.IntegerNode(image, libe57.E57_FORMAT_MINOR))
         root.set("e57LibraryVersion", libe57.StringNode(image, libe57.E57_LIBRARY_ID))
         root.set("coordinateMetadata", libe57.StringNode(image, ""))
-        root.set("creationDateTime", _structure(image, _moment(acquired or GPS_EPOCH)))
+        if acquired is not None:
+            root.set("creationDateTime", _structure(image, _moment(acquired)))
         root.set("data3D", libe57.VectorNode(image, True))
         root.set("images2D", libe57.VectorNode(image, True))
         yield image

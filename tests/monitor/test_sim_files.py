@@ -85,6 +85,13 @@ def test_an_e57_file_can_hold_the_empty_cells_too_and_they_are_counted_as_no_ret
         assert sum(sum(chunk.dropped.values()) for chunk in chunks) == n_cells - len(scan.cloud)
 
 
+def test_the_header_of_an_e57_file_tells_no_time_that_is_not_known(scans, tmp_path):
+    write_e57(tmp_path / "undated.e57", scans[:1])
+    with pye57.E57(str(tmp_path / "undated.e57")) as document:
+        assert not document.root.isDefined("creationDateTime")
+        assert not document.data3d[0].isDefined("acquisitionStart")
+
+
 def test_the_header_of_an_e57_file_tells_when_and_over_which_field_as_instruments_do(scans, tmp_path):
     when = datetime.datetime(2025, 5, 12, 9, 30, tzinfo=datetime.UTC)
     turned = [scans[0], scans[1]]
