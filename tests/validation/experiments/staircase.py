@@ -33,7 +33,7 @@ from projects.transforms import apply, invert
 TITLE = "Staircase (paper 002, fig. 4): control points, and a settlement of 6 mm"
 INSTRUMENT = INSTRUMENTS["leica-hds6000"]
 PLACES = {"small": (2, 6), "full": (2, 3, 6, 7, 8)}  # of STATIONS
-STEPS = {"small": 0.008, "full": 0.004}  # rad, of the panoramas
+STEPS = {"small": 0.008, "full": 0.00275}  # rad, of the panoramas
 GROWTH: dict[Size, tuple[float, ...]] = {"small": (), "full": (0.02, 0.009)}  # rad; the first compiles, not counted
 SIGMA_POSITION, SIGMA_ANGLE = 0.010, float(np.radians(0.05))
 ACROSS, FARTHEST, STEEPEST = 40, 10.0, float(np.radians(60.0))  # pulses, m, rad: fine scans of the targets
