@@ -21,7 +21,7 @@ METHOD = {
     "calibration": 2,
     "scan": 2,
     "targets": 1,
-    "network": 3,
+    "network": 4,
     "filtered": 4,
     "surface": 2,
     "quality": 1,
