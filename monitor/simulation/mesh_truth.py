@@ -65,48 +65,84 @@ def truth_of_bodies(
     -------
     Truth; faces that lie wholly inside of another body are no surface. A face covered in part is one.
     """
-    corners = np.concatenate([body.vertices[body.faces] for body in bodies])
-    owner = np.repeat(np.arange(len(bodies)), [len(body.faces) for body in bodies])
-    middle = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
+    mesh = _Mesh(tuple(bodies), tuple(curvatures or ()))
+    return Truth(
+        lambda p: mesh.find(p)[1], mesh.signed_distance, lambda p: mesh.face_normals(mesh.find(p)[0]), mesh.curvature
+    )
 
-    def face_normals(face: Ints) -> Floats:
-        c = corners[face]
+
+@dataclass(frozen=True, eq=False)
+class _Mesh:
+    """The faces of closed bodies as one surface, with what is looked up in it; see `truth_of_bodies`."""
+
+    bodies: tuple[Body, ...]
+    curvatures: tuple[Callable[[Floats], Floats] | None, ...]
+
+    @functools.cached_property
+    def corners(self) -> Floats:
+        """Corners of each face (f, 3, 3) m."""
+        return np.concatenate([body.vertices[body.faces] for body in self.bodies])
+
+    @functools.cached_property
+    def owner(self) -> Ints:
+        """Number (f,) of the body of each face."""
+        return np.repeat(np.arange(len(self.bodies)), [len(body.faces) for body in self.bodies])
+
+    @functools.cached_property
+    def middle(self) -> Floats:
+        """Middle (3,) m of the box of all, about which float32 is exact enough."""
+        return np.asarray(0.5 * (self.corners.min(axis=(0, 1)) + self.corners.max(axis=(0, 1))))
+
+    def face_normals(self, face: Ints) -> Floats:
+        """Return the outward unit normals of faces (n,)."""
+        c = self.corners[face]
         n = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])
-        return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+        return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300))
 
-    @functools.cache
-    def trees() -> tuple[_Tree, _Tree, Ints]:
+    @functools.cached_property
+    def trees(self) -> tuple[_Tree, _Tree, Ints]:
         """All faces as a tree, the open ones as another, and the numbers of the open ones."""
-        whole = _grow_tree(corners - middle, owner)
-        open_ = np.flatnonzero(~_is_covered(whole, corners - middle, owner, face_normals(np.arange(len(corners)))))
-        return whole, whole if len(open_) == len(corners) else _grow_tree(corners[open_] - middle, owner[open_]), open_
+        corners = self.corners - self.middle
+        whole = _grow_tree(corners, self.owner)
+        normals = self.face_normals(np.arange(len(corners)))
+        open_ = np.flatnonzero(~_is_covered(whole, corners, self.owner, normals))
+        return whole, whole if len(open_) == len(corners) else _grow_tree(corners[open_], self.owner[open_]), open_
 
-    @functools.cache
-    def is_open() -> Bools:
-        return np.isin(np.arange(len(corners)), trees()[2])
+    @functools.cached_property
+    def is_open(self) -> Bools:
+        """Whether each face (f,) is surface, and not inside of another body."""
+        return np.isin(np.arange(len(self.corners)), self.trees[2])
 
-    @functools.cache
-    def neighbours() -> Ints:
-        starts = np.cumsum([0, *(len(body.vertices) for body in bodies[:-1])])
-        faces = [body.faces.astype(np.int64) + start for body, start in zip(bodies, starts, strict=True)]
+    @functools.cached_property
+    def neighbours(self) -> Ints:
+        """Faces across the three edges of each, (f, 3)."""
+        starts = np.cumsum([0, *(len(body.vertices) for body in self.bodies[:-1])])
+        faces = [body.faces.astype(np.int64) + start for body, start in zip(self.bodies, starts, strict=True)]
         return _list_neighbours(np.concatenate(faces))
 
-    def find(points: Floats) -> tuple[Ints, Floats, Bools]:
+    def find(self, points: Floats) -> tuple[Ints, Floats, Bools]:
         """Return the nearest face of each point, the foot on it, and whether that lies inside its edges."""
         o3d = load_open3d()
-        shifted = np.ascontiguousarray(points - middle, dtype=np.float32)
-        _, tree, open_ = trees()
+        shifted = np.ascontiguousarray(points - self.middle, dtype=np.float32)
+        _, tree, open_ = self.trees
         found = tree.scene.compute_closest_points(o3d.core.Tensor(shifted), nthreads=2)
         face = open_[tree.first[found["geometry_ids"].numpy()] + found["primitive_ids"].numpy()]
-        foot, inside = closest_on_faces(points, corners[face])
-        # On long thin faces float32 may have taken a neighbour of the nearest, a millimetre farther off on faces of
-        # 7 m by 3 cm: go across edges while that leads nearer.
+        foot, inside = closest_on_faces(points, self.corners[face])
+        self._walk_nearer(points, face, foot, inside)
+        return face, foot, inside
+
+    def _walk_nearer(self, points: Floats, face: Ints, foot: Floats, inside: Bools) -> None:
+        """Go from each face across edges while that leads nearer to its point; `face`, `foot`, `inside` are changed.
+
+        On long thin faces float32 may have taken a neighbour of the nearest, a millimetre farther off on faces of 7 m
+        by 3 cm.
+        """
         gap, walking = np.linalg.norm(points - foot, axis=1), np.arange(len(points))
         for _ in range(N_NEIGHBOURS_TRIED):
-            tried = neighbours()[face[walking]]
-            at = [closest_on_faces(points[walking], corners[tried[:, k]]) for k in range(3)]
+            tried = self.neighbours[face[walking]]
+            at = [closest_on_faces(points[walking], self.corners[tried[:, k]]) for k in range(3)]
             gaps = np.stack([np.linalg.norm(points[walking] - a[0], axis=1) for a in at])
-            gaps[~is_open()[tried].T] = np.inf  # beyond the rim of a joint the face is no surface
+            gaps[~self.is_open[tried].T] = np.inf  # beyond the rim of a joint the face is no surface
             best, row = gaps.argmin(axis=0), np.arange(len(walking))
             nearer = gaps[best, row] < gap[walking] - 1e-12
             walking, best, row = walking[nearer], best[nearer], row[nearer]
@@ -116,30 +152,29 @@ def truth_of_bodies(
             foot[walking] = np.stack([a[0] for a in at])[best, row]
             inside[walking] = np.stack([a[1] for a in at])[best, row]
             gap[walking] = gaps[best, row]
-        return face, foot, inside
 
-    def signed(points: Floats) -> Floats:
-        face, foot, inside = find(points)
+    def signed_distance(self, points: Floats) -> Floats:
+        """Return the distance (n,) [m] of points, negative inside of a body."""
+        face, foot, inside = self.find(points)
         off = points - foot
         distance = np.linalg.norm(off, axis=1)
-        above = (off * face_normals(face)).sum(axis=1) >= 0.0
+        above = (off * self.face_normals(face)).sum(axis=1) >= 0.0
         # Below a face is inside of its body; above it, or beside it, another body may be: rays tell, and above a face
         # all of them must, since one that slips along an edge miscounts.
         unsure = np.flatnonzero(~inside | (above & (distance > ON_SURFACE)))
-        held = count_bodies_around(trees()[0], points[unsure] - middle, face_normals)
+        held = count_bodies_around(self.trees[0], points[unsure] - self.middle, self.face_normals)
         above[unsure] = np.where(inside[unsure], held.min(axis=0, initial=np.inf), np.median(held, axis=0)) < 0.5
         return np.where(above, distance, -distance)
 
-    def curvature(points: Floats) -> Floats:
-        face, foot, inside = find(points)
+    def curvature(self, points: Floats) -> Floats:
+        """Return both curvatures (n, 2) [1/m] at the feet of points; NaN where a flat face ends."""
+        face, foot, inside = self.find(points)
         bent = np.where(inside[:, None], np.zeros((len(points), 2)), np.nan)
-        for k, of_one in enumerate(curvatures or ()):
-            of_body = owner[face] == k
+        for k, of_one in enumerate(self.curvatures):
+            of_body = self.owner[face] == k
             if of_one is not None and of_body.any():
                 bent[of_body] = of_one(foot[of_body])
         return bent
-
-    return Truth(lambda p: find(p)[1], signed, lambda p: face_normals(find(p)[0]), curvature)
 
 
 @dataclass(frozen=True)
