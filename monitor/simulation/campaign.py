@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from monitor.simulation.instruments import Instrument
-from monitor.simulation.scanner import simulate_scan, window_around
+from monitor.simulation.scanner import Target, join_blocks, stream_scan, window_around
 from monitor.simulation.scenes import Scene
 from monitor.simulation.stations import Station
 from monitor.simulation.true_change import TrueChange
@@ -42,6 +42,19 @@ class Campaign:
     extent: Path
 
 
+def stream_stations(
+    scene: Scene, instrument: Instrument, stations: Sequence[Station], *, box: Floats, seed: int, n_subrays: int = 9
+) -> Iterator[Iterator[Scan]]:
+    """Yield the scans of one epoch block by block (`stream_scan`), one after the other; see `scan_stations`."""
+    target = Target.of(scene, 2)
+    for k, s in enumerate(stations):
+        window = window_around(box, s.T_project_scanner, margin=0.01)
+        yield stream_scan(
+            target, instrument, s.T_project_scanner, window, step=s.step, seed=seed * 100 + k, n_subrays=n_subrays,
+            registered=s.registered, name=s.name,
+        )  # fmt: skip
+
+
 def scan_stations(
     scene: Scene, instrument: Instrument, stations: Sequence[Station], *, box: Floats, seed: int, n_subrays: int = 9
 ) -> list[Scan]:
@@ -49,13 +62,8 @@ def scan_stations(
 
     The work is about a second and a half for 500 000 pulses of nine sub-rays on two cores.
     """
-    return [
-        simulate_scan(
-            scene, instrument, s.T_project_scanner, window_around(box, s.T_project_scanner, margin=0.01), step=s.step,
-            seed=seed * 100 + k, registered=s.registered, name=s.name, n_subrays=n_subrays,
-        )
-        for k, s in enumerate(stations)
-    ]  # fmt: skip
+    streams = stream_stations(scene, instrument, stations, box=box, seed=seed, n_subrays=n_subrays)
+    return [join_blocks(blocks) for blocks in streams]
 
 
 def write_campaign(
@@ -63,6 +71,8 @@ def write_campaign(
     format: str = "e57", n_subrays: int = 9,
 ) -> Campaign:  # fmt: skip
     """Scan each epoch from its stations and write the scans, `epoch-1.e57` and so on, and the extent.
+
+    Scans go to the file block by block, so that their size is bounded by the disk, not by memory.
 
     Parameters
     ----------
@@ -79,7 +89,7 @@ def write_campaign(
     folder.mkdir(parents=True, exist_ok=True)
     paths = tuple(folder / f"epoch-{k}.{format}" for k in range(1, len(epochs) + 1))
     for k, (epoch, path) in enumerate(zip(epochs, paths, strict=True), start=1):
-        scans = scan_stations(epoch.scene, instrument, epoch.stations, box=box, seed=seed + k, n_subrays=n_subrays)
+        scans = stream_stations(epoch.scene, instrument, epoch.stations, box=box, seed=seed + k, n_subrays=n_subrays)
         if format == "ptx":
             write_ptx(path, scans)
         else:

@@ -7,7 +7,8 @@ size streams, and is the same for any number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -286,16 +287,21 @@ def simulate_scan(
     Scan, points (n, 3) [m] in the scanner's own frame at the angles of its grid, `rows` counted from the lowest
     elevation, `columns` from the lowest azimuth, intensity as apparent reflectance 0 to 1, pose = `registered`.
     """
-    blocks = list(
+    return join_blocks(
         stream_scan(
             scene, instrument, T_project_scanner, window, step=step, seed=seed, n_subrays=n_subrays,
             registered=registered, name=name, drift=drift, n_threads=n_threads,
         )
     )  # fmt: skip
+
+
+def join_blocks(blocks: Iterable[Scan]) -> Scan:
+    """Return the blocks of `stream_scan` as the one scan that they are of."""
+    blocks = list(blocks)
     rows, columns = (np.concatenate([getattr(b, which) for b in blocks]) for which in ("rows", "columns"))
     cloud = PointCloud(
         np.concatenate([b.cloud.points for b in blocks]), origins=np.zeros(3),
         intensity=np.concatenate([b.cloud.intensity for b in blocks]),
     )  # fmt: skip
     dropped = {"no return": sum(b.dropped["no return"] for b in blocks)}
-    return Scan(name, cloud, blocks[0].pose, rows=rows, columns=columns, scanner=instrument.name, dropped=dropped)
+    return dataclasses.replace(blocks[0], cloud=cloud, rows=rows, columns=columns, dropped=dropped)

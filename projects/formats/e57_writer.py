@@ -10,7 +10,8 @@ import contextlib
 import dataclasses
 import datetime
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from scipy.spatial.transform import Rotation
 
 from projects.errors import FormatError
 from projects.formats.complete_file import complete_file
-from projects.model import Floats, Scan
+from projects.formats.e57_bounds import Extremes, header_bounds
+from projects.formats.scan_blocks import ScanSource, in_blocks
+from projects.model import Scan
 from projects.transforms import apply, require_rigid
 
 CHUNK = 1_000_000
@@ -30,7 +33,7 @@ NO_RETURN = 2  # cartesianInvalidState: no part of the coordinate is meaningful
 
 def write_e57(
     path: Path,
-    scans: Sequence[Scan],
+    scans: Iterable[ScanSource],
     *,
     fill_grid: bool = False,
     acquired: datetime.datetime | None = None,
@@ -42,23 +45,48 @@ def write_e57(
     ----------
     path : where to write; an existing file is replaced when the new one is complete.
     scans : at least one; `cloud.points` [m] in the scan's frame, intensity 0 to 1. Points must be finite. A scan whose
-        `origin` is not 0 0 0 is written in the frame about its scanner, with the pose to match.
-    fill_grid : write the cells of the grid that have no point too, flagged invalid, in column order; needs `rows`
-        and `columns` that name every cell at most once.
+        `origin` is not 0 0 0 is written in the frame about its scanner, with the pose to match. A scan may come block
+        by block, as an iterable of `Scan` that share name, pose and grid: memory then holds one block, and disk all.
+    fill_grid : write the cells of the grid that have no point too, flagged invalid, in column order; needs whole
+        scans with `rows` and `columns` that name every cell at most once.
     acquired : when the scans were made (with a time zone); left out where unknown.
     description : free text of every scan.
 
     Raises
     ------
     FormatError
-        No scans, an empty scan, points that are not finite, or a grid that cannot be filled.
+        No scans, an empty scan, points that are not finite, a grid that cannot be filled, or blocks that differ in
+        what they state of a point.
     """
-    if not scans:
-        raise FormatError(f"{path}: no scans were given; an E57 file needs at least one")
+    path, n_scans = Path(path), 0
+    about = {"acquired": acquired, "description": description}
     with complete_file(path) as unfinished, _new_image(unfinished, acquired) as image:
-        for scan in map(_centred, scans):
-            fields = _fields_of(scan, path, fill_grid)
-            _write_scan(image, scan, fields, {"acquired": acquired, "description": description})
+        for source in scans:
+            if fill_grid and not isinstance(source, Scan):
+                raise FormatError(f"{path}: fill_grid needs whole scans; this one comes in blocks")
+            with in_blocks(source, path) as blocks:
+                _write_scan(image, _Blocks(blocks, path, fill_grid), about)
+            n_scans += 1
+        if not n_scans:
+            raise FormatError(f"{path}: no scans were given; an E57 file needs at least one")
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """The blocks of one scan, as E57 point fields."""
+
+    scans: Iterable[Scan]
+    path: Path
+    fill_grid: bool
+
+    def header(self) -> Scan:
+        """Return the scan that names all of them."""
+        return _centred(next(iter(self.scans)))
+
+    def fields(self) -> Iterator[dict[str, Any]]:
+        """Yield the point fields of each block, name -> array."""
+        for scan in map(_centred, self.scans):
+            yield _fields_of(scan, self.path, self.fill_grid)
 
 
 @contextlib.contextmanager
@@ -102,8 +130,6 @@ def _centred(scan: Scan) -> Scan:
 
 def _fields_of(scan: Scan, path: Path, fill_grid: bool) -> dict[str, Any]:
     """Return the E57 point fields of a scan, name -> array."""
-    if not len(scan.cloud):
-        raise FormatError(f"{path}: scan {scan.name} holds no points; leave it out")
     if not np.isfinite(scan.cloud.points).all():
         raise FormatError(f"{path}: scan {scan.name} holds points that are not finite; drop them first")
     fields: dict[str, Any] = {f"cartesian{axis}": scan.cloud.points[:, k] for k, axis in enumerate("XYZ")}
@@ -139,19 +165,36 @@ def _with_empty_cells(fields: dict[str, Any], name: str, path: Path) -> dict[str
     return full
 
 
-def _write_scan(image: Any, scan: Scan, fields: dict[str, Any], about: dict[str, Any]) -> None:
+def _survey(blocks: _Blocks) -> tuple[list[str], Extremes]:
+    """Go through a scan for the fields that its points have, and for its extremes."""
+    extremes, names = Extremes(), list[str]()
+    for fields in blocks.fields():
+        extremes.add(fields)
+        differing = (fields.keys() ^ names) - {"isIntensityInvalid"} if names else None
+        if differing:
+            raise FormatError(
+                f"{blocks.path}: scan {blocks.header().name} has {', '.join(sorted(differing))} in some of its blocks "
+                "only; give all of them the same fields"
+            )
+        names += [name for name in fields if name not in names]
+    return names, extremes
+
+
+def _write_scan(image: Any, blocks: _Blocks, about: dict[str, Any]) -> None:
     """Append one scan with its header and points."""
     from pye57 import libe57
 
+    scan = blocks.header()
+    names, extremes = _survey(blocks)
     node = _structure(image, {"guid": "{" + str(uuid.uuid4()) + "}", "name": scan.name, **_instrument(scan, about)})
-    for name, content in _bounds(scan, fields).items():
+    for name, content in header_bounds(extremes).items():
         node.set(name, _structure(image, content))
     node.set("pose", _pose(image, scan))
-    prototype = _prototype(image, fields)
+    prototype = _prototype(image, names, extremes)
     points = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
     node.set("points", points)
     libe57.VectorNode(image.root().get("data3D")).append(node)
-    _write_points(image, points, fields)
+    _write_points(image, points, names, blocks.fields())
 
 
 def _instrument(scan: Scan, about: dict[str, Any]) -> dict[str, Any]:
@@ -162,44 +205,6 @@ def _instrument(scan: Scan, about: dict[str, Any]) -> dict[str, Any]:
     if about["acquired"] is not None:
         entries["acquisitionStart"] = _moment(about["acquired"])
     return entries
-
-
-def _bounds(scan: Scan, fields: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the header's bounds and limits: of coordinates, indices, intensity and colour."""
-    points = scan.cloud.points
-    low, high = points.min(axis=0), points.max(axis=0)
-    box: dict[str, Any] = {}
-    for k, axis in enumerate("xyz"):
-        box |= {f"{axis}Minimum": float(low[k]), f"{axis}Maximum": float(high[k])}
-    bounds = {"cartesianBounds": box, "sphericalBounds": _spherical_bounds(points)}
-    if "rowIndex" in fields:
-        index: dict[str, Any] = {}
-        for name in ("row", "column"):
-            values = fields[f"{name}Index"]
-            index |= {f"{name}Minimum": int(values.min()), f"{name}Maximum": int(values.max())}
-        bounds["indexBounds"] = {**index, "returnMinimum": 0, "returnMaximum": 0}
-    if "intensity" in fields:
-        bounds["intensityLimits"] = {"intensityMinimum": 0.0, "intensityMaximum": 1.0}
-    if "colorRed" in fields:
-        limits = {"Minimum": 0, "Maximum": 255}
-        bounds["colorLimits"] = {f"color{c}{k}": v for c in ("Red", "Green", "Blue") for k, v in limits.items()}
-    return bounds
-
-
-def _spherical_bounds(points: Floats) -> dict[str, Any]:
-    """Return ranges [m], elevations and azimuths [rad]; azimuths run from start up to end, which may lie beyond pi."""
-    x, y, z = points.T
-    elevation, azimuth = np.arctan2(z, np.hypot(x, y)), np.sort(np.arctan2(y, x))
-    ranges = np.sqrt(x * x + y * y + z * z)
-    gaps = np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi)
-    last = int(gaps.argmax())  # the widest empty sector lies outside
-    start = float(azimuth[(last + 1) % len(azimuth)])
-    end = float(azimuth[last]) + (2.0 * np.pi if azimuth[last] < start else 0.0)
-    return {
-        "rangeMinimum": float(ranges.min()), "rangeMaximum": float(ranges.max()),
-        "elevationMinimum": float(elevation.min()), "elevationMaximum": float(elevation.max()),
-        "azimuthStart": start, "azimuthEnd": end,
-    }  # fmt: skip
 
 
 def _pose(image: Any, scan: Scan) -> Any:
@@ -228,13 +233,13 @@ def _structure(image: Any, content: Mapping[str, Any]) -> Any:
     return node
 
 
-def _prototype(image: Any, fields: Mapping[str, Any]) -> Any:
+def _prototype(image: Any, names: Iterable[str], extremes: Extremes) -> Any:
     """Return the node that says how each point field is stored."""
     from pye57 import libe57
 
     prototype = libe57.StructureNode(image)
-    for name, values in fields.items():
-        low, high = values.min(), values.max()
+    for name in names:
+        low, high = extremes.low[name], extremes.high[name]
         if name.startswith("cartesian") and len(name) == len("cartesianX"):
             # one step of room on either side, so that rounding cannot leave the bounds
             first, last = int(np.floor(low / STEP)) - 1, int(np.ceil(high / STEP)) + 1
@@ -243,6 +248,8 @@ def _prototype(image: Any, fields: Mapping[str, Any]) -> Any:
             node = libe57.FloatNode(image, 0.0, libe57.E57_SINGLE, 0.0, 1.0)
         elif name.startswith("color"):
             node = libe57.IntegerNode(image, 0, 0, 255)
+        elif name == "isIntensityInvalid":
+            node = libe57.IntegerNode(image, 0, 0, 1)
         else:
             node = libe57.IntegerNode(image, int(low), int(low), int(high))
         prototype.set(name, node)
@@ -253,19 +260,19 @@ BUFFER_KINDS = {"cartesianX": "d", "cartesianY": "d", "cartesianZ": "d", "intens
                 "columnIndex": "q", "cartesianInvalidState": "b"}  # fmt: skip
 
 
-def _write_points(image: Any, points: Any, fields: Mapping[str, Any]) -> None:
-    """Write the fields to the compressed vector, chunk by chunk."""
+def _write_points(image: Any, points: Any, names: Iterable[str], blocks: Iterable[Mapping[str, Any]]) -> None:
+    """Write the fields of all blocks to the compressed vector, chunk by chunk; a field that a block lacks is 0."""
     from pye57 import libe57
 
-    n = len(fields["cartesianX"])
-    arrays = {name: np.empty(min(n, CHUNK), BUFFER_KINDS.get(name, "B")) for name in fields}
+    arrays = {name: np.empty(CHUNK, BUFFER_KINDS.get(name, "B")) for name in names}
     buffers = libe57.VectorSourceDestBuffer()
     for name, array in arrays.items():
         buffers.append(libe57.SourceDestBuffer(image, name, array, len(array), True, True))
-    writer = points.writer(buffers)
-    for start in range(0, n, CHUNK):
-        stop = min(start + CHUNK, n)
-        for name, array in arrays.items():
-            array[: stop - start] = fields[name][start:stop]
-        writer.write(stop - start)
-    writer.close()
+    with contextlib.closing(points.writer(buffers)) as writer:  # one left open crashes Python when it is collected
+        for fields in blocks:
+            n = len(fields["cartesianX"])
+            for start in range(0, n, CHUNK):
+                stop = min(start + CHUNK, n)
+                for name, array in arrays.items():
+                    array[: stop - start] = fields[name][start:stop] if name in fields else 0
+                writer.write(stop - start)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TextIO
 
@@ -10,41 +10,70 @@ import numpy as np
 
 from projects.errors import FormatError
 from projects.formats.complete_file import complete_file
+from projects.formats.scan_blocks import ScanSource, in_blocks
 from projects.model import Ints, Scan
 from projects.transforms import apply, require_rigid
 
 
-def write_ptx(path: Path, scans: Sequence[Scan]) -> None:
+def write_ptx(path: Path, scans: Iterable[ScanSource]) -> None:
     """Write scans, each in its own frame with its pose, to one PTX file; metres, six decimals, intensity 0 to 1.
 
     A scan with `rows` and `columns` is written as its full grid, cells without a point as `0 0 0 0.5` as the format
-    asks; one without is written as a single column. Unknown intensity is 0.5.
+    asks; one without is written as a single column. Unknown intensity is 0.5. A scan may come block by block, as an
+    iterable of `Scan` that share name, pose and grid, each of columns beyond those before: memory then holds one
+    block, and disk all.
 
     Raises
     ------
     FormatError
-        No scans, an empty scan, or several points in one cell.
+        No scans, an empty scan, several points in one cell, or blocks that are not in the order of their columns.
     """
-    if not scans:
-        raise FormatError(f"{path}: no scans were given; a PTX file needs at least one")
+    path, n_scans = Path(path), 0
     with complete_file(path) as unfinished, unfinished.open("w", encoding="ascii", newline="\n") as out:
-        for scan in scans:
-            if not len(scan.cloud):
-                raise FormatError(f"{path}: scan {scan.name} holds no points; leave it out")
-            cell, n_rows, n_columns = _cells(scan, path)
-            _write_header(out, scan, n_rows, n_columns)
-            _write_grid(out, scan, cell, n_rows * n_columns)
+        for source in scans:
+            with in_blocks(source, path) as blocks:
+                _write_scan(out, blocks, path)
+            n_scans += 1
+        if not n_scans:
+            raise FormatError(f"{path}: no scans were given; a PTX file needs at least one")
 
 
-def _cells(scan: Scan, path: Path) -> tuple[Ints, int, int]:
-    """Return the place of each point in the file's order, and the size of the grid."""
-    if scan.rows is None or scan.columns is None or scan.rows.min() < 0 or scan.columns.min() < 0:
-        return np.arange(len(scan.cloud)), len(scan.cloud), 1
-    n_rows, n_columns = int(scan.rows.max()) + 1, int(scan.columns.max()) + 1
-    cell = scan.columns.astype(np.int64) * n_rows + scan.rows
-    if len(np.unique(cell)) != len(cell):
-        raise FormatError(f"{path}: scan {scan.name} has several points in one cell of its grid; PTX holds one")
-    return cell, n_rows, n_columns
+def _write_scan(out: TextIO, blocks: Iterable[Scan], path: Path) -> None:
+    """Write one scan, each block as the cells from the end of the one before to its own last column."""
+    n_rows, n_columns, is_grid = _grid_of(blocks)
+    _write_header(out, next(iter(blocks)), n_rows, n_columns)
+    first = 0
+    for block in blocks:
+        cell = _cells(block, n_rows) if is_grid else first + np.arange(len(block.cloud))
+        if len(np.unique(cell)) != len(cell):
+            raise FormatError(f"{path}: scan {block.name} has several points in one cell of its grid; PTX holds one")
+        if cell.min() < first:
+            raise FormatError(
+                f"{path}: the blocks of scan {block.name} are not in the order of their columns; sort them"
+            )
+        end = (int(cell.max()) // n_rows + 1) * n_rows if is_grid else first + len(cell)
+        _write_grid(out, block, cell - first, end - first)
+        first = end
+
+
+def _grid_of(blocks: Iterable[Scan]) -> tuple[int, int, bool]:
+    """Return rows and columns of the file, and whether they are those of the scan's own grid."""
+    n_points = n_rows = n_columns = 0
+    is_grid = True
+    for scan in blocks:
+        n_points += len(scan.cloud)
+        if scan.rows is None or scan.columns is None or scan.rows.min() < 0 or scan.columns.min() < 0:
+            is_grid = False
+        else:
+            n_rows, n_columns = max(n_rows, int(scan.rows.max()) + 1), max(n_columns, int(scan.columns.max()) + 1)
+    return (n_rows, n_columns, True) if is_grid else (n_points, 1, False)
+
+
+def _cells(scan: Scan, n_rows: int) -> Ints:
+    """Return the place of each point of a grid in the file's order."""
+    assert scan.rows is not None
+    assert scan.columns is not None
+    return scan.columns.astype(np.int64) * n_rows + scan.rows
 
 
 def _write_header(out: TextIO, scan: Scan, n_rows: int, n_columns: int) -> None:

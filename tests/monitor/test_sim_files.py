@@ -2,13 +2,15 @@
 
 import dataclasses
 import datetime
+import weakref
 
 import numpy as np
 import pye57
 import pytest
 
-from monitor.simulation import INSTRUMENTS, Scene, Window, misregister, simulate_scan, stand_at
+from monitor.simulation import INSTRUMENTS, Scene, Window, misregister, simulate_scan, stand_at, stream_scan
 from monitor.simulation.scenes import make_ball, make_box
+from projects.errors import FormatError
 from projects.formats import read_scans, write_e57, write_ptx
 from projects.model import PointCloud
 from projects.transforms import apply
@@ -120,3 +122,95 @@ def test_a_field_across_the_seam_of_azimuths_goes_on_beyond_pi(scans, tmp_path):
         bounds = document.data3d[0]["sphericalBounds"]
         found = [bounds[name].value() for name in ("azimuthStart", "azimuthEnd")]
     np.testing.assert_allclose(found, np.array([azimuth.min(), azimuth.max()]) + np.pi, atol=1e-12)
+
+
+def in_parts(scan, n, seen=None):
+    """Yield a scan as n blocks of whole columns; `seen` gathers a weak reference to each."""
+    for part in np.array_split(np.arange(scan.columns.max() + 1), n):
+        block = scan.take(np.isin(scan.columns, part))
+        if seen is not None:
+            seen.append(weakref.ref(block))
+        yield block
+        del block
+
+
+@pytest.mark.parametrize(("write", "name"), [(write_e57, "survey.e57"), (write_ptx, "survey.ptx")])
+def test_a_scan_written_block_by_block_is_the_file_of_the_whole(scans, tmp_path, write, name):
+    whole, parts = tmp_path / f"whole-{name}", tmp_path / f"parts-{name}"
+    write(whole, scans)
+    write(parts, (in_parts(scan, 7) for scan in scans))
+    for one, other in zip(read_back(whole), read_back(parts), strict=True):
+        for expected, found in zip(one, other, strict=True):
+            np.testing.assert_array_equal(found.cloud.points, expected.cloud.points)
+            np.testing.assert_array_equal(found.cloud.intensity, expected.cloud.intensity)
+            np.testing.assert_array_equal(found.columns, expected.columns)
+            assert found.dropped == expected.dropped
+    if name.endswith("ptx"):
+        assert parts.read_bytes() == whole.read_bytes()
+    else:
+        assert header(parts) == header(whole)
+
+
+def header(path):
+    """Return the bounds that an E57 file states of its scans."""
+    with pye57.E57(str(path)) as document:
+        return [
+            [scan[group][name].value() for group in GROUPS for name in GROUPS[group]] for scan in document.data3d
+        ]  # fmt: skip
+
+
+GROUPS = {
+    "cartesianBounds": [f"{a}{m}" for a in "xyz" for m in ("Minimum", "Maximum")],
+    "sphericalBounds": ["rangeMinimum", "rangeMaximum", "elevationMinimum", "elevationMaximum", "azimuthStart",
+                        "azimuthEnd"],
+    "indexBounds": ["rowMinimum", "rowMaximum", "columnMinimum", "columnMaximum"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("write", "name"), [(write_e57, "survey.e57"), (write_ptx, "survey.ptx")])
+def test_the_writer_lets_each_block_go_before_it_asks_for_the_one_after_the_next(scans, tmp_path, write, name):
+    seen = []
+
+    def watched():
+        for block in in_parts(scans[0], 6, seen):
+            assert sum(reference() is not None for reference in seen) <= 2
+            yield block
+
+    write(tmp_path / name, [watched()])
+    assert len(seen) == 6
+
+
+def test_blocks_that_are_not_of_one_scan_are_refused_and_leave_no_file(scans, tmp_path):
+    blocks = list(in_parts(scans[0], 3))
+    grey = dataclasses.replace(blocks[1], cloud=PointCloud(blocks[1].cloud.points, origins=np.zeros(3)))
+    with pytest.raises(FormatError, match="has intensity in some of its blocks only"):
+        write_e57(tmp_path / "a.e57", [[blocks[0], grey]])
+    with pytest.raises(FormatError, match="order of their columns"):
+        write_ptx(tmp_path / "a.ptx", [blocks[::-1]])
+    with pytest.raises(FormatError, match="fill_grid needs whole scans"):
+        write_e57(tmp_path / "a.e57", [blocks], fill_grid=True)
+    for write in (write_e57, write_ptx):
+        with pytest.raises(FormatError, match="holds no points"):
+            write(tmp_path / "a.e57", [[blocks[0].take(np.zeros(len(blocks[0].cloud), bool))]])
+    assert not list(tmp_path.iterdir())
+
+
+def test_intensity_unknown_in_one_block_only_is_unknown_there_alone(scans, tmp_path):
+    first, second = in_parts(scans[0], 2)
+    unknown = np.full(len(second.cloud), np.nan)
+    dark = dataclasses.replace(second, cloud=dataclasses.replace(second.cloud, intensity=unknown))
+    write_e57(tmp_path / "a.e57", [[first, dark]])
+    ((found,),) = read_back(tmp_path / "a.e57")
+    np.testing.assert_allclose(found.cloud.intensity[: len(first.cloud)], first.cloud.intensity, atol=1e-6)
+    assert np.isnan(found.cloud.intensity[len(first.cloud) :]).all()
+
+
+def test_what_a_scanner_streams_goes_to_a_file_as_it_comes(tmp_path):
+    """The grid is many blocks of the scanner's; sky, which yields blocks without a point, is left out."""
+    scene = Scene("wall", (make_box("wall", [2.0, -1.0, -1.0], [2.2, 1.0, 1.0], reflectance=0.8),))
+    field = (INSTRUMENTS["phase-2020"], np.eye(4), Window(-1.5, 1.5, -0.4, 0.4))
+    write_e57(tmp_path / "a.e57", [stream_scan(scene, *field, step=0.002, n_subrays=1, seed=3)])
+    whole = simulate_scan(scene, *field, step=0.002, n_subrays=1, seed=3)
+    ((found,),) = read_back(tmp_path / "a.e57")
+    np.testing.assert_allclose(found.cloud.points, whole.cloud.points, atol=1.01e-6)
+    np.testing.assert_array_equal(found.columns, whole.columns)
