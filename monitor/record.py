@@ -25,7 +25,7 @@ METHOD = {
     "filtered": 4,
     "surface": 2,
     "quality": 1,
-    "comparison": 6,
+    "comparison": 7,
     "series": 1,
 }
 

@@ -3,7 +3,8 @@
 lod95 = 1.96 sqrt(s^2 (sigma_vertex^2 + sigma_foot^2 + sigma_shared^2) + n' J C J' n + floor^2). The shared part is what
 the scans of each epoch disagree by and how well they are placed. The stable areas give s and the floor: where they show
 less than the surfaces state, since part of the errors is the same in both epochs and falls out, s is below 1; where
-they show more (unmodelled scanner errors, small relief sampled differently), there is a floor. See `noise`.
+they show more of all of the surface (unmodelled scanner errors), there is a floor, and of one kind of place (small
+relief sampled differently), s is above 1. See `noise`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """What the stable areas say about the errors of a comparison: their size, and how far they agree along the surface.
 
 Both epochs see the same shape with the same fits, so part of their errors is the same and falls out of the difference:
-what is stated of each surface alone is then too much. Other errors are stated of neither. The stable areas show both,
-as a scale of what is stated (at most 1) or a floor beneath it. That is the size of most errors, and right for a level
-that one vertex in twenty exceeds. What scans disagree by is large in few places, of which most of the surface says
-nothing: a test of patches at one in a hundred thousand keeps it as stated.
+what is stated of each surface alone is then too much. Other errors are stated too small (relief that the points are
+too sparse for) or not at all. The stable areas show it: as a floor beneath all, and as a scale of what is stated for
+each roughness class at each distance from a free edge. That is the size of most errors, and right for a level that one
+vertex in twenty exceeds. What scans disagree by is large in few places, of which most of the surface says nothing: a
+test of patches at one in a hundred thousand keeps it as stated.
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints
 
 Masks = tuple[Bools, Bools]
-FEWEST_WITNESSES = 5.0  # that a stratum must hold to have a floor or a scale of its own
-STATED_WITNESSES = 5.0  # that what is stated counts for, against those who say that it is too much
+FEWEST_WITNESSES = 5.0  # that a group must hold to be asked for a factor of its own
+STATED_WITNESSES = 2.0  # that what is stated counts for: it may be off by a factor of two, one sigma; see `believe`
 RIM_STEPS = (2.0, 4.0, 8.0, 16.0)  # spacings from a free edge, where one stratum ends and the next begins
 N_STRATA = 3 * (len(RIM_STEPS) + 1)
+EVERY = np.arange(N_STRATA)
+CLASSES, RIMS, SINGLE = list(EVERY.reshape(-1, 3).T), list(EVERY.reshape(-1, 3)), list(EVERY.reshape(-1, 1))
+GROUPS = [EVERY, *CLASSES, *RIMS, *SINGLE, *CLASSES, EVERY]
 N_PAIRED = 1000  # vertices of a stratum whose pairs show how many witnesses it holds
 
 
@@ -91,45 +95,69 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     return replace(noise, correlation=correlation)
 
 
-class _Calm(NamedTuple):
-    """The calm vertices of one side: `points` (n, 3), `distances` and stated `sigma` (n,) [m], `stratum` (n,)."""
+class CalmVertices(NamedTuple):
+    """The calm vertices of one side: `points` (n, 3), `distances` (n,) [m], one sigma (n,) [m] of what is stated of
+    surfaces and scans, `own`, and of the registration, `motion`; `stratum` (n,)."""
 
     points: Floats
     distances: Floats
-    sigma: Floats
+    own: Floats
+    motion: Floats
     stratum: Ints
 
 
-def _witness(side: Side, calm: Bools, spacing: float) -> _Calm:
+def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     """Return the calm vertices of a side."""
-    sigma = np.hypot(side.sigma_surfaces, side.sigma_common)
-    return _Calm(side.surface.vertices[calm], side.distances[calm], sigma[calm], stratum_of(side, spacing)[calm])
+    own = np.hypot(side.sigma_surfaces, side.sigma_shared)[calm]
+    stratum = stratum_of(side, spacing)[calm]
+    return CalmVertices(side.surface.vertices[calm], side.distances[calm], own, side.sigma_motion[calm], stratum)
 
 
 def learn_sizes(
-    calm: Sequence[_Calm], share: float, known: Correlation | None, rng: np.random.Generator
+    calm: Sequence[CalmVertices], share: float, known: Correlation | None, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Return floor [m] and scale of each stratum: the common ones, or its own where its errors are of another size.
+    """Return floor [m] and scale of each stratum: the common ones, times what its errors differ by from the rest.
 
-    Of another size means: by more than two standard errors of a spread learned from so many witnesses. A roughness
-    class is judged within its distance from the rim.
+    By what factor errors exceed what is stated of them is asked of groups of strata one after another, each on top of
+    what the groups before have shown: all; roughness classes; distances from the rim; single strata; and classes and
+    all again, whose factors the others have moved. A factor is believed as far as the group's witnesses go.
     """
-    distances, sigma, stratum = (np.concatenate([getattr(c, name) for c in calm])
-                                 for name in ("distances", "sigma", "stratum"))  # fmt: skip
-    every = np.arange(N_STRATA)
-    floor, scale = size_of_errors(distances, sigma, share, _count(calm, every, known, rng))
-    floors, scales = np.full(N_STRATA, floor), np.full(N_STRATA, scale)
-    for members in [every[every // 3 == k] for k in range(N_STRATA // 3)] + [every[k : k + 1] for k in every]:
-        n_witnesses, group = _count(calm, members, known, rng), _is_of(stratum, members)
-        if n_witnesses < FEWEST_WITNESSES:
-            continue
-        spread = np.hypot(scales[members[0]] * sigma[group], floors[members[0]])
-        if abs(np.log(max(asked_scale(distances[group], spread, share), 1e-300))) > 2.0 / np.sqrt(n_witnesses):
-            floors[members], scales[members] = size_of_errors(distances[group], sigma[group], share, n_witnesses)
-    return floors, scales
+    distances, own, motion, stratum = (np.concatenate([getattr(c, name) for c in calm])
+                                       for name in ("distances", "own", "motion", "stratum"))  # fmt: skip
+    floor = estimate_floor(distances, np.hypot(own, motion), share)
+    own, factors = np.hypot(own, floor), np.ones(N_STRATA)
+    for group in GROUPS:
+        n_witnesses = _count(calm, group, known, rng)
+        if n_witnesses >= FEWEST_WITNESSES:
+            which = _is_of(stratum, group)
+            asked = asked_scale(distances[which], (factors[stratum] * own)[which], motion[which], share)
+            factors[group] *= believe(asked, n_witnesses)
+    return factors * floor, factors
 
 
-def _count(calm: Sequence[_Calm], members: Ints, known: Correlation | None, rng: np.random.Generator) -> float:
+def believe(asked: float, n_witnesses: float) -> float:
+    """Return the factor that remains of the one `asked` for by so many witnesses: its logarithm, weighted.
+
+    The 95 % quantile of n independent errors is known to 0.95 / sqrt(n) of its logarithm, one sigma; what is stated is
+    held to be off by a factor of two, one sigma, and so weighs 0.95^2 / ln(2)^2 = 2 witnesses.
+    """
+    return float(max(asked, 1e-300) ** (n_witnesses / (n_witnesses + STATED_WITNESSES)))
+
+
+def own_scales(factors: Floats, own: Floats, motion: Floats, stratum: Ints) -> Floats:
+    """Return the scale of what surfaces and scans state with which the whole is `factors` times what is stated.
+
+    The registration's part is learned from residuals and stays as stated; the motion was fitted to these distances, so
+    that it shows in them less than it is. It makes up for half of their variance at most.
+    """
+    ratio2 = np.zeros(N_STRATA)
+    for k in np.unique(stratum):
+        ratio2[k] = np.median((motion[stratum == k] / np.maximum(own[stratum == k], 1e-300)) ** 2)
+    scale2 = factors**2 - (1.0 - factors**2) * ratio2
+    return np.sqrt(np.maximum(scale2, 0.5 * factors**2))
+
+
+def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | None, rng: np.random.Generator) -> float:
     """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness."""
     if known is None:
         return 0.0
@@ -156,19 +184,22 @@ def count_witnesses(points: Floats, correlation: Correlation, rng: np.random.Gen
     return n / (1.0 + (n - 1) * float(np.mean(correlation.at(pdist(some)) ** 2)))
 
 
-def size_of_errors(distances: Floats, sigma: Floats, share: float, n_witnesses: float) -> tuple[float, float]:
-    """Return the floor [m] beneath what is stated, or the scale of it, with which the innermost `share` is as stated.
+def asked_scale(distances: Floats, own: Floats, motion: Floats, share: float) -> float:
+    """Return what `own` must be multiplied by for `share` of the distances to lie where a normal error puts them.
 
-    A scale below 1 is the mean of its square and of 1, weighted by the witnesses and by `STATED_WITNESSES`.
+    Parameters
+    ----------
+    distances : (n,) m.
+    own, motion : (n,) m, one sigma of surfaces and scans, and of the registration. The latter is learned from residuals
+        and stays as stated. It was fitted to these very distances, which show less of it than there is: it makes up
+        for half of the variance at most.
+
+    Notes
+    -----
+    A distance lies within z sqrt(s^2 own^2 + motion^2) where s^2 >= (d^2 / z^2 - motion^2) / own^2: s^2 is the `share`
+    quantile of the right-hand sides.
     """
-    floor = estimate_floor(distances, sigma, share)
-    if floor > 0.0 or not len(distances):
-        return floor, 1.0
-    asked2 = min(asked_scale(distances, sigma, share), 1.0) ** 2
-    return floor, float(np.sqrt((n_witnesses * asked2 + STATED_WITNESSES) / (n_witnesses + STATED_WITNESSES)))
-
-
-def asked_scale(distances: Floats, sigma: Floats, share: float) -> float:
-    """Return what sigma must be multiplied by for `share` of the distances to lie where a normal error puts them."""
-    ratio = np.abs(distances) / np.maximum(sigma, 1e-300)
-    return float(np.quantile(ratio, share)) / float(norm.ppf(0.5 + 0.5 * share))
+    d2 = (distances / norm.ppf(0.5 + 0.5 * share)) ** 2
+    own2, motion2 = np.maximum(own**2, 1e-300), motion**2
+    without = float(np.quantile((d2 - motion2) / own2, share))
+    return float(np.sqrt(max(without, 0.5 * float(np.quantile(d2 / (own2 + motion2), share)))))
