@@ -7,11 +7,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from scan_to_scan import Differences, _look, rows_of, true_motions
+from scan_to_scan import Differences, _assessed, _look, rows_of, true_motions
 
 from monitor.simulation import Scene, Station
 from monitor.simulation.scanner import Target, misregister
 from monitor.simulation.scenes import make_box
+from projects.model import Surface
 
 
 def test_a_point_is_seen_where_nothing_stands_before_it_and_free_where_no_range_jumps_near_it() -> None:
@@ -37,13 +38,35 @@ def test_true_motions_take_a_stated_pose_to_the_true_one() -> None:
 
 
 def test_rows_share_out_what_lies_beyond_a_millimetre() -> None:
-    distances = np.array([0.0002, -0.0005, 0.003, -0.002, 0.0015, 0.0001, 0.0, 0.0, 0.0, 0.0])
-    both = np.array([1, 1, 0, 0, 1, 1, 1, 1, 1, 1], dtype=bool)
-    free = np.array([1, 1, 0, 0, 0, 1, 1, 1, 1, 1], dtype=bool)
-    registered = Differences(distances, both, free)
-    better = Differences(np.where(distances == 0.0015, 0.0009, distances), both, free)
+    distances = np.array([0.0002, -0.0005, 0.003, -0.002, 0.0015, 0.0001, 0.0, 0.0, 0.0, 0.0, 0.009, 0.0])
+    assessed = np.array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 0, 0], dtype=bool)
+    both = np.array([1, 1, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1], dtype=bool)
+    free = np.array([1, 1, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1], dtype=bool)
+    registered = Differences(distances, assessed, both, free)
+    better = Differences(np.where(distances == 0.0015, 0.0009, distances), assessed, both, free)
     rows = rows_of(registered, better)
-    assert [row.ours for row in rows] == ["70.0%", "80.0%", "100.0%", "100.0%"]
+    assert [row.ours for row in rows] == ["70.0%", "83%", "66.7%", "80.0%", "100.0%", "100.0%"]
     assert rows[0].verdict == "not yet"
     assert rows[0].cause.startswith("67% of what lies beyond 1 mm")
     assert rows[0].cause.endswith("the registration takes 10.0 % of the whole")
+
+
+def test_two_models_are_compared_both_ways_and_only_where_compare_says_something() -> None:
+    """A sheet of 0.2 m over one of 0.3 m: the small one's rim and what lies beyond it are not assessed."""
+    small, large = make_sheet(0.1, 0.0004), make_sheet(0.15, 0.0)
+    on_small, on_large = _assessed(small, large)
+    far = np.abs(large.vertices[:, :2]).max(axis=1)
+    assert not on_large[far > 0.1].any()
+    assert on_large[far < 0.09].all()
+    edge = np.abs(small.vertices[:, :2]).max(axis=1)
+    assert not on_small[edge > 0.0999].any()
+    assert on_small[edge < 0.09].all()
+
+
+def make_sheet(half: float, height: float) -> Surface:
+    """Return a square sheet of some 3 mm fields with a stated sigma of 0.2 mm."""
+    n = round(2.0 * half / 0.003) + 1
+    x, y = (a.ravel() for a in np.meshgrid(*[np.linspace(-half, half, n)] * 2, indexing="ij"))
+    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.vstack([np.column_stack([a, a + n, a + n + 1]), np.column_stack([a, a + n + 1, a + 1])])
+    return Surface(np.column_stack([x, y, np.full(len(x), height)]), faces, sigma=np.full(len(x), 2e-4))

@@ -128,5 +128,6 @@ def agree(project: Path, survey: SurveyedEpoch, stations: Sequence[Station]) -> 
 
 NOTES = (
     "Through the command line, E57, all settings automatic. Depth: the 95 % quantile of the distance over what truly "
-    "changed. Reduced for time: six pieces of the front, among their neighbours; no cyclic error (it has its own row)."
+    "changed. Scan to scan: models of the three scans, each against each, where `compare` assesses them. Reduced for "
+    "time: six pieces of the front, among their neighbours; no cyclic error (it has its own row)."
 )
