@@ -21,7 +21,7 @@ METHOD = {
     "calibration": 2,
     "scan": 2,
     "targets": 1,
-    "network": 4,
+    "network": 5,
     "filtered": 4,
     "surface": 2,
     "quality": 1,

@@ -41,7 +41,7 @@ from monitor.registration.scan_rivals import find_scan_rivals
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder
 from monitor.registration.ties import Ties, no_ties
-from monitor.registration.witnesses import explains_misfit, gather_witnesses, pair_factors
+from monitor.registration.witnesses import count_sharers, explains_misfit, gather_witnesses, pair_factors
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb
 
@@ -350,7 +350,10 @@ def _scales(
     scales = Scales(sigma, prior, network.lever, PATCH_IN_SPACINGS * network.overlaps.spacing, fine)
     if not len(network.ties) or not matches:
         return scales
-    return replace(scales, pair_factors=pair_factors(matches, motions, scales))
+    return replace(
+        scales, pair_factors=pair_factors(matches, motions, scales),
+        pair_sharers=count_sharers(matches, motions, scales.patch),
+    )  # fmt: skip
 
 
 def _about(T: Floats, shift: Floats) -> Floats:

@@ -35,6 +35,8 @@ class Scales:
         `pair_factors` sigma^2.
     fine : pairs that do not fit are dropped (Tukey), no longer only held down (Huber).
     pair_factors : of each pair of scans; 1 where left out.
+    pair_sharers : of each pair of scans, how many scans share a patch of theirs; 1 where left out. m scans bear
+        m - 1 witnesses, and their m (m - 1) / 2 pairs, matched both ways, would be taken for m times as many.
     """
 
     sigma: float
@@ -43,11 +45,12 @@ class Scales:
     patch: float
     fine: bool
     pair_factors: Mapping[tuple[int, int], float] = field(default_factory=dict)
+    pair_sharers: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
     def witness_share(self, key: tuple[int, int], points: Floats) -> float:
         """Return the weight, in units of 1 / sigma^2, of each of a pair's points (k, 3): its patches are witnesses."""
         n_patches = len(np.unique(cell_numbers(points, self.patch)))
-        return n_patches / len(points) / self.pair_factors.get(key, 1.0)
+        return n_patches / len(points) / self.pair_factors.get(key, 1.0) / self.pair_sharers.get(key, 1.0)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 In: the pairs, the ties and the solution at the end of an adjustment. Out: the covariance of every scan's motion. As for
 two epochs (`covariance`), C = H^-1 B H^-1 with B from the correlation that the residuals show; here a scan's own error
-field is the same in all pairs that it takes part in.
+field is the same in all pairs that it takes part in, but for the factor by which a pair's patches err more than others.
 """
 
 from __future__ import annotations
@@ -117,15 +117,16 @@ def _score_covariance(turned: Turned, scan: int, n: int, scales: Scales) -> Floa
         other = key[1] if key[0] == scan else key[0]
         which = member[at : at + len(p)]
         at += len(p)
+        root = float(np.sqrt(scales.pair_factors.get(key, 1.0)))  # by which residuals of this pair are the larger
         row = motion_rows(p, 0.5 * (a + b), np.zeros(3)) * unit
-        weight = pair_weight(key, p, scales)
+        weight = pair_weight(key, p, scales) * root
         sums = weight * _sum_into(which, row, len(count))
         scores[:, 6 * scan : 6 * scan + 6] += sums
         scores[:, 6 * other : 6 * other + 6] -= sums
-        absorbed[other] = absorbed.get(other, np.zeros((len(count), 6))) + _sum_into(which, row, len(count))
+        absorbed[other] = absorbed.get(other, np.zeros((len(count), 6))) + _sum_into(which, row / root, len(count))
         _add_pair(own, key, weight**2 * row.T @ row)
         psi = residuals / scales.sigma
-        y.append((1.0 if key[0] == scan else -1.0) * scales.sigma * psi * tukey_weights(psi)
+        y.append((1.0 if key[0] == scan else -1.0) * scales.sigma / root * psi * tukey_weights(psi)
                  / max(float(np.mean(tukey_slope(psi))), 0.1))  # fmt: skip
     values = np.concatenate(y)
     if len(count) < FEWEST_PATCHES:

@@ -79,6 +79,20 @@ def pair_factors(matches: Pairs, motions: Sequence[Floats], scales: Scales) -> d
     return factors
 
 
+def count_sharers(matches: Pairs, motions: Sequence[Floats], patch: float) -> dict[tuple[int, int], float]:
+    """Return for each pair of scans how many scans share a patch of theirs (harmonic mean over its patches)."""
+    places = [apply(motions[j], pair.points) for (_, j), pair in matches.items()]
+    cells = np.split(cell_numbers(np.concatenate(places), patch), np.cumsum([len(p) for p in places])[:-1])
+    cells = [np.unique(c) for c in cells]
+    n = len(motions)
+    seen = np.unique(np.concatenate([c * n + k for c, key in zip(cells, matches, strict=True) for k in key]))
+    patches, n_scans = np.unique(seen // n, return_counts=True)
+    return {
+        key: 1.0 / float(np.mean(1.0 / n_scans[np.searchsorted(patches, c)]))
+        for c, key in zip(cells, matches, strict=True)
+    }
+
+
 def _witnesses(
     matches: Pairs, key: tuple[int, int], motions: Sequence[Floats], patch: float, limit: float
 ) -> Witnesses:

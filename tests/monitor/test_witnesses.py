@@ -1,11 +1,15 @@
 """Pairs of scans weigh as well as their own patches agree, beside targets of stated covariance."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from monitor.registration.matching import Matches
-from monitor.registration.network import Pairs, Scales
-from monitor.registration.witnesses import pair_factors
+from monitor.registration.network import Pairs, Scales, TieScales, pair_equations, solve_network
+from monitor.registration.network_covariance import network_covariance
+from monitor.registration.ties import no_ties
+from monitor.registration.witnesses import count_sharers, pair_factors
 
 SIGMA, PATCH = 0.001, 0.1
 
@@ -49,3 +53,52 @@ def test_a_pair_of_few_patches_is_believed_little(rng: np.random.Generator) -> N
 def test_independent_noise_of_points_is_no_error_of_patches(rng: np.random.Generator) -> None:
     factors = pair_factors({(0, 1): matches_of(rng, 300, 0.0, SIGMA)}, [np.eye(4)] * 2, scales())
     assert factors[0, 1] == pytest.approx(1.0 / 20.0, rel=0.3)  # of twenty points each
+
+
+def test_m_scans_of_one_patch_are_m_less_one_witnesses_not_all_their_pairs(rng: np.random.Generator) -> None:
+    shared, of_two = matches_of(rng, 60, 0.001, 1e-5), matches_of(rng, 60, 0.001, 1e-5)
+    of_two = dataclasses.replace(of_two, points=of_two.points + np.array([0.0, 50 * PATCH, 0.0]))
+    three = [(i, j) for i in range(3) for j in range(3) if i != j]
+    pairs: Pairs = {**dict.fromkeys(three, shared), (3, 4): of_two, (4, 3): of_two}
+    sharers = count_sharers(pairs, [np.eye(4)] * 5, PATCH)
+    assert sharers == pytest.approx({**dict.fromkeys(three, 3.0), (3, 4): 2.0, (4, 3): 2.0})
+    weighed = dataclasses.replace(scales(), pair_sharers=sharers)
+    n_witnesses = {key: weighed.witness_share(key, m.points) * len(m) for key, m in pairs.items()}
+    assert sum(n_witnesses[key] for key in three) == pytest.approx(2 * 60)
+    assert n_witnesses[3, 4] + n_witnesses[4, 3] == pytest.approx(60)
+
+
+def test_a_pair_that_shares_some_patches_with_others_counts_each_by_its_own_scans(rng: np.random.Generator) -> None:
+    pair = matches_of(rng, 60, 0.001, 1e-5)
+    third = pair.take(pair.points[:, 0] < 30 * PATCH)
+    sharers = count_sharers({(0, 1): pair, (0, 2): third}, [np.eye(4)] * 3, PATCH)
+    assert sharers[0, 2] == pytest.approx(3.0)
+    assert 1.0 / sharers[0, 1] == pytest.approx(0.5 * (1 / 3 + 1 / 2), rel=0.02)
+
+
+def test_blocks_joined_by_a_bad_pair_are_as_uncertain_as_that_pair_shows(rng: np.random.Generator) -> None:
+    bump = rng.normal(0.0, 1.0, (400 * 20, 3))  # all motions are held
+    normals = bump / np.linalg.norm(bump, axis=1, keepdims=True)
+
+    def bumpy(n_patches: int, of_patch: float) -> Matches:
+        m = matches_of(rng, n_patches, of_patch, 1e-5)
+        return dataclasses.replace(
+            m, **dict.fromkeys(("normals", "normals_source", "normals_target"), normals[: len(m)])
+        )
+
+    def sigma_apart(pairs: Pairs, n: int, one: int, other: int) -> float:
+        motions = [np.eye(4)] * n
+        held = dataclasses.replace(scales(), prior=np.full(2, 1.0))
+        held = dataclasses.replace(held, pair_factors=pair_factors(pairs, motions, held))
+        equations = pair_equations(pairs, motions, held)
+        solution = solve_network(equations, no_ties(), np.empty((0, 3)), motions, (held, TieScales()))
+        covariance = network_covariance(pairs, motions, held, solution, is_absolute=True)
+        apart = np.zeros((6, 6 * n))
+        apart[:, 6 * one : 6 * one + 6], apart[:, 6 * other : 6 * other + 6] = np.eye(6), -np.eye(6)
+        return float(np.sqrt(np.trace((apart @ covariance @ apart.T)[3:, 3:])))
+
+    bad = bumpy(40, 0.0025)
+    alone = sigma_apart({(0, 1): bad}, 2, 0, 1)
+    joined = sigma_apart({(0, 1): bumpy(400, 0.0005), (1, 2): bad, (2, 3): bumpy(400, 0.0005)}, 4, 1, 2)
+    # one scatter for all pairs would say a quarter of it
+    assert joined == pytest.approx(alone, rel=0.35)
