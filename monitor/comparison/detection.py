@@ -4,6 +4,7 @@ In: the two measured sides. Out: the noise learned from what is stable, and for 
 and whether each vertex is changed. Two passes: the first finds what stands out of the core of all distances; the
 second learns from all the rest, stable by registration or not, since areas chosen for their small residuals show too
 little noise. What is suspect, significant or not, does not teach: a change not found yet would raise its own floor.
+Where in the end nothing is significant, what was suspect is the tail of the errors: the level is learned from all.
 """
 
 from __future__ import annotations
@@ -111,12 +112,17 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
     layout = lay_out(sides, noise, None)
     test = judge_units(layout, sides, calm, noise, registration, level, partial(learn_errors, first_errors))
+    teaches_all = False
     for _ in range(N_ROUNDS):
         rest = tuple(away_from(s, test, k) for k, s in enumerate(sides))
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
             calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, layout)
             test = judge_units(layout, sides, calm, noise, registration, level, partial(learn_errors, calm_errors))
+            teaches_all = test.limit == 0.0
+    if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
+        calm = (sides[0].is_assessed, sides[1].is_assessed)
+        noise = learn_noise(sides, calm, 0.95, rng, noise.correlation)
     found = tuple(mark_changed(s, s, test, k, noise, calm[k]) for k, s in enumerate(sides))
     return Detected((found[0], found[1]), noise, test, layout, calm)
 
