@@ -160,7 +160,7 @@ def with_normals(cloud: PointCloud) -> PointCloud:
         return cloud
     from monitor.filtering import estimate_normals  # here, so that a cloud with normals needs no filtering
 
-    return estimate_normals(cloud)
+    return replace(estimate_normals(cloud), sigma=cloud.sigma)  # it gives points their spread about planes
 
 
 def usable_samples(cloud: PointCloud) -> PointCloud:

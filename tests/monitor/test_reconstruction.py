@@ -97,6 +97,21 @@ def test_record_names_cell_size_and_what_was_dropped(rng):
     assert set_by_hand.automatic["cell_size_m"] == pytest.approx(0.003)
 
 
+def test_relief_of_a_cloud_without_normals_does_not_pass_for_its_noise(rng):
+    x, y = (a.ravel() + rng.uniform(-3e-4, 3e-4, 3600) for a in np.meshgrid(*2 * [0.001 * np.arange(60.0)]))
+    k, noise = 2.0 * np.pi / 0.008, 0.0002
+    slope = 0.001 * k * np.cos(k * x)
+    normals = np.c_[-slope, np.zeros_like(x), np.ones_like(x)] / np.sqrt(1.0 + slope**2)[:, None]
+    sheet = np.c_[x, y, 0.001 * np.sin(k * x)]
+    bare = PointCloud(sheet + noise * rng.normal(size=(3600, 1)) * normals, origins=sheet + 2.0 * normals)
+    result = reconstruct_with_record(bare)
+    # The neighbours' spread about planes, of which the normals come, is 0.4 mm and more.
+    assert result.automatic["noise_m"] == pytest.approx(noise, rel=0.25)
+    inside = (np.abs(result.surface.vertices[:, :2] - 0.0295) < 0.022).all(axis=1)
+    at, z = result.surface.vertices[inside, 0], result.surface.vertices[inside, 2]
+    assert np.sum(z * np.sin(k * at)) / np.sum(np.sin(k * at) ** 2) > 0.00093
+
+
 def test_stated_noise_larger_than_the_scatter_raises_sigma(rng):
     cloud = grid_plane(60, 0.001, 0.0001, rng)
     calm = reconstruct(cloud, SurfaceSettings(cell_size=0.0015))
