@@ -19,7 +19,7 @@ from monitor.comparison import compare
 from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
 from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
-from monitor.quality import assess_placement, assess_scans, describe_distances, distances_to_surface
+from monitor.quality import assess_placement, assess_scans, describe_distances, distances_to_surface, join_shared
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, comparison_product, find_step, latest_step, once_step, put_step
@@ -229,7 +229,7 @@ def _reconstruct(place: Place, settings: Settings, parts: tuple[Step, ...], filt
         clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
         agreement = assess_scans(result.surface, clouds)
         sigma_placed = assess_placement(result.surface, clouds, place.get(parts[-1]))
-        surface = replace(result.surface, sigma_shared=np.hypot(agreement.sigma, sigma_placed))
+        surface = replace(result.surface, sigma_shared=join_shared(agreement.sigma, sigma_placed))
         found = {
             "scan_disagreement_m": agreement.sigma_scan,
             "scan_disagreement_by_incidence_m": agreement.sigma_by_incidence.tolist(),

@@ -46,6 +46,18 @@ def assess_placement(surface: Surface, clouds: Sequence[PointCloud], network: Ma
     return placement_sigma(surface.vertices, clouds, _typical_spacing(clouds), joint, network["centres"][scans])
 
 
+def join_shared(sigma_disagreement: Floats, sigma_placed: Floats) -> Floats:
+    """Return one sigma (n,) [m] of what whole neighbourhoods are off by: what scans disagree by there, and how well
+    they are placed.
+
+    Where the first is unknown (NaN: no two scans overlap) the second stands alone: targets place scans that share
+    nothing. NaN where neither says anything (a placement of 0 says nothing).
+    """
+    return np.where(
+        np.isnan(sigma_disagreement) & (sigma_placed > 0.0), sigma_placed, np.hypot(sigma_disagreement, sigma_placed)
+    )
+
+
 def _typical_spacing(clouds: Sequence[PointCloud]) -> float:
     """Return the median distance [m] between neighbouring measurements of all scans."""
     spacings = [c.spacing for c in clouds if c.spacing is not None and len(c)]

@@ -178,7 +178,8 @@ class Surface:
     normals : (n, 3) float64, outward unit normals.
     sigma : (n,) float64, m, one sigma of the vertex along its normal; NaN where it cannot be stated.
     sigma_shared : (n,) float64, m, one sigma of the error that a whole neighbourhood shares: what the scans of the
-        epoch disagree by. NaN where no scans overlap, absent where it was not looked for.
+        epoch disagree by and how well they are placed. NaN where nothing tells either, absent where it was not looked
+        for.
     n_support : (n,) int32, how many samples the vertex rests on.
     sample_distance : (n,) float64, m, distance to the nearest sample.
     roughness : (n,) uint8, `Roughness` of the nearest samples.

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
+from monitor.quality import join_shared
 from monitor.registration.placement import placement_sigma
 from projects.model import Floats, PointCloud
 
@@ -67,3 +68,9 @@ def test_scans_at_their_given_poses_add_nothing(rng: np.random.Generator) -> Non
     clouds = [wall(rng, 0.0), wall(rng, 3.0)]
     unknown = np.full((12, 12), np.nan), np.full((2, 3), np.nan)
     assert not placement_sigma(clouds[0].points[:7], clouds, 0.01, *unknown).any()
+
+
+def test_scans_that_share_nothing_are_still_no_better_placed_than_their_targets_say() -> None:
+    disagreement = np.array([0.003, np.nan, np.nan, 0.003])
+    placed = np.array([0.004, 0.004, 0.0, 0.0])
+    assert join_shared(disagreement, placed) == pytest.approx([0.005, 0.004, np.nan, 0.003], nan_ok=True)
