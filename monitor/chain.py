@@ -101,7 +101,7 @@ def compare_epochs(
             motion = held_by_frames(tied, motion)
         notify(f"{compared_id}: comparing with {reference_id}")
         sights = gather_sights(earlier), gather_sights(place)
-        frames = tied.about(motion.centre) if mode == "absolute" and tied is not None else None
+        frames = tied.about(motion.centre) if tied is not None else None
         found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames)
         if len(found.regions):  # what moved as a whole shows as regions of change
             parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.region > 0)

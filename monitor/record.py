@@ -25,7 +25,7 @@ METHOD = {
     "filtered": 4,
     "surface": 3,
     "quality": 1,
-    "comparison": 7,
+    "comparison": 8,
     "series": 1,
 }
 

@@ -73,9 +73,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     registration : of the compared surface onto the reference; estimated where left out.
     mode : "relative" removes the motion between the epochs, "absolute" leaves it in the differences (its uncertainty
         counts in both).
-    frames : (6, 6) rad and m, in absolute mode how far the frames of both epochs may differ, as their control holds
-        them, about the registration's centre. Then it is what the differences hold, and the motion has it besides its
-        own uncertainty. Left out: unknown, the uncertainty of the motion stands for it.
+    frames : (6, 6) rad and m, how far the frames of both epochs may differ, as their control holds them, about the
+        registration's centre. The motion, which is told against them, has it besides its own uncertainty; in absolute
+        mode it is what the differences hold. Left out: unknown, the uncertainty of the motion stands for it.
     tolerance : m, a client's own limit, reported beside the level of detection.
     sights : what the stations of the reference and of the compared epoch saw, each in its own epoch's coordinates. With
         them a missing surface is a loss only where a scan of the compared epoch looked through it, and not seen
@@ -103,7 +103,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         require_near(reference, compared, limit)
     registration = require_settled(register_epochs(reference, compared) if registration is None else registration)
     left = registration if mode == "absolute" else None
-    registration, held = hold_frames(registration, frames if mode == "absolute" else None)
+    registration, held = hold_frames(registration, frames, mode)
     moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
     trees = build_trees(reference, moved, settings.max_normal_angle)
     sides = measure_sides(reference, moved, trees, held, (limit, settings.max_normal_angle), left)
@@ -161,13 +161,13 @@ def require_common(sides: tuple[Side, Side], limit: float) -> None:
         )
 
 
-def hold_frames(registration: Registration, frames: Floats | None) -> tuple[Registration, Registration]:
+def hold_frames(registration: Registration, frames: Floats | None, mode: str) -> tuple[Registration, Registration]:
     """Return the registration as it is stated, and as the differences hold it; `frames` (6, 6) where control holds both
-    epochs and the motion stays in the differences."""
+    epochs. What is left in the differences is as sure as the frames, what is taken off as sure as the shapes tell."""
     if frames is None:
         return registration, registration
     stated = dataclasses.replace(registration, covariance=registration.covariance + frames)
-    return stated, dataclasses.replace(registration, covariance=frames)
+    return stated, dataclasses.replace(registration, covariance=frames) if mode == "absolute" else registration
 
 
 def register_epochs(reference: Surface, compared: Surface) -> Registration:

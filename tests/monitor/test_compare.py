@@ -138,6 +138,19 @@ def test_what_the_whole_has_moved_by_is_change_and_no_noise_in_absolute_mode(rng
         assert np.mean(seen.assessment[assessed] == Assessment.CHANGED) == pytest.approx(float(changed), abs=0.02)
 
 
+def test_the_motion_told_against_frames_is_no_surer_than_they_are_and_what_it_leaves_is(
+    rng: np.random.Generator,
+) -> None:
+    reference, lowered, registration = lower_sheet(rng)
+    frames = np.diag([1e-9] * 3 + [3e-3] * 3) ** 2
+    alone = compare(reference, lowered, registration)
+    framed = compare(reference, lowered, registration, frames=frames)
+    assert np.array_equal(framed.on_compared.lod95, alone.on_compared.lod95, equal_nan=True)
+    assert framed.registration.covariance == pytest.approx(registration.covariance + frames)
+    assert alone.statistics["motion_is_significant"]
+    assert not framed.statistics["motion_is_significant"]
+
+
 def test_a_registration_that_did_not_converge_is_refused_with_its_reason(rng: np.random.Generator) -> None:
     sheet = make_sheet(rng, 20)
     failed = dataclasses.replace(known_motion(sheet), converged=False, reason="a plane slides")
