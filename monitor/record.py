@@ -21,7 +21,7 @@ METHOD = {
     "calibration": 2,
     "scan": 2,
     "targets": 1,
-    "network": 6,
+    "network": 7,
     "filtered": 4,
     "surface": 3,
     "quality": 1,

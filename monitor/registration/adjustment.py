@@ -212,17 +212,13 @@ def adjust_scans(
 def _beside_rivals(found: Adjustment, network: _Network, motions: Sequence[Floats]) -> Adjustment:
     """Return the adjustment, refused where a scan fits as well elsewhere and its pose as given is no help, in doubt
     where that pose alone tells."""
-    rivals = find_scan_rivals(network.overlaps, motions, _held_by_targets(network.ties, len(motions)))
+    n_ties = np.bincount(network.ties.scan, minlength=len(motions))
+    rivals = find_scan_rivals(network.overlaps, motions, np.flatnonzero(n_ties >= N_TIES_HOLD).tolist())
     doubt = "; ".join(rival.words for rival in rivals)
     ambiguous = "; ".join(rival.words for rival in rivals if rival.is_ambiguous)
     if ambiguous:
         return replace(found, converged=False, reason=f"{ambiguous}, and the poses as given do not tell", doubt=doubt)
     return replace(found, doubt=doubt)
-
-
-def _held_by_targets(ties: Ties, n: int) -> list[int]:
-    """Return which of n scans see so many of the targets that they tell where it is."""
-    return np.flatnonzero(np.bincount(ties.scan, minlength=n) >= N_TIES_HOLD).tolist()
 
 
 def _with_covariances(found: Adjustment, state: _State, network: _Network) -> Adjustment:
@@ -269,7 +265,7 @@ def _prepare(clouds: Iterable[PointCloud], settings: AdjustmentSettings, ties: T
     n = len(sides)
     meet = [(i, j) for i in range(n) for j in range(n) if i != j and np.all((low[i] < high[j]) & (low[j] < high[i]))]
     shift = origin + offset
-    overlaps = Overlaps(tuple(sides), samples, tuple(meet), spacing, held=frozenset(_held_by_targets(ties, n)))
+    overlaps = Overlaps(tuple(sides), samples, tuple(meet), spacing)
     return _Network(overlaps, radius, finest, shift, ties.shifted(shift), first <= NEAR * spacing)
 
 

@@ -19,9 +19,7 @@ from projects.model import Floats, Ints
 from projects.transforms import invert
 
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
-COS_STEEP = float(
-    np.cos(np.radians(60.0))
-)  # beyond this incidence part of the spot may miss a bent surface; so in `spheres`
+STEEP = np.radians(60.0)  # beyond this incidence part of the spot may miss a bent surface; so in `spheres`
 SEARCH_MEDIANS, SEARCH_SHARE = 4.0, 0.1  # of the distances between scans as given; of the smallest scan's diagonal
 CLOSURE_HELD = 0.1  # of the best held motion: what a pair by itself hardly holds is not asked of it
 
@@ -37,8 +35,7 @@ class Overlaps:
     """The scans as sides and samples [m], and the pairs of them whose boxes meet.
 
     Of a scan that overlaps many, every so many-th sample is enough with each: the `strides`, chosen when two scans are
-    first found to share points and kept, so that counts of points can be compared. `held` are the scans that need no
-    points seen steeply, since their targets tell where they are.
+    first found to share points and kept, so that counts of points can be compared.
     """
 
     sides: tuple[Side, ...]
@@ -46,7 +43,6 @@ class Overlaps:
     pairs: tuple[tuple[int, int], ...]
     spacing: float
     strides: dict[tuple[int, int], int] = field(default_factory=dict)
-    held: frozenset[int] = frozenset()
 
     def match(self, pair: tuple[int, int], T_second_first: Floats, limits: MatchLimits) -> tuple[Matches, Ints]:
         """Return the matches of a pair of scans, in the second's frame, and the points (k,) of the first's side."""
@@ -98,9 +94,8 @@ def match_overlaps(
 
     Where one scan saw a bent surface steeply or at its limb, part of its spot missed it, and its points lie outside by
     tenths of the spot. The other scan sees that place from the front and would be drawn outwards, each scan of a ring
-    by the next: such pairs count only as far as two scans share too little else, the flattest first, and not at all
-    where targets hold both. How steep they may be is kept in `steepest` at the first fine matching, so that it swings
-    no iteration.
+    by the next: such pairs count only as far as two scans share too little else, the flattest first. How steep they
+    may be is kept in `steepest` at the first fine matching, so that it swings no iteration.
     """
     steepest = {} if steepest is None else steepest
     aside = 1.5 * overlaps.spacing if fine else radius
@@ -111,9 +106,8 @@ def match_overlaps(
         if len(matches) >= FEWEST_PAIRS:
             own = overlaps.sides[i].frontality_of(points)
             cosines = np.minimum(own, overlaps.sides[j].frontality_of(matches.target))
-            limit = steepest.get((i, j), COS_STEEP if {i, j} <= overlaps.held else _steepest(cosines))
-            if np.any(cosines >= limit):
-                found[i, j] = matches.take(cosines >= limit)
+            limit = steepest.get((i, j), _steepest(cosines))
+            found[i, j] = matches.take(cosines >= limit)
             if fine:
                 steepest[i, j] = limit
     return found
@@ -121,7 +115,7 @@ def match_overlaps(
 
 def _steepest(cosines: Floats) -> float:
     """Return the cosine of the steepest incidence that counts, such that enough pairs do."""
-    return float(min(COS_STEEP, np.partition(cosines, -FEWEST_PAIRS)[-FEWEST_PAIRS]))
+    return float(min(np.cos(STEEP), np.partition(cosines, -FEWEST_PAIRS)[-FEWEST_PAIRS]))
 
 
 def misfit_of(matches: Pairs) -> float:

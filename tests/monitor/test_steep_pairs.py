@@ -1,16 +1,12 @@
 """Scans around a round body see its limbs steeply; what misses there must not draw the scans outwards."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import trimesh
 
 from monitor.filtering import filter_scan
 from monitor.registration.adjustment import adjust_scans
-from monitor.registration.matching import make_samples
 from monitor.registration.network_covariance import _information
-from monitor.registration.overlaps import Overlaps, match_overlaps
 from monitor.registration.sides import prepare_side
 from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, simulate_scan, stand_at, window_around
 from projects.model import PointCloud
@@ -81,20 +77,3 @@ def test_noise_of_the_normals_makes_no_negative_information(rng: np.random.Gener
     points = rng.normal(size=(20, 3))
     a, b = rng.normal(size=(2, 20, 3))
     assert np.linalg.eigvalsh(_information(points, a, b, 1.0)).min() > -1e-9
-
-
-def test_scans_that_targets_hold_share_nothing_seen_steeply(body: Scene) -> None:
-    clouds, back = scan_around(body, 0)
-    sides = tuple(prepare_side(c, np.zeros(3)) for c in clouds)
-    samples = tuple(make_samples(s, np.arange(0, len(s), 6)) for s in sides)
-    spacing = float(np.median(sides[0].spacing_of(np.arange(0, len(sides[0]), 50))))
-    pairs = tuple((i, j) for i in range(4) for j in range(4) if i != j)
-    free = Overlaps(sides, samples, pairs, spacing)
-    shared = match_overlaps(free, back, 10.0 * spacing, fine=True)
-    held = match_overlaps(dataclasses.replace(free, held=frozenset({0, 1})), back, 10.0 * spacing, fine=True)
-    own = sides[0].frontality_of(samples[0].index[shared[0, 1].source])
-    is_flat = np.minimum(own, sides[1].frontality_of(shared[0, 1].target)) >= 0.5
-    assert 0 < is_flat.sum() < len(is_flat)
-    assert np.array_equal(held[0, 1].source, shared[0, 1].source[is_flat])
-    beside = [key for key in shared if not {*key} <= {0, 1}]
-    assert [len(held[key]) for key in beside] == [len(shared[key]) for key in beside]
