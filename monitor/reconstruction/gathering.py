@@ -61,6 +61,7 @@ class Room(NamedTuple):
     work: Any
     influence: Floats  # (n,)
     fit: Floats
+    place: Floats
     picked: Ints  # (n,)
 
 
@@ -98,7 +99,7 @@ def near_room(n: int) -> Any:
 @jit(nopython=True, cache=True)
 def patch_room(n: int) -> Any:
     """Room for a patch of up to n groups and its fit."""
-    return Room(np.empty((10, n)), fit_room(n), np.empty(n), np.empty(7), np.empty(n, np.int64))
+    return Room(np.empty((10, n)), fit_room(n), np.empty(n), np.empty(7), np.empty(3), np.empty(n, np.int64))
 
 
 @jit(nopython=True, cache=True)

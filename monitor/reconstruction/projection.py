@@ -40,6 +40,7 @@ from projects.model import Bools, Floats, Ints
 MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch at the rim of its points exceeds it
 N_WIDENED = 3  # radii of the ladder for a plane: its own and the next wider, where too few points lie within it
 MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees
+STEEPEST2 = 3.0  # squared slope of 60 degrees against the mean normal, beyond which a fit is not of its points' sheet
 BLOCKS_PER_TASK = 16  # blocks of vertices a thread takes at a time
 PLACE, NORMAL, OUT_SIGMA, OUT_SCATTER, OUT_SUPPORT = slice(0, 3), slice(3, 6), 6, 7, 8
 
@@ -130,31 +131,37 @@ def _project_all(
 def project_one(
     level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, sizes: Any, degree: int, room: Any, row: Floats
 ) -> None:
-    """Project one vertex: frame from the mean normal of its points, then once more from the fitted slope."""
-    fit = room.fit
+    """Project one vertex: frame from the mean normal of its points, then once more from slope and place fitted.
+
+    The second frame stands on the first patch: about the raw vertex, which may lie cells off at a step or a wall, it
+    would take the points of another part of the sheet, or of another sheet.
+    """
+    fit, place = room.fit, room.place
     radius, gate, max_shift = sizes
     own = row[NORMAL]
     if not mean_normal(near, n_near, vertex, normal, radius, gate, own):
         return
-    height, n_points = 0.0, 0.0
+    place[:] = vertex
+    slope2, n_points = 0.0, 0.0
     for _ in range(MOST_TURNS):
-        n, n_points = gather_patch(level, near, n_near, vertex, own, radius, gate, room.patch, room.picked)
+        n, n_points = gather_patch(level, near, n_near, place, own, radius, gate, room.patch, room.picked)
         if not fit_patch(room.patch, n, radius, 1.0, degree, room.work, fit, room.influence):
             return
         if degree == 2 and not fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED:
             return
         slope2 = fit[SLOPE_U] ** 2 + fit[SLOPE_V] ** 2
-        if slope2 > 1.0:
-            row[OUT_SUPPORT] = -n_points
-            return
-        height = fit[HEIGHT] / np.sqrt(1.0 + slope2)
+        if slope2 > STEEPEST2:
+            break
+        place += fit[HEIGHT] * own
         tilt(own, fit[SLOPE_U], fit[SLOPE_V])
         if slope2 < UPRIGHT**2:
             break
     row[OUT_SUPPORT] = -n_points
-    if abs(height) <= max_shift:
-        row[PLACE] = vertex + height * own
-        row[OUT_SIGMA], row[OUT_SCATTER], row[OUT_SUPPORT] = fit[UNIT_ERROR] * fit[SIGMA], fit[SIGMA], n_points
+    dx, dy, dz = place[0] - vertex[0], place[1] - vertex[1], place[2] - vertex[2]
+    if slope2 <= 1.0 and dx * dx + dy * dy + dz * dz <= max_shift * max_shift:
+        row[PLACE] = place
+        row[OUT_SIGMA], row[OUT_SCATTER] = fit[UNIT_ERROR] * fit[SIGMA] / np.sqrt(1.0 + slope2), fit[SIGMA]
+        row[OUT_SUPPORT] = n_points
 
 
 @jit(nopython=True, cache=True, parallel=True)
