@@ -7,7 +7,12 @@ are common to a pair, so the interval of each share is a bootstrap over pairs.
 
 from __future__ import annotations
 
+import argparse
 import datetime
+import itertools
+import os
+import pickle
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -52,18 +57,49 @@ class PairCounts(NamedTuple):
 
 
 def run(size: Size) -> list[Row]:
-    """Return the shares beyond lod95 and the pairs with a region."""
-    return rows_of(range(N_PAIRS[size]))
+    """Return the shares beyond lod95 and the pairs with a region; each core takes every so many-th pair."""
+    if size == "small":
+        return rows_of(map(attempt_pair, range(N_PAIRS[size])))
+    n_parts = os.cpu_count() or 1
+    one_core = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    with tempfile.TemporaryDirectory() as folder:
+        parts = [Path(folder) / f"part-{k}.pickle" for k in range(n_parts)]
+        children = [
+            subprocess.Popen(
+                [sys.executable, __file__, "--seeds", str(k), str(N_PAIRS[size]), str(n_parts), "--keep", str(part)],
+                env={**os.environ, **one_core},
+            )
+            for k, part in enumerate(parts)
+        ]
+        ended = [child.wait() for child in children]
+        if any(ended):
+            raise RuntimeError("a part of the pairs failed; what it said stands above")
+        return rows_of(itertools.chain.from_iterable(map(read_part, parts)))
 
 
-def rows_of(seeds: Iterable[int]) -> list[Row]:
-    """Return the rows of the pairs of some seeds; a pair that the chain refuses to compare is counted as such."""
-    counts, refused = [], 0
-    for seed in seeds:
-        try:
-            counts.append(measure_pair(seed))
-        except RegistrationError:
-            refused += 1
+def keep_part(path: Path, pairs: Sequence[PairCounts | None]) -> None:
+    """Write the pairs measured so far."""
+    path.write_bytes(pickle.dumps([None if counts is None else tuple(counts) for counts in pairs]))
+
+
+def read_part(path: Path) -> list[PairCounts | None]:
+    """Return the pairs of a part."""
+    return [None if counts is None else PairCounts(*counts) for counts in pickle.loads(path.read_bytes())]
+
+
+def attempt_pair(seed: int) -> PairCounts | None:
+    """Return the counts of a pair, None where the chain refuses to compare it."""
+    try:
+        return measure_pair(seed)
+    except RegistrationError:
+        return None
+
+
+def rows_of(pairs: Iterable[PairCounts | None]) -> list[Row]:
+    """Return the rows of some pairs; one that the chain refuses to compare is counted as such."""
+    pairs = list(pairs)
+    counts = [c for c in pairs if c is not None]
+    refused = len(pairs) - len(counts)
     told = Row("pairs refused: the scans of an epoch did not settle", str(refused), value=float(refused))
     return [*share_rows(counts), region_row(counts), told]
 
@@ -186,6 +222,22 @@ def region_row(counts: Sequence[PairCounts]) -> Row:
                judge(k <= 0.05 * n), asked="at most 5 %", value=k / n)  # fmt: skip
 
 
-if __name__ == "__main__":  # a part of the pairs, which take ten seconds each: seeds FIRST to LAST - 1
-    for row in rows_of(range(int(sys.argv[1]), int(sys.argv[2]))):
-        print(f"{row.what}: {row.ours}")
+def main() -> None:
+    """Measure a part of the pairs, which take some twenty seconds each, or tell what parts have shown."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--seeds", nargs=3, type=int, metavar=("FIRST", "END", "STEP"), default=(0, 0, 1))
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="write the pairs there, one after another")
+    parser.add_argument("parts", nargs="*", type=Path, help="files that --keep has written: tell of these too")
+    asked = parser.parse_args()
+    found = [pair for part in asked.parts for pair in read_part(part)]
+    for seed in range(*asked.seeds):
+        found.append(attempt_pair(seed))
+        if asked.keep:
+            keep_part(asked.keep, found)
+    if not asked.keep:
+        for row in rows_of(found):
+            print(f"{row.what}: {row.ours}")
+
+
+if __name__ == "__main__":
+    main()
