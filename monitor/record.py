@@ -23,7 +23,7 @@ METHOD = {
     "targets": 1,
     "network": 7,
     "filtered": 4,
-    "surface": 3,
+    "surface": 4,
     "quality": 1,
     "comparison": 8,
     "series": 1,

@@ -19,10 +19,12 @@ MOST_NEIGHBOURS = 1500
 
 
 class Sampling(NamedTuple):
-    """How a cloud samples its surface (m): `spacing` between points, `noise` one sigma along the normal."""
+    """How a cloud samples its surface: `spacing` (m) between points, `noise` (m) one sigma along the normal; `turn`
+    (rad), by how much the normals within about four spacings differ from their mean, rms."""
 
     spacing: float
     noise: float
+    turn: float
 
 
 def measure_sampling(cloud: PointCloud) -> Sampling:
@@ -39,7 +41,7 @@ def measure_sampling(cloud: PointCloud) -> Sampling:
     while True:
         distance, index = tree.query(cloud.points[probes], k=k + 1, workers=2)
         reach = float(np.median(distance[:, -1]))
-        n_around = _count_same_way(cloud.normals[index], cloud.normals[probes])
+        n_around, turn = _look_around(cloud.normals[index], cloud.normals[probes])
         scatter = _scatter_along(cloud.points[index], cloud.normals[probes])
         if reach >= 4.0 * scatter or k >= min(MOST_NEIGHBOURS, n - 1):
             break
@@ -47,13 +49,16 @@ def measure_sampling(cloud: PointCloud) -> Sampling:
     spacing = float(np.median(distance[:, -1] * np.sqrt(np.pi / n_around)))
     noise = _noise_about_patches(cloud, probes, spacing, scatter)
     stated = np.nanmedian(cloud.sigma) if cloud.sigma is not None and np.isfinite(cloud.sigma).any() else 0.0
-    return Sampling(spacing, float(max(noise if np.isfinite(noise) else scatter, stated)))
+    return Sampling(spacing, float(max(noise if np.isfinite(noise) else scatter, stated)), turn)
 
 
-def _count_same_way(neighbours: Floats, normals: Floats) -> Floats:
-    """Return how many of the normals (n, k + 1, 3) look the probe's way (n, 3), the probe itself not counted."""
+def _look_around(neighbours: Floats, normals: Floats) -> tuple[Floats, float]:
+    """Return how many of the normals (n, k + 1, 3) look the probe's way (n, 3), the probe itself not counted, and by
+    how much (rad) these differ from their mean, rms over all."""
     same = np.einsum("ijk,ik->ij", neighbours, normals) > 0.0
-    return np.maximum(same.sum(axis=1) - 1.0, 1.0)
+    n_same = same.sum(axis=1)
+    mean = np.einsum("ijk,ij->ik", neighbours, same) / np.maximum(n_same, 1)[:, None]
+    return np.maximum(n_same - 1.0, 1.0), float(np.sqrt(np.mean(np.maximum(1.0 - np.sum(mean**2, axis=1), 0.0))))
 
 
 def _noise_about_patches(cloud: PointCloud, probes: Ints, spacing: float, scatter: float) -> float:

@@ -32,6 +32,7 @@ from monitor.reconstruction.band import (
 )
 from monitor.reconstruction.contour import contour_tile
 from monitor.reconstruction.poisson import (
+    BAND,
     BLUR_PASSES,
     SCREENING_LENGTH,
     blur,
@@ -46,7 +47,6 @@ from monitor.reconstruction.spool import Spool
 from monitor.reconstruction.stitching import stitch
 from projects.model import Bools, Floats, Ints
 
-BAND = 3  # cells from an occupied cell to the end of the band
 TRIM = 2.3  # cells from an occupied cell within which the field is contoured: 1.5 times the largest gap
 REACH = BAND + 2  # cells beyond which a point does not touch a tile
 HALO = 24  # cells around a tile that are solved with it: six screening lengths
@@ -71,10 +71,12 @@ class Lattice(NamedTuple):
     tiles: Tiles
     normals: Any  # (n, 3) float32, in the order of `tiles.points`
     full_cell: float
+    screening: float  # cells over which the points hold the field
 
 
 def localized_mesh(
-    points: Floats, normals: Floats, cell: float, spacing: float, *, tile: int = TILE, sweeps: int = SWEEPS,
+    points: Floats, normals: Floats, cell: float, spacing: float, screening: float = SCREENING_LENGTH, *,
+    tile: int = TILE, sweeps: int = SWEEPS,
     map_tiles: Callable[[Callable[[int], Any], Sequence[int]], Any] | None = None,
 ) -> tuple[Floats, Ints]:  # fmt: skip
     """Return vertices (n, 3) m and faces (m, 3) of the zero level of the field, within reach of the points.
@@ -83,12 +85,13 @@ def localized_mesh(
     ----------
     points, normals : (n, 3), m and unit vectors outwards.
     cell, spacing : m; the edge of a cell, and the distance between points that makes a cell count as full.
+    screening : cells over which the points hold the field (`screening_length`).
     tile, sweeps : cells along a tile's edge; how often the tiles are solved.
     map_tiles : like `map`, over tile numbers; by default threads on this machine.
     """
     low = np.floor(points.min(axis=0) / cell) - 4
     tiles = cut_tiles(_on_lattice(points, cell, low), tile, REACH)
-    lattice = Lattice(tiles, normals[tiles.order].astype(np.float32), (cell / spacing) ** 2)
+    lattice = Lattice(tiles, normals[tiles.order].astype(np.float32), (cell / spacing) ** 2, screening)
     run = map_tiles or _map_threads
     numbers = range(len(tiles.corners))
     with tempfile.TemporaryDirectory(prefix="surface-tiles-") as folder:
@@ -156,7 +159,7 @@ def solve_tile(
         is_known = np.isfinite(given)
         start = np.where(is_known, given, start)
         is_fixed = is_known & ~in_box(nodes, corner - HALO + 1 - low, corner + edge + HALO - 1 - low)
-    screening = (corners, weights, full * np.float32((2 * BAND + 1) / SCREENING_LENGTH**2))
+    screening = (corners, weights, full * np.float32((2 * BAND + 1) / lattice.screening**2))
     solve_field(start, rhs, neighbours, screening, is_fixed, tolerance, MOST_ITERATIONS)
     own = owned(band, corner, edge)
     inside = (nodes[own] + low - corner).astype(np.int32)

@@ -19,8 +19,29 @@ from numba import jit
 
 from projects.model import Floats, Ints
 
+BAND = 3  # cells from an occupied cell to the end of the band
 BLUR_PASSES = 4  # binomial (1 2 1) / 4 along each axis: sigma 1.4 cells
-SCREENING_LENGTH = 4.0  # cells over which the points hold the field
+SCREENING_LENGTH = 4.0  # cells over which the points hold the field, at most
+SHORTEST_SCREENING = 1.0  # cells: what the points say within one is their mean
+
+
+def screening_length(cell: float, spacing: float, noise: float, turn: float) -> float:
+    """Return over how many cells the points hold the field, 1 to 4.
+
+    Parameters
+    ----------
+    cell, spacing, noise : m; the last two of the points.
+    turn : rad, how much the normals that the field's gradient is the mean of differ from each other.
+
+    Notes
+    -----
+    The mean point of a cell errs by p = noise / cell / sqrt(points in it) of a cell, the gradient on an edge by about
+    g = turn / sqrt(2) where relief is finer than the mean. Least squares weigh the equations of both with 1 / p^2 and
+    1 / g^2, and a sheet held by w in one layer of a band of 2 BAND + 1 follows its points over sqrt((2 BAND + 1) / w).
+    """
+    held = noise / cell / np.sqrt(max((cell / spacing) ** 2, 1.0))
+    length = np.sqrt(2.0 * BAND + 1.0) * held / max(turn / np.sqrt(2.0), 1e-6)
+    return float(np.clip(length, SHORTEST_SCREENING, SCREENING_LENGTH))
 
 
 @jit(nopython=True, cache=True, nogil=True)

@@ -21,6 +21,7 @@ from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
+from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import choose_reach, make_ladder
 from monitor.reconstruction.untangle import drop_intersecting, untangle
@@ -121,8 +122,15 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     cell = settings.cell_size or choose_cell_size(sampling)
     assert cloud.normals is not None
     vertices, faces, cell_used = raw_mesh(points, cloud.normals, cell, sampling, settings.method)
-    automatic = {"method": settings.method, "cell_size_m": cell_used, "spacing_m": sampling.spacing,
-                 "noise_m": sampling.noise}  # fmt: skip
+    automatic = {
+        "method": settings.method,
+        "cell_size_m": cell_used,
+        "spacing_m": sampling.spacing,
+        "noise_m": sampling.noise,
+        "turn_rad": sampling.turn,
+    }
+    if settings.method == "localized":
+        automatic["screening_cells"] = screening_length(cell_used, *sampling)
     counts = {"points_used": len(points), "faces_raw": len(faces)}
     samples = cKDTree(points)
     faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
@@ -150,7 +158,8 @@ def raw_mesh(
     """Return vertices, faces and the cell size used of the engine asked for."""
     if method == "open3d":
         return poisson_mesh(points, normals, cell)
-    vertices, faces = localized_mesh(points, normals, cell, sampling.spacing)
+    screening = screening_length(cell, *sampling)
+    vertices, faces = localized_mesh(points, normals, cell, sampling.spacing, screening)
     return vertices, faces, cell
 
 

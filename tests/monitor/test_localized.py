@@ -5,10 +5,12 @@ import pytest
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction.band import IN_BAND, OCCUPIED, cut_tiles, mark_cells
+from monitor.reconstruction.cell_size import measure_sampling
 from monitor.reconstruction.contour import EDGE_AXIS, EDGE_CORNER, contour_tile, triangle_table
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
-from monitor.reconstruction.poisson import apply_operator, link_nodes, solve_field
+from monitor.reconstruction.poisson import apply_operator, link_nodes, screening_length, solve_field
+from projects.model import PointCloud
 
 RADIUS = 0.06
 
@@ -122,6 +124,39 @@ def test_field_has_less_bias_than_the_papers_even_before_the_vertices_are_projec
     # 0.082 mm and 0.090 mm are the paper's localized bias and standard deviation for this cloud
     assert abs(vertices[inside, 2].mean() - points[:, 2].mean()) < 0.01e-3
     assert vertices[inside, 2].std() < 0.09e-3
+
+
+def test_points_hold_the_field_as_far_as_their_noise_and_the_turn_of_normals_say():
+    # sqrt(7) cells, times p = 0.15 / 1.5 of a cell, over g = 0.2 / sqrt(2) rad
+    assert screening_length(1.0, 1.0 / 1.5, 0.15, 0.2) == pytest.approx(np.sqrt(7.0) * 0.1 / 0.2 * np.sqrt(2.0))
+    assert screening_length(1.0, 1.0 / 1.5, 0.15, 1e-3) == 4.0  # a plane
+    assert screening_length(1.0, 1.0 / 1.5, 0.01, 0.5) == 1.0  # rough stone, nearly no noise
+
+
+@pytest.mark.parametrize(("noise", "least", "most"), [(5e-5, 1.0, 1.0), (1e-3, 3.0, 4.0)])
+def test_relief_finer_than_the_mean_of_normals_is_held_by_points_that_are_sure(rng, noise, least, most):
+    points, normals = wavy(rng, noise)
+    sampling = measure_sampling(PointCloud(points, normals=normals))
+    length = screening_length(0.0015, *sampling)
+    assert least <= length <= most
+    vertices, _ = localized_mesh(points, normals, 0.0015, 0.001, length)
+    inside = np.abs(vertices[:, :2]).max(axis=1) < 0.024
+    off = (vertices[inside, 2] - wave(vertices[inside, 0], vertices[inside, 1])) / 0.0015
+    assert np.sqrt(np.mean(off**2)) < (0.22 if noise < 1e-4 else 0.42)  # 0.36 with points that hold over 4 cells
+
+
+def wave(x, y):
+    return 0.0015 * np.sin(x * 2.0 * np.pi / 0.009) * np.sin(y * 2.0 * np.pi / 0.009)
+
+
+def wavy(rng, noise):
+    """Points 1 mm apart on waves of 9 mm and 1.5 mm, six cells and one, and their true normals."""
+    points, _ = plane(rng)
+    x, y = points[:, 0], points[:, 1]
+    step = 1e-7
+    normals = np.c_[wave(x - step, y) - wave(x + step, y), wave(x, y - step) - wave(x, y + step), 0.0 * x + 2.0 * step]
+    points[:, 2] = wave(x, y) + noise * rng.normal(size=len(x))
+    return points, normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
 def test_faces_look_where_the_normals_point(rng):
