@@ -144,19 +144,6 @@ def believe(asked: float, n_witnesses: float) -> float:
     return float(max(asked, 1e-300) ** (n_witnesses / (n_witnesses + STATED_WITNESSES)))
 
 
-def own_scales(factors: Floats, own: Floats, motion: Floats, stratum: Ints) -> Floats:
-    """Return the scale of what surfaces and scans state with which the whole is `factors` times what is stated.
-
-    The registration's part is learned from residuals and stays as stated; the motion was fitted to these distances, so
-    that it shows in them less than it is. It makes up for half of their variance at most.
-    """
-    ratio2 = np.zeros(N_STRATA)
-    for k in np.unique(stratum):
-        ratio2[k] = np.median((motion[stratum == k] / np.maximum(own[stratum == k], 1e-300)) ** 2)
-    scale2 = factors**2 - (1.0 - factors**2) * ratio2
-    return np.sqrt(np.maximum(scale2, 0.5 * factors**2))
-
-
 def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | None, rng: np.random.Generator) -> float:
     """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness."""
     if known is None:
