@@ -4,11 +4,14 @@
 
 The demo's figure before its wall, in 1.2 million triangles, from 2.6 m. Open3D alone is the floor: nine rays a pulse,
 made beforehand, nothing done with what they meet. CPU seconds of both threads together count, since machines are
-shared; two threads on two free cores take half of it. Streaming: the peak memory of scans of growing size.
+shared; two threads on two free cores take half of it. Streaming: the peak memory of scans of growing size, each scanned
+once more into an E57 file.
 """
 
 import resource
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +20,7 @@ from monitor.simulation.beam import make_rays, sample_beam
 from monitor.simulation.demo_campaign import demo_scene
 from monitor.simulation.scanner import BLOCK_PULSES, Target, cast, grid_directions, lay_grid
 from monitor.simulation.scenes import Scene
+from projects.formats import write_e57
 from projects.transforms import rotate
 
 SIZES = (250_000, 1_000_000, 4_000_000)
@@ -51,20 +55,31 @@ def scan_all(scene: Scene, step: float) -> tuple[float, float, int, int]:
     return time.process_time() - start, time.perf_counter() - wall, n_pulses, n_seen
 
 
+def write_all(scene: Scene, step: float) -> int:
+    """Scan straight into an E57 file; return its size [octets]."""
+    blocks = stream_scan(scene, INSTRUMENTS["phase-2020"], POSE, WINDOW, step=step, seed=1, n_threads=N_THREADS)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scan.e57"
+        write_e57(path, [blocks])
+        return path.stat().st_size
+
+
 def main() -> None:
     scene = demo_scene(carved_figure(1, cell=0.0025))
     target = Target.of(scene, N_THREADS)
     scan_all(scene, 0.004)  # numba compiles
-    print("pulses      pulses/s of 2 cores (CPU)   as it ran   bare ray casting   ours / bare   peak memory")
-    for size in SIZES:
-        step = float(np.sqrt(0.32 * 0.62 / size))
+    print("pulses      pulses/s of 2 cores (CPU)   as it ran   bare ray casting   ours / bare   E57 file   peak memory")
+    for n_asked in SIZES:
+        step = float(np.sqrt(0.32 * 0.62 / n_asked))
         cpu, wall, n_pulses, n_seen = scan_all(scene, step)
         assert n_seen > 0.9 * n_pulses
         bare, n_cast = cast_bare(target, step)
         assert n_cast == n_pulses
+        size = write_all(scene, step)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"{n_pulses:9,d}   {N_THREADS * n_pulses / cpu:20,.0f}   {n_pulses / wall:12,.0f}"
-              f"   {N_THREADS * n_pulses / bare:14,.0f}   {cpu / bare:11.2f}   {peak:8.0f} MiB")  # fmt: skip
+              f"   {N_THREADS * n_pulses / bare:14,.0f}   {cpu / bare:11.2f}"
+              f"   {size / 1e6:5.0f} MB   {peak:8.0f} MiB")  # fmt: skip
 
 
 if __name__ == "__main__":
