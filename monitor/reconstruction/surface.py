@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.declare import check_settings, setting
-from monitor.reconstruction.cell_size import Sampling, choose_cell_size, measure_sampling
+from monitor.reconstruction.cell_size import choose_cell_size, measure_sampling
 from monitor.reconstruction.coverage import count_uncovered
 from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
@@ -121,7 +121,8 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
         )
     cell = settings.cell_size or choose_cell_size(sampling)
     assert cloud.normals is not None
-    vertices, faces, cell_used = raw_mesh(points, cloud.normals, cell, sampling, settings.method)
+    screening = screening_length(cell, *sampling)
+    vertices, faces, cell_used = raw_mesh(points, cloud.normals, cell, sampling.spacing, screening, settings.method)
     automatic = {
         "method": settings.method,
         "cell_size_m": cell_used,
@@ -130,7 +131,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
         "turn_rad": sampling.turn,
     }
     if settings.method == "localized":
-        automatic["screening_cells"] = screening_length(cell_used, *sampling)
+        automatic["screening_cells"] = screening
     counts = {"points_used": len(points), "faces_raw": len(faces)}
     samples = cKDTree(points)
     faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
@@ -153,13 +154,12 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
 
 
 def raw_mesh(
-    points: Floats, normals: Floats, cell: float, sampling: Sampling, method: str
+    points: Floats, normals: Floats, cell: float, spacing: float, screening: float, method: str
 ) -> tuple[Floats, Ints, float]:
     """Return vertices, faces and the cell size used of the engine asked for."""
     if method == "open3d":
         return poisson_mesh(points, normals, cell)
-    screening = screening_length(cell, *sampling)
-    vertices, faces = localized_mesh(points, normals, cell, sampling.spacing, screening)
+    vertices, faces = localized_mesh(points, normals, cell, spacing, screening)
     return vertices, faces, cell
 
 
