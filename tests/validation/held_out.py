@@ -1,0 +1,73 @@
+"""What a level of detection promises where it was not learned: one half of a surface teaches it, the other counts.
+
+A comparison scales what is stated to what its own calm vertices show, so that of these one in twenty lies beyond the
+level nearly by construction. Here each half's level comes from the other half.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from monitor.comparison.detection import CORE_SHARE
+from monitor.comparison.epochs import build_trees, drop_uncertain, measure_sides
+from monitor.comparison.level_of_detection import level_of_detection
+from monitor.comparison.noise import Masks, Noise, learn_noise
+from monitor.comparison.side import Side
+from projects.model import Assessment, Bools, Comparison, Floats
+
+MAX_NORMAL_ANGLE = math.radians(60.0)  # as `CompareSettings` has it
+
+
+def beyond_held_out(comparison: Comparison, direction: Floats) -> Bools:
+    """Return which vertices (n,) of the compared surface of an unchanged pair lie beyond the level of the other half.
+
+    The halves are those before and behind the plane across `direction` (3,) through the middle of the assessed
+    vertices. False where nothing is assessed.
+    """
+    sides = measure_again(comparison)
+    beyond = np.zeros(len(sides[1].distances), dtype=np.bool_)
+    along = [side.surface.vertices @ direction for side in sides]
+    middle = float(np.median(along[1][sides[1].is_assessed]))
+    for before in (True, False):
+        taught, counted = half_of(sides, along, middle, before), half_of(sides, along, middle, not before)[1]
+        level = level_at(sides[1], learn_half(sides, taught))
+        beyond |= counted & (np.abs(sides[1].distances) > level)
+    return beyond
+
+
+def measure_again(comparison: Comparison) -> tuple[Side, Side]:
+    """Return the sides (reference, compared) as they were before anything was learned from them."""
+    reference, moved = comparison.on_reference.surface, comparison.on_compared.surface
+    limit, registration = float(comparison.statistics["search_limit_m"]), comparison.registration
+    trees = build_trees(reference, moved, MAX_NORMAL_ANGLE)
+    sides = measure_sides(reference, moved, trees, registration, (limit, MAX_NORMAL_ANGLE))
+    return keep_assessed(sides[0], comparison, 0, limit), keep_assessed(sides[1], comparison, 1, limit)
+
+
+def keep_assessed(side: Side, comparison: Comparison, which: int, limit: float) -> Side:
+    """Return the side, less what is too uncertain; its vertices are those that the comparison assessed."""
+    told = (comparison.on_reference, comparison.on_compared)[which]
+    kept = drop_uncertain(side, limit)
+    if not np.array_equal(kept.is_assessed, told.assessment != Assessment.NOT_ASSESSABLE):
+        raise AssertionError("measured again, other vertices are assessed than in the comparison")
+    return kept
+
+
+def half_of(sides: tuple[Side, Side], along: list[Floats], middle: float, before: bool) -> Masks:
+    """Return the assessed vertices of both sides before, or behind, the middle."""
+    masks = tuple(s.is_assessed & ((a < middle) == before) for s, a in zip(sides, along, strict=True))
+    return masks[0], masks[1]
+
+
+def learn_half(sides: tuple[Side, Side], calm: Masks) -> Noise:
+    """Return the noise learned from one half, in the two passes of the comparison."""
+    rng = np.random.default_rng(0)
+    first = learn_noise(sides, calm, CORE_SHARE, rng)
+    return learn_noise(sides, calm, 0.95, rng, first.correlation)
+
+
+def level_at(side: Side, noise: Noise) -> Floats:
+    """Return lod95 (n,) [m], as the comparison states it."""
+    return level_of_detection(noise.scale_of(side) * side.sigma_surfaces, noise.common_of(side), noise.floor_of(side))
