@@ -261,13 +261,16 @@ def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify
 
 
 def _adopt_mesh(place: Place, notify: Notify) -> Step:
-    """Take a finished mesh as the surface of its epoch, with the noise that its own vertices show."""
+    """Take a finished mesh as the surface of its epoch.
+
+    Its noise is not stated: how its vertices scatter about their neighbours is mostly relief, by ten times in a coarse
+    mesh, and in other places than the noise. The stable areas of a comparison show it.
+    """
 
     def make() -> Made:
         notify(f"{place.epoch_id}: taking the mesh as the surface")
         mesh: Surface = place.project.get(place.object_id, place.epoch_id, "mesh")
         cloud = estimate_normals(PointCloud(points=mesh.vertices))
-        surface = replace(mesh, sigma=cloud.sigma, roughness=cloud.roughness)
-        return Made(surface, {"sigma": "scatter of the mesh's own vertices about their local planes"})
+        return Made(replace(mesh, roughness=cloud.roughness), {"sigma": "not stated; stable areas show it"})
 
-    return once_step(place, Asked("surface", "surface", {"source": "mesh"}, (latest_step(place, "mesh"),)), make)
+    return once_step(place, Asked("surface", "mesh", {"source": "mesh"}, (latest_step(place, "mesh"),)), make)

@@ -24,6 +24,7 @@ METHOD = {
     "network": 7,
     "filtered": 4,
     "surface": 4,
+    "mesh": 5,
     "quality": 1,
     "comparison": 8,
     "series": 1,

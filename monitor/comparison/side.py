@@ -78,11 +78,18 @@ def drop_contradicted(side: Side, back: Side) -> Side:
     """
     corner = side.feet.weights.argmax(axis=1)
     foot = side.other.faces[np.maximum(side.feet.faces, 0), corner]
-    sigma = np.hypot(side.sigma_surfaces, side.sigma_common)
+    sigma = np.hypot(np.hypot(side.sigma_surfaces, side.sigma_common), _unstated_noise(side))
     seen_back = np.where(back.is_assessed, back.distances, np.nan)[foot]
     contradicted = side.is_assessed & (np.abs(side.distances) > 2.0 * np.abs(seen_back) + 4.0 * sigma)
     reasons = np.where(contradicted, NotAssessed.SHEET_BETWEEN, side.reasons).astype(side.reasons.dtype)
     return replace(side, reasons=reasons, distances=np.where(contradicted, np.nan, side.distances))
+
+
+def _unstated_noise(side: Side) -> float:
+    """Return the scatter [m] of the distances where a surface states no noise, 0 where both do."""
+    if (side.surface.sigma is not None and side.other.sigma is not None) or not side.is_assessed.any():
+        return 0.0
+    return 1.4826 * float(np.median(np.abs(side.distances[side.is_assessed])))
 
 
 def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTree], sign: float,
