@@ -23,7 +23,7 @@ METHOD = {
     "targets": 1,
     "network": 7,
     "filtered": 4,
-    "surface": 4,
+    "surface": 5,
     "mesh": 5,
     "quality": 1,
     "comparison": 8,

@@ -50,23 +50,28 @@ def cut_tiles(points: Floats, edge: int, reach: int) -> Tiles:
     low = np.floor(points.min(axis=0) / edge).astype(np.int64) - 1
     shape = np.floor(points.max(axis=0) / edge).astype(np.int64) - low + 2
     weight = np.array([shape[1] * shape[2], shape[2], 1])
-    steps = np.array(np.meshgrid([-reach, reach], [-reach, reach], [-reach, reach])).reshape(3, 8).T
-    key, keys = np.empty(len(points), np.int64), np.empty(0, np.int64)
+    key, found = np.empty(len(points), np.int64), np.empty(0, np.int64)
     for first in range(0, len(points), BLOCK):
         block = points[first : first + BLOCK]
-        key[first : first + BLOCK] = _cube_keys(block, edge, low, weight)
-        for step in (np.zeros(3), *steps):
-            keys = np.union1d(keys, _cube_keys(block + step, edge, low, weight))
+        cube = np.floor(block / edge).astype(np.int64)
+        key[first : first + BLOCK] = (cube - low) @ weight
+        within = block - cube * edge
+        faces = np.concatenate([within < reach, within >= edge - reach], axis=1) @ (1 << np.arange(6))
+        found = np.union1d(found, 64 * key[first : first + BLOCK] + faces)
+    keys = _touched_cubes(*np.divmod(found, 64), weight)
     order = np.argsort(key, kind="stable")
     starts = np.append(np.searchsorted(key, keys, sorter=order), len(points)).astype(np.int64)
     corners = np.stack(np.unravel_index(keys, tuple(shape)), axis=1) + low
     return Tiles(np.ascontiguousarray(points[order]), order, corners * edge, starts, edge)
 
 
-def _cube_keys(points: Floats, edge: int, low: Ints, weight: Ints) -> Ints:
-    """Return the number (n,) of the cube of `edge` cells that holds each point."""
-    keys: Ints = (np.floor(points / edge).astype(np.int64) - low) @ weight
-    return keys
+def _touched_cubes(keys: Ints, faces: Ints, weight: Ints) -> Ints:
+    """Return the numbers (t,) of the cubes `keys` and of those across the `faces` (bits: -x -y -z +x +y +z)."""
+    touched = [keys]
+    for step in np.ndindex(3, 3, 3):
+        crossed = sum(1 << (axis + 3 * (side == 2)) for axis, side in enumerate(step) if side != 1)
+        touched.append(keys[faces & crossed == crossed] + (np.array(step) - 1) @ weight)
+    return np.unique(np.concatenate(touched))
 
 
 @jit(nopython=True, cache=True, nogil=True)

@@ -89,7 +89,7 @@ def localized_mesh(
     tile, sweeps : cells along a tile's edge; how often the tiles are solved.
     map_tiles : like `map`, over tile numbers; by default threads on this machine.
     """
-    low = np.floor(points.min(axis=0) / cell) - 4
+    low = _place_lattice(points, cell, tile)
     tiles = cut_tiles(_on_lattice(points, cell, low), tile, REACH)
     lattice = Lattice(tiles, normals[tiles.order].astype(np.float32), (cell / spacing) ** 2, screening)
     run = map_tiles or _map_threads
@@ -110,6 +110,18 @@ def localized_mesh(
     vertices += low
     vertices *= cell
     return vertices, faces
+
+
+def _place_lattice(points: Floats, cell: float, tile: int) -> Floats:
+    """Return the lattice point (3,) from which as few tiles as can be hold the band, it being in their middle.
+
+    A sheet that merely came near a tile's face would be solved on both sides of it.
+    """
+    first, last = np.floor(points.min(axis=0) / cell), np.floor(points.max(axis=0) / cell)
+    extent = last - first + 1.0
+    n_tiles = np.ceil((extent + 2.0 * REACH) / tile)
+    low: Floats = first - np.floor(0.5 * (n_tiles * tile - extent))
+    return low
 
 
 def _on_lattice(points: Floats, cell: float, low: Floats) -> Floats:

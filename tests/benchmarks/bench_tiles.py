@@ -17,16 +17,18 @@ import numpy as np
 SPACING, CELL, NOISE = 0.001, 0.0015, 0.0003
 SORTED_BYTES = 24 + 12 + 8  # a point: coordinates in cells, normal in float32, place in the input
 NUMBERS = (1, 10, 100)
+MARGIN = 6 * CELL  # of a row of tiles beyond its points, which the band reaches into
 
 
 def wavy_sheet(n_tiles: int, tile: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and normals of a sheet over a row of tiles, waves of 40 cells and an amplitude of 4."""
+    """Return points and normals of a sheet in a row of tiles, waves of 40 cells and an amplitude of 4."""
     rng, edge = np.random.default_rng(n_tiles), tile * CELL
-    n = int(edge**2 / SPACING**2)
+    width = edge - 2.0 * MARGIN
+    n = int(edge * width / SPACING**2)
     points, normals = np.empty((n_tiles * n, 3)), np.empty((n_tiles * n, 3))
     turn, height = 2 * np.pi / (40 * CELL), 4 * CELL
     for j in range(n_tiles):  # tile by tile, so that the peak of memory is not made here
-        x, y = edge * (j + rng.uniform(size=n)), edge * rng.uniform(0.002, 0.998, size=n)
+        x, y = edge * (j + rng.uniform(size=n)) * (1.0 - 2.0 * MARGIN / n_tiles / edge), rng.uniform(size=n) * width
         z = 0.5 * edge + height * np.sin(turn * x) * np.cos(turn * y) + NOISE * rng.normal(size=n)
         slope_x = height * turn * np.cos(turn * x) * np.cos(turn * y)
         slope_y = -height * turn * np.sin(turn * x) * np.sin(turn * y)

@@ -87,13 +87,29 @@ def test_band_is_a_ball_around_each_occupied_cell():
 
 
 def test_tiles_hold_each_point_once_and_know_their_neighbours_points(rng):
-    points = rng.uniform(0, 90, size=(500, 3))
+    points = rng.uniform(0, 90, size=(500, 3)) * [1.0, 0.9, 0.2] + [0.0, 3.0, 12.0]
     tiles = cut_tiles(points, 32, 5)
     assert sorted(tiles.order.tolist()) == list(range(500))
+    steps = np.array(list(np.ndindex(3, 3, 3))) * 5.0 - 5.0
+    near = np.unique(np.floor((points[:, None] + steps) / 32).reshape(-1, 3), axis=0)
+    assert tiles.corners.tolist() == (32 * near).tolist()
     for j in range(len(tiles.corners)):
         low, high = tiles.corners[j] - 5, tiles.corners[j] + 37
         want = ((points >= low) & (points < high)).all(axis=1)
         assert sorted(tiles.order[tiles.points_within(j, 5)].tolist()) == np.flatnonzero(want).tolist()
+
+
+def test_sheet_smaller_than_a_tile_is_not_cut_wherever_it_lies(rng):
+    points = np.column_stack([rng.uniform(0, 0.05, 4000), rng.uniform(0, 0.05, 4000), np.zeros(4000)])
+    numbers = []
+
+    def count(function, tiles):
+        numbers.append(len(tiles))
+        return [function(j) for j in tiles]
+
+    for shift in rng.uniform(-1.0, 1.0, size=(4, 3)):
+        localized_mesh(points + shift, np.tile([0.0, 0.0, 1.0], (4000, 1)), 0.001, 0.001, tile=62, map_tiles=count)
+    assert set(numbers) == {1}
 
 
 def test_sphere_stitched_from_tiles_is_closed_and_agrees_with_one_tile_to_a_micrometre(rng):
