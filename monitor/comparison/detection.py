@@ -10,13 +10,13 @@ Where in the end nothing is significant, what was suspect is the tail of the err
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from numba import jit
 
+from monitor.comparison.connected import connect_like
 from monitor.comparison.level_of_detection import Z95, level_of_detection
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.patches import (
@@ -27,12 +27,12 @@ from monitor.comparison.patches import (
     calm_errors,
     first_errors,
     lay_out_patches,
-    least_p,
     measure_patches,
 )
-from monitor.comparison.side import Side, both_in
+from monitor.comparison.reaches import Reaches, least_of_patches
+from monitor.comparison.side import Side
 from monitor.comparison.smoothing import smooth_distances
-from monitor.comparison.units import Units, summarize_units, unit_size
+from monitor.comparison.units import Units, judge_noise, summarize_units, unit_size
 from projects.model import Bools, Floats, Ints, Registration
 
 Sizes = list[list[Patches]]  # [size][side]
@@ -44,21 +44,21 @@ CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a thi
 
 @dataclass(frozen=True)
 class Tested:
-    """The units of both sides, what the patches they belong to say, and by what measure.
+    """The units of both sides, the `reaches` of their patches, what these say of each unit, and by what measure.
 
     `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
     largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
-    first; `n_tested` patches in all; `patches` [size][side] and `p_values` of them.
+    first; `n_tested` patches in all; `p_values` [size][side] of them.
     """
 
     units: tuple[Units, Units]
+    reaches: tuple[Reaches, Reaches]
     p_gained: tuple[Floats, Floats]
     p_lost: tuple[Floats, Floats]
     limit: float
     size: float
     errors: tuple[PatchErrors, ...]
     n_tested: int
-    patches: list[list[Patches]]
     p_values: list[list[Floats]]
 
 
@@ -100,9 +100,11 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     own = (sides[0].without_motion(), sides[1].without_motion())
     by_itself = learn_and_judge(own, left, level, seed)
     noise, calm = by_itself.noise, by_itself.calm
-    test = judge_units(by_itself.layout, sides, calm, noise, registration, level, lambda _: by_itself.test.errors)
+    units = [summarize_units(s, u.number, registration) for s, u in zip(sides, by_itself.layout.units, strict=True)]
+    layout = replace(by_itself.layout, units=(units[0], units[1]))
+    test = judge_units(layout, sides, calm, noise, registration, level, lambda _: by_itself.test.errors)
     found = tuple(mark_changed(s, own[k], test, k, noise, calm[k]) for k, s in enumerate(sides))
-    return Detected((found[0], found[1]), noise, test, by_itself.layout, calm)
+    return Detected((found[0], found[1]), noise, test, layout, calm)
 
 
 def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level: float, seed: int) -> Detected:
@@ -110,14 +112,14 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     rng = np.random.default_rng(seed)
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
-    layout = lay_out(sides, noise, None)
+    layout = lay_out(sides, noise, registration, None)
     test = judge_units(layout, sides, calm, noise, registration, level, partial(learn_errors, first_errors))
     teaches_all = False
     for _ in range(N_ROUNDS):
         rest = tuple(away_from(s, test, k) for k, s in enumerate(sides))
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
             calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
-            layout = lay_out(sides, noise, layout)
+            layout = lay_out(sides, noise, registration, layout)
             test = judge_units(layout, sides, calm, noise, registration, level, partial(learn_errors, calm_errors))
             teaches_all = test.limit == 0.0
     if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
@@ -133,29 +135,29 @@ def stable_or_all(side: Side) -> Bools:
     return stable if stable.any() else side.is_assessed
 
 
-def lay_out(sides: tuple[Side, Side], noise: Noise, last: Layout | None) -> Layout:
+def lay_out(sides: tuple[Side, Side], noise: Noise, registration: Registration, last: Layout | None) -> Layout:
     """Return the patches to test where errors agree as in `noise`; the last ones where units come out as large."""
     size = unit_size(noise.correlation, np.concatenate([s.areas[s.is_assessed] for s in sides]))
-    return last if last is not None and last.size == size else lay_out_patches(sides, size)
+    return last if last is not None and last.size == size else lay_out_patches(sides, size, registration)
 
 
 def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration,
                 level: float, errors_of: Callable[[Sizes], tuple[PatchErrors, ...]]) -> Tested:  # fmt: skip
     """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter."""
-    units = tuple(summarize_units(s, n, noise, registration, c)
-                  for s, n, c in zip(sides, layout.numbers, calm, strict=True))  # fmt: skip
-    sizes = [[measure_patches(u, m, noise.correlation, registration) for u, m in zip(units, members, strict=True)]
-             for members in layout.members]  # fmt: skip
+    units = [judge_noise(u, s, noise, c) for u, s, c in zip(layout.units, sides, calm, strict=True)]
+    sizes = [[measure_patches(u, r, k, noise.correlation, registration)
+              for u, r in zip(units, layout.reaches, strict=True)] for k in range(layout.n_sizes)]  # fmt: skip
     errors = errors_of(sizes)
     p_values = [[np.where(p.is_whole, e.p_values(_standardize(p)), 1.0) for p in pair]
                 for e, pair in zip(errors, sizes, strict=True)]  # fmt: skip
     tested = np.concatenate([v[p.is_whole] for values, pair in zip(p_values, sizes, strict=True)
                              for v, p in zip(values, pair, strict=True)])  # fmt: skip
-    least = [[np.minimum.reduce([least_p(pair[k], values[k], sign)
-                                 for pair, values in zip(sizes, p_values, strict=True)])
-              for k in range(2)] for sign in (1.0, -1.0)]  # fmt: skip
-    return Tested((units[0], units[1]), (least[0][0], least[0][1]), (least[1][0], least[1][1]),
-                  benjamini_hochberg(tested, level), layout.size, errors, len(tested), sizes, p_values)  # fmt: skip
+    (gained, lost), (gained_compared, lost_compared) = (
+        least_of_patches(layout.reaches[k], np.array([pair[k].means for pair in sizes]),
+                         np.array([values[k] for values in p_values])) for k in range(2)
+    )  # fmt: skip
+    return Tested((units[0], units[1]), layout.reaches, (gained, gained_compared), (lost, lost_compared),
+                  benjamini_hochberg(tested, level), layout.size, errors, len(tested), p_values)  # fmt: skip
 
 
 def learn_errors(learn: Callable[[Floats], PatchErrors], sizes: Sizes) -> tuple[PatchErrors, ...]:
@@ -170,13 +172,23 @@ def _standardize(patches: Patches) -> Floats:
 
 def away_from(side: Side, test: Tested, which: int) -> Bools:
     """Return which assessed vertices lie neither in a significant or suspect unit nor in one that touches it."""
-    number = test.units[which].number
     hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= max(test.limit, SUSPECT)
-    pairs = number[side.edges[both_in(number >= 0, side.edges)]]
-    touched = np.append(hit, False)  # unit -1, not assessable, is the last
-    touched[pairs[hit[pairs[:, 0]], 1]] = True
-    touched[pairs[hit[pairs[:, 1]], 0]] = True
-    return side.is_assessed & ~touched[number]
+    return np.asarray(_lie_away(test.units[which].number, hit, side.edges))
+
+
+@jit(nopython=True, cache=True)
+def _lie_away(number, hit, edges):  # type: ignore[no-untyped-def]
+    """Return whether each vertex lies in a unit that is not hit and has no edge to one that is."""
+    touched = hit.copy()
+    for e in range(len(edges)):
+        a, b = number[edges[e, 0]], number[edges[e, 1]]
+        if a >= 0 and b >= 0:
+            touched[a] |= hit[b]
+            touched[b] |= hit[a]
+    out = np.empty(len(number), dtype=np.bool_)
+    for v in range(len(number)):
+        out[v] = number[v] >= 0 and not touched[number[v]]
+    return out
 
 
 def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, calm: Bools) -> Detection:
@@ -205,10 +217,7 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
 
 def _grow(seeds: Bools, beyond: Bools, sign: Ints, edges: Ints) -> Bools:
     """Return the vertices of `beyond` that hang together with a seed of their sign."""
-    n = len(seeds)
-    same = both_in(beyond, edges) & (sign[edges[:, 0]] == sign[edges[:, 1]])
-    graph = coo_matrix((np.ones(int(same.sum()), dtype=np.int8), edges[same].T), shape=(n, n))
-    _, part = connected_components(graph, directed=False)
-    has_seed = np.zeros(n, dtype=np.bool_)
+    part = connect_like(np.where(beyond, sign + 1, -1), edges)
+    has_seed = np.zeros(int(part.max(initial=-1)) + 2, dtype=np.bool_)
     has_seed[part[seeds]] = True
     return beyond & has_seed[part]

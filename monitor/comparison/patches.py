@@ -10,15 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.spatial import cKDTree
 from scipy.stats import norm
 from scipy.stats import t as student
 
 from monitor.comparison.correlation import Correlation, kept_variance
+from monitor.comparison.reaches import Reaches, gather_reaches, sum_patches
 from monitor.comparison.side import Side
-from monitor.comparison.units import Units, cut_units, place_units
-from projects.model import Bools, Floats, Ints, Registration
+from monitor.comparison.units import Units, cut_units, summarize_units
+from projects.model import Bools, Floats, Registration
 
 REACHES = (
     0.0,
@@ -37,10 +36,9 @@ NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distributi
 
 @dataclass(frozen=True)
 class Patches:
-    """Patches of one size around each unit of one side. `members` (p, u) sparse 0/1; the rest is (p,):
-    `means`, `sigmas` [m], `is_whole` (not a scrap), `is_calm`."""
+    """Patches of one size around each unit of one side, (p,) each: `means`, `sigmas` [m], `is_whole` (not a scrap),
+    `is_calm`."""
 
-    members: csr_matrix
     means: Floats
     sigmas: Floats
     is_whole: Bools
@@ -61,52 +59,37 @@ class PatchErrors:
 
 @dataclass(frozen=True)
 class Layout:
-    """Units of edge `size` [m] on both sides, `numbers` of each vertex, and what makes the patches of each size:
-    `members` [size][side], sparse 0/1 (p, u)."""
+    """Units of edge `size` [m] on both sides, and around each the `reaches` of its patches of `n_sizes` sizes."""
 
     size: float
-    numbers: tuple[Ints, Ints]
-    members: list[list[csr_matrix]]
+    units: tuple[Units, Units]
+    reaches: tuple[Reaches, Reaches]
+    n_sizes: int
 
 
-def lay_out_patches(sides: tuple[Side, Side], size: float) -> Layout:
-    """Cut both sides into units of edge `size` [m] and gather the patches of every size around each."""
-    numbers = (cut_units(sides[0], size), cut_units(sides[1], size))
-    places = [place_units(s, n) for s, n in zip(sides, numbers, strict=True)]
+def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registration) -> Layout:
+    """Cut both sides into units of edge `size` [m] and gather what makes the patches of every size around each."""
     radii = patch_radii(size, 0.5 * sum(float(s.areas[s.is_assessed].sum()) for s in sides))
-    return Layout(size, numbers, [[_members(*place, r) for place in places] for r in radii])
+    units = [summarize_units(s, cut_units(s, size), registration) for s in sides]
+    reaches = [gather_reaches(u.centres, u.motion_rows[:, 3:], radii) for u in units]
+    return Layout(size, (units[0], units[1]), (reaches[0], reaches[1]), len(radii))
 
 
-def _members(centres: Floats, normals: Floats, radius: float) -> csr_matrix:
-    """Return which units (columns) belong to the patch around each unit (rows): those within `radius` [m] that look the
-    same way (within 60 degrees)."""
-    n = len(centres)
-    pairs = np.zeros((0, 2), dtype=np.int64)
-    if radius > 0.0 and n:
-        pairs = cKDTree(centres).query_pairs(radius, output_type="ndarray")
-        length = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
-        cosine = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]])
-        pairs = pairs[cosine >= 0.5 * length[pairs[:, 0]] * length[pairs[:, 1]]]
-    rows = np.concatenate([np.arange(n), pairs[:, 0], pairs[:, 1]])
-    columns = np.concatenate([np.arange(n), pairs[:, 1], pairs[:, 0]])
-    return coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n)).tocsr()
-
-
-def measure_patches(units: Units, members: csr_matrix, correlation: Correlation, registration: Registration) -> Patches:
-    """Return the patches that `members` names, with their means and what limits them."""
-    areas = members @ units.areas
-    weights = members.multiply(units.areas).multiply(1.0 / areas[:, None]).tocsr()
-    within2 = weights @ units.variances
-    kept = kept_variance(areas, members @ units.n_vertices, correlation)
-    rows = weights @ units.motion_rows
+def measure_patches(units: Units, reaches: Reaches, size: int, correlation: Correlation, registration: Registration,
+                    ) -> Patches:  # fmt: skip
+    """Return the patches of one size (0: the units alone), with their means and what limits them."""
+    figures = np.column_stack([units.means, units.variances, units.shared, units.calm_shares, units.motion_rows])
+    areas, n_vertices, averages = sum_patches(reaches, size, units.areas, units.n_vertices, figures)
+    means, within2, shared, calm_shares = averages[:, :4].T
+    kept = kept_variance(areas, n_vertices, correlation)
+    rows = np.ascontiguousarray(averages[:, 4:])
     motion2 = np.maximum(np.einsum("pi,ij,pj->p", rows, registration.covariance, rows), 0.0)
-    common2 = motion2 + (weights @ units.shared) ** 2  # what its scans disagree by is common to a patch
+    common2 = motion2 + shared**2  # what its scans disagree by is common to a patch
     return Patches(
-        members=members,
-        means=weights @ units.means,
+        means=means,
         sigmas=np.sqrt(np.maximum(within2 * kept + common2, 1e-300)),
         is_whole=areas >= SMALLEST_SHARE * np.median(areas) if len(areas) else np.zeros(0, dtype=np.bool_),
-        is_calm=weights @ units.calm_shares > 0.5,
+        is_calm=calm_shares > 0.5,
     )
 
 
@@ -150,15 +133,3 @@ def calm_errors(z: Floats) -> PatchErrors:
     if len(z) < FEWEST_PATCHES:
         return PatchErrors(1.0, NORMAL)
     return PatchErrors(max(float(np.quantile(np.abs(z), 0.9) / norm.ppf(0.95)), 1.0), NORMAL)
-
-
-def least_p(patches: Patches, p_values: Floats, sign: float) -> Floats:
-    """Return for each unit (u,) the smallest p value of the patches it belongs to whose mean has the sign; 1 if none.
-
-    `p_values` (p,) are 1 where the patch is not tested.
-    """
-    p = np.where(np.sign(patches.means) == sign, p_values, 1.0)
-    least = np.ones(len(p))
-    patch, unit = patches.members.nonzero()
-    np.minimum.at(least, unit, p[patch])
-    return least

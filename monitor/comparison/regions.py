@@ -11,13 +11,14 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.stats import norm
 
+from monitor.comparison.connected import connect_like
 from monitor.comparison.detection import Detected, Detection, Tested
 from monitor.comparison.enclosure import SIGNS, Beyond, grow_regions, measure_body, spread_over_assessed
 from monitor.comparison.moved import name_moved
 from monitor.comparison.noise import Noise
+from monitor.comparison.reaches import members_of
 from monitor.comparison.region_figures import (
     describe_region,
     is_volume_known,
@@ -26,7 +27,7 @@ from monitor.comparison.region_figures import (
     stands_out,
     view_sides,
 )
-from monitor.comparison.side import Side, both_in
+from monitor.comparison.side import Side
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
 
@@ -157,11 +158,11 @@ def hold_patches(sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints
         at = np.flatnonzero((parts[k] >= 0) & (units.number >= 0))
         change = side.areas[at] * side.distances[at]
         of_units = coo_matrix((change, (units.number[at], parts[k][at])), shape=(len(units.means), n_parts)).tocsr()
-        for patches, p_values in zip(test.patches, test.p_values, strict=True):
+        for size, p_values in enumerate(test.p_values):
             significant = np.flatnonzero(p_values[k] <= level / test.n_tested)
             if not (len(significant) and n_parts):
                 continue
-            members = patches[k].members[significant]
+            members = members_of(test.reaches[k], size, significant)
             whole = members @ (units.areas * units.means)
             share = (members @ of_units).multiply(1.0 / np.where(whole == 0.0, np.inf, whole)[:, None]).tocsr()
             most = np.asarray(share.argmax(axis=1)).ravel()
@@ -182,7 +183,6 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
     Changed is also what was looked through: lost on the reference, gained on the compared surface.
     """
     n_first = len(sides[0].areas)
-    n = n_first + len(sides[1].areas)
     changed = np.concatenate([f.is_changed | t for f, t in zip(found, beyond.is_through, strict=True)])
     sign = np.concatenate([np.where(t, s, np.sign(np.nan_to_num(f.smooth)))
                            for f, t, s in zip(found, beyond.is_through, SIGNS, strict=True)])  # fmt: skip
@@ -191,14 +191,8 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
     for k, (own, other) in enumerate(((0, n_first), (n_first, 0))):
         at = np.flatnonzero(beyond.is_through[k] & (beyond.nearest[k] >= 0))
         links.append(np.column_stack([at + own, beyond.nearest[k][at] + other]))
-    pairs = np.vstack(links)
-    pairs = pairs[both_in(changed, pairs)]
-    pairs = pairs[sign[pairs[:, 0]] == sign[pairs[:, 1]]]
-    graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(n, n))
-    _, part = connected_components(graph, directed=False)
-    out = np.full(n, -1, dtype=np.int64)
-    _, out[changed] = np.unique(part[changed], return_inverse=True)
-    return out[:n_first], out[n_first:]
+    part = connect_like(np.where(changed, sign.astype(np.int64) + 1, -1), *links)
+    return part[:n_first], part[n_first:]
 
 
 def _foot_links(side: Side) -> Ints:

@@ -5,16 +5,16 @@ A unit is a connected piece, half as wide as errors agree. Each has its mean cha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from numba import jit
 
+from monitor.comparison.connected import connect_like
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.noise import Noise
-from monitor.comparison.side import Side, both_in
-from monitor.registration.sampling import cell_numbers
+from monitor.comparison.side import Side
+from monitor.comparison.triangles import cross
 from projects.model import Bools, Floats, Ints, Registration
 
 LARGEST_UNIT = 8.0  # vertices along its edge
@@ -24,19 +24,20 @@ LARGEST_UNIT = 8.0  # vertices along its edge
 class Units:
     """Units of one side, (u,) each.
 
-    `number` (n,) is the unit of each vertex, -1 where not assessable; `areas` [m2]; `n_vertices`; `means` [m] of the
-    change; `variances` [m2] of a vertex in it, without the registration's part; `shared` [m], one sigma of what its
-    scans disagree by; `motion_rows` (u, 6), the mean of n' J; `calm_shares`, how much of its area is held to be
-    unchanged.
+    `number` (n,) is the unit of each vertex, -1 where not assessable; `areas` [m2]; `n_vertices`; `centres` (u, 3) [m];
+    `means` [m] of the change; `shared` [m], one sigma of what its scans disagree by; `motion_rows` (u, 6), the mean of
+    n' J, of which the last three are the mean normal, not of unit length. As far as the noise is known: `variances`
+    [m2] of a vertex in it, without the registration's part; `calm_shares`, how much of its area is held unchanged.
     """
 
     number: Ints
     areas: Floats
     n_vertices: Ints
+    centres: Floats
     means: Floats
-    variances: Floats
     shared: Floats
     motion_rows: Floats
+    variances: Floats
     calm_shares: Floats
 
 
@@ -54,68 +55,105 @@ def unit_size(correlation: Correlation, areas: Floats) -> float:
 
 def cut_units(side: Side, size: float) -> Ints:
     """Return the unit of each vertex (n,), -1 where not assessable: connected parts of cubes of edge `size` [m]."""
-    assessed = np.flatnonzero(side.is_assessed)
-    number = np.full(len(side.areas), -1, dtype=np.int64)
-    cell = cell_numbers(side.surface.vertices, size)
-    edges = side.edges[both_in(side.is_assessed, side.edges)]
-    joined = cell[edges[:, 0]] == cell[edges[:, 1]]
-    n = len(number)
-    graph = coo_matrix((np.ones(joined.sum(), dtype=np.int8), edges[joined].T), shape=(n, n))
-    _, part = connected_components(graph, directed=False)
-    _, number[assessed] = np.unique(part[assessed], return_inverse=True)
-    return merge_slivers(number, edges[~joined], side.areas, 0.25 * size**2)
+    low, high = side.surface.vertices.min(axis=0), side.surface.vertices.max(axis=0)
+    cells = _number_cells(side.surface.vertices, side.is_assessed, low, high, size)
+    return merge_slivers(connect_like(cells, side.edges), side.edges, side.areas, 0.25 * size**2)
 
 
-def merge_slivers(number: Ints, across: Ints, areas: Floats, least: float) -> Ints:
-    """Return the units with those smaller than `least` [m2] given to the neighbour they share most edges with.
+@jit(nopython=True, cache=True)
+def _number_cells(points, is_assessed, low, high, size):  # type: ignore[no-untyped-def]
+    """Return the number of the cube of edge `size` that each point lies in, -1 where it is not assessed."""
+    out = np.full(len(points), -1, dtype=np.int64)
+    n_y, n_z = np.int64(np.floor((high[1] - low[1]) / size)) + 1, np.int64(np.floor((high[2] - low[2]) / size)) + 1
+    for v in range(len(points)):
+        if is_assessed[v]:
+            i = np.int64(np.floor((points[v, 0] - low[0]) / size))
+            j = np.int64(np.floor((points[v, 1] - low[1]) / size))
+            out[v] = (i * n_y + j) * n_z + np.int64(np.floor((points[v, 2] - low[2]) / size))
+    return out
 
-    `across` (e, 2) are the edges between units. A sliver without neighbour stays alone (and is too small to be tested).
+
+def merge_slivers(number: Ints, edges: Ints, areas: Floats, least: float) -> Ints:
+    """Return the units (n,) with those smaller than `least` [m2] given to the neighbour they share most edges with.
+
+    A sliver without neighbour stays alone (and is too small to be tested).
     """
     n_units = int(number.max(initial=-1)) + 1
-    area = np.bincount(number[number >= 0], areas[number >= 0], minlength=n_units)
-    pairs = number[np.vstack([across, across[:, ::-1]])]
-    pairs = pairs[(pairs[:, 0] != pairs[:, 1]) & (area[pairs[:, 0]] < least) & (area[pairs[:, 1]] >= least)]
-    key, count = np.unique(pairs[:, 0] * max(n_units, 1) + pairs[:, 1], return_counts=True)
+    area, _ = _sum_areas(number, areas, n_units)
+    key, count = np.unique(_border_pairs(number, edges, area, least), return_counts=True)
     small, big = np.divmod(key, max(n_units, 1))
     target = np.arange(n_units)
     rising = np.argsort(count, kind="stable")
     target[small[rising]] = big[rising]  # the last one written shares most edges
-    merged = number.copy()
-    merged[number >= 0] = target[number[number >= 0]]
-    _, merged[number >= 0] = np.unique(merged[number >= 0], return_inverse=True)
-    return merged
+    _, target = np.unique(target, return_inverse=True)
+    return np.append(target, -1).astype(np.int32)[number]  # -1 is the last
 
 
-def summarize_units(side: Side, number: Ints, noise: Noise, registration: Registration, calm: Bools) -> Units:
-    """Return the figures of each unit, area-weighted over its vertices."""
-    inside = number >= 0
-    points, normals = side.surface.vertices[inside], side.normals[inside]
-    rows = np.hstack([np.cross(points - registration.centre, normals), normals])
-    figures = [side.distances, noise.variance_of(side), side.sigma_shared, calm]
-    areas, means = average_units(side, number, np.column_stack([*(f[inside] for f in figures), rows]))
-    change, variances, shared, calm_shares = means[:, :4].T
-    n_vertices = np.bincount(number[inside], minlength=len(areas))
-    return Units(number, areas, n_vertices, change, variances, shared, means[:, 4:], calm_shares)
+@jit(nopython=True, cache=True)
+def _border_pairs(number, edges, area, least):  # type: ignore[no-untyped-def]
+    """Return small unit * number of units + large one for each edge between a unit below `least` and one above."""
+    out, n = np.empty(len(edges), dtype=np.int64), 0
+    for e in range(len(edges)):
+        a, b = np.int64(number[edges[e, 0]]), np.int64(number[edges[e, 1]])
+        if a < 0 or b < 0 or a == b or (area[a] < least) == (area[b] < least):
+            continue
+        out[n] = a * len(area) + b if area[a] < least else b * len(area) + a
+        n += 1
+    return out[:n].copy()
 
 
-def place_units(side: Side, number: Ints) -> tuple[Floats, Floats]:
-    """Return centres (u, 3) [m] and mean normals (u, 3), not of unit length, of the units."""
-    inside = number >= 0
-    _, figures = average_units(side, number, np.hstack([side.surface.vertices[inside], side.normals[inside]]))
-    return figures[:, :3], figures[:, 3:]
+def summarize_units(side: Side, number: Ints, registration: Registration) -> Units:
+    """Return the figures of each unit, area-weighted over its vertices; what the noise says is not known yet."""
+    areas, n_vertices = _sum_areas(number, side.areas, int(number.max(initial=-1)) + 1)
+    areas = np.maximum(areas, 1e-300)
+    centres = _average(number, side.areas, areas, np.ascontiguousarray(side.surface.vertices))
+    rows = _average_rows(number, side.areas, areas, side.surface.vertices, side.normals, registration.centre)
+    means, shared = (_average(number, side.areas, areas, f[:, None])[:, 0] for f in (side.distances, side.sigma_shared))
+    unknown = np.full(len(areas), np.nan)
+    return Units(number, areas, n_vertices, centres, means, shared, rows, unknown, unknown)
 
 
-def average_units(side: Side, number: Ints, values: Floats) -> tuple[Floats, Floats]:
-    """Return the areas (u,) [m2] of the units and the area-weighted means (u, c) of the values (k, c) of the vertices
-    that belong to one."""
-    inside = number >= 0
-    unit, weight = number[inside], side.areas[inside]
-    n_units = int(number.max(initial=-1)) + 1
-    areas = np.maximum(sum_groups(unit, weight, n_units), 1e-300)
-    share = weight / areas[unit]
-    return areas, np.column_stack([sum_groups(unit, share * column, n_units) for column in values.T])
+def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
+    """Return the units with what the noise says of their vertices, and how much of them is in `calm` (n,)."""
+    variances, calm_shares = (_average(units.number, side.areas, units.areas, f[:, None])[:, 0]
+                              for f in (noise.variance_of(side), calm))  # fmt: skip
+    return replace(units, variances=variances, calm_shares=calm_shares)
 
 
-def sum_groups(group: Ints, values: Floats, n_groups: int) -> Floats:
-    """Return the sum of the values of each group (n_groups,)."""
-    return np.asarray(np.bincount(group, values, minlength=n_groups), dtype=np.float64)
+@jit(nopython=True, cache=True)
+def _sum_areas(number, areas, n_units):  # type: ignore[no-untyped-def]
+    """Return the sum of the areas of the vertices of each unit, and how many they are."""
+    whole, counts = np.zeros(n_units), np.zeros(n_units, dtype=np.int64)
+    for v in range(len(number)):
+        if number[v] >= 0:
+            whole[number[v]] += areas[v]
+            counts[number[v]] += 1
+    return whole, counts
+
+
+@jit(nopython=True, cache=True)
+def _average(number, weights, whole, values):  # type: ignore[no-untyped-def]
+    """Return the weighted means (u, c) of the values (n, c) of each unit's vertices, whose weights sum to `whole`."""
+    out = np.zeros((len(whole), values.shape[1]))
+    for v in range(len(number)):
+        if number[v] >= 0:
+            share = weights[v] / whole[number[v]]
+            for c in range(values.shape[1]):
+                out[number[v], c] += share * values[v, c]
+    return out
+
+
+@jit(nopython=True, cache=True)
+def _average_rows(number, weights, whole, points, normals, centre):  # type: ignore[no-untyped-def]
+    """Return the weighted means (u, 6) of n' J: the arm across the normal, and the normal."""
+    out = np.zeros((len(whole), 6))
+    for v in range(len(number)):
+        if number[v] >= 0:
+            share = weights[v] / whole[number[v]]
+            normal = (normals[v, 0], normals[v, 1], normals[v, 2])
+            arm = (points[v, 0] - centre[0], points[v, 1] - centre[1], points[v, 2] - centre[2])
+            across = cross(arm, normal)
+            for k in range(3):
+                out[number[v], k] += share * across[k]
+                out[number[v], 3 + k] += share * normal[k]
+    return out

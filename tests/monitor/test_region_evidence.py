@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_matrix
 
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.noise import N_STRATA, Noise
+from monitor.comparison.reaches import Reaches
 from monitor.comparison.regions import bear_out_parts, hold_patches
 
 NOISE = Noise(np.zeros(N_STRATA), np.ones(N_STRATA), Correlation(np.zeros(1), np.ones(1)), spacing=1e-3)
@@ -24,13 +24,12 @@ def side_of(distances: list[float], to_rim: float = np.inf) -> Any:
 
 
 def one_patch_over(side: Any, p: float) -> Any:
-    """Return the test of one patch that holds all units of both sides."""
+    """Return the test of one patch, around the first unit, that holds all units of both sides."""
     n = len(side.areas)
     units = SimpleNamespace(number=np.arange(n), areas=side.areas, means=side.distances)
-    patches = SimpleNamespace(members=csr_matrix(np.ones((1, n))))
-    return SimpleNamespace(
-        units=(units, units), patches=[[patches, patches]], p_values=[[np.array([p])] * 2], n_tested=2
-    )
+    reaches = Reaches(np.append(0, np.full(n, n)), np.arange(n), np.zeros(n, dtype=np.uint8))
+    p_values = np.append(p, np.ones(n - 1))
+    return SimpleNamespace(units=(units, units), reaches=(reaches, reaches), p_values=[[p_values] * 2], n_tested=2)
 
 
 @pytest.mark.parametrize(
