@@ -26,7 +26,7 @@ METHOD = {
     "surface": 5,
     "mesh": 5,
     "quality": 1,
-    "comparison": 8,
+    "comparison": 9,
     "series": 1,
 }
 

@@ -64,11 +64,12 @@ class Tested:
 
 @dataclass(frozen=True)
 class Detection:
-    """One side's answer: `lod95` and `smooth` [m], `smooth_lod95` [m] of the smoothed change, `is_changed`,
-    `p_value` of the strongest patch that a vertex belongs to, and `variance` [m2] of the change without the
-    registration's part."""
+    """One side's answer: `lod95` [m]; `mean` [m] of the change around each vertex; `smooth` [m], the same with its steps
+    kept, and `smooth_lod95` [m] of it; `is_changed`, `p_value` of the strongest patch that a vertex belongs to, and
+    `variance` [m2] of the change without the registration's part."""
 
     lod95: Floats
+    mean: Floats
     smooth: Floats
     smooth_lod95: Floats
     is_changed: Bools
@@ -199,8 +200,8 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
     """
     lod95 = level_of_detection(noise.scale_of(side) * side.sigma_surfaces, noise.common_of(side), noise.floor_of(side))
     reach = 0.5 * min(noise.correlation.length, test.size)
-    smooth = smooth_distances(side, reach)
-    error = smooth if own is side else smooth_distances(own, reach)
+    smooth = smooth_distances(side, reach, lod95)
+    error = smooth if own is side else smooth_distances(own, reach, lod95)
     ratio = np.abs(error[calm]) / lod95[calm]
     kept = min(float(np.quantile(ratio, 0.95)), 1.0) if len(ratio) else 1.0
     smooth_lod95 = np.maximum(kept * lod95, Z95 * side.sigma_common)
@@ -212,7 +213,8 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
                        np.append(test.p_lost[which], 1.0)[number])  # fmt: skip
     p_value = np.where(beyond, p_value, 1.0)
     is_changed = _grow(p_value <= test.limit, beyond, sign, side.edges)
-    return Detection(lod95, smooth, smooth_lod95, is_changed, p_value, noise.variance_of(side))
+    mean = smooth_distances(side, reach)
+    return Detection(lod95, mean, smooth, smooth_lod95, is_changed, p_value, noise.variance_of(side))
 
 
 def _grow(seeds: Bools, beyond: Bools, sign: Ints, edges: Ints) -> Bools:

@@ -186,7 +186,7 @@ def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, regis
 
 def find_extreme(side: Side, found: Detection, vertices: Ints, whole: Ints, change_beyond: Floats,
                  ) -> tuple[float, float]:  # fmt: skip
-    """Return the largest change [m] and its sigma: the median around the place where the smoothed change is largest.
+    """Return the largest change [m] and its sigma: the median around the place where the mean change is largest.
 
     The neighbourhood is the seven nearest vertices: no single vertex decides; the sigma holds how their values scatter,
     since the place itself is known to a vertex only. Vertices without a perpendicular (`whole` beyond `vertices`) count
@@ -196,9 +196,9 @@ def find_extreme(side: Side, found: Detection, vertices: Ints, whole: Ints, chan
     if side.areas[vertices].sum() >= (1.0 - MOST_UNKNOWN) * side.areas[whole].sum():
         whole = vertices
     value = np.where(side.is_assessed, side.distances, change_beyond)
-    smooth = np.where(side.is_assessed, found.smooth, change_beyond)
+    mean = np.where(side.is_assessed, found.mean, change_beyond)
     points = side.surface.vertices[whole]
-    peak = int(np.argmax(np.abs(np.nan_to_num(smooth[whole]))))
+    peak = int(np.argmax(np.abs(np.nan_to_num(mean[whole]))))
     distance = np.linalg.norm(points - points[peak], axis=1)
     nearest = np.sort(distance)[min(6, len(distance) - 1)]
     around = whole[distance <= nearest]

@@ -76,6 +76,18 @@ def test_a_bowl_is_found_with_its_sign_place_and_volume(rng: np.random.Generator
     assert np.all(np.sign(result.on_compared.distances[changed & (np.abs(change.ravel()) > 1e-3)]) == -sign)
 
 
+def test_a_steep_change_ends_where_it_ends(rng: np.random.Generator) -> None:
+    worn = np.where(bowl(120, 1e-3, 1.0, 0.02) < 0.0, -2e-3, 0.0)  # twenty times its level of detection, from its rim
+    reference, compared = make_sheet(rng), make_sheet(rng, change=worn)
+    result = compare(reference, compared, known_motion(compared))
+    region = result.regions.iloc[0]
+    truth = np.pi * 0.02**2
+    assert region.area_m2 == pytest.approx(truth, rel=0.10)  # half a vertex all around is 5 %
+    assert abs(region.area_m2 - truth) < 3.0 * region.sigma_area_m2
+    beside = (result.on_compared.region > 0) & (worn.ravel() == 0.0)
+    assert beside.sum() < 0.05 * (worn < 0.0).sum()
+
+
 def test_both_sides_agree_in_sign_and_swapping_the_epochs_flips_it(rng: np.random.Generator) -> None:
     reference, compared = make_sheet(rng), make_sheet(rng, change=bowl(120, 1e-3, 2e-3, 0.02))
     there = compare(reference, compared, known_motion(compared))

@@ -76,6 +76,6 @@ def test_the_summary_names_each_region_with_its_size(rng: np.random.Generator, d
     shape = result.statistics["region_shapes"][0]
     assert shape["region"] == 1
     assert shape["name"].startswith("added, ")
-    assert shape["length_m"] == pytest.approx(0.030, abs=0.005)  # the block's end: 30 mm by 22 mm
-    assert shape["width_m"] == pytest.approx(0.022, abs=0.005)
+    assert shape["length_m"] == pytest.approx(0.030, abs=0.003)  # the block's end: 30 mm, and 16 mm above the plate
+    assert shape["width_m"] == pytest.approx(0.016, abs=0.003)
     assert abs(shape["along"][1]) > 0.95
