@@ -64,9 +64,9 @@ class Tested:
 
 @dataclass(frozen=True)
 class Detection:
-    """One side's answer: `lod95` [m]; `mean` [m] of the change around each vertex; `smooth` [m], the same with its steps
-    kept, and `smooth_lod95` [m] of it; `is_changed`, `p_value` of the strongest patch that a vertex belongs to, and
-    `variance` [m2] of the change without the registration's part."""
+    """One side's answer: `lod95` [m]; `mean` [m] of the change around each vertex; `smooth` [m], the same with its
+    steps kept, and `smooth_lod95` [m] of it; `is_changed`, `p_value` of the strongest patch that a vertex belongs to,
+    and `variance` [m2] of the change without the registration's part."""
 
     lod95: Floats
     mean: Floats
