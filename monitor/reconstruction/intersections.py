@@ -6,7 +6,7 @@ order; a plane that separates two faces settles nearly all of them, exact predic
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import jit, prange
@@ -16,7 +16,7 @@ from projects.model import Bools, Floats, Ints
 
 FACES_PER_LEAF = 4
 DEPTH = 96  # of the stack: two entries a level
-CHUNK = 1024  # faces a thread takes at a time
+CHUNK = 256  # leaves a thread takes at a time
 CLEARLY = 1e-12  # of the largest product: heights above a plane beyond it are no rounding errors
 
 
@@ -30,18 +30,44 @@ def find_intersections(vertices: Floats, faces: Ints, suspects: Bools | None = N
     if len(faces) < 2:
         return np.empty((0, 2), np.int64)
     vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-    order = np.argsort(_along_curve(vertices[faces].mean(axis=1)), kind="stable")
-    ordered = np.ascontiguousarray(faces[order], dtype=np.int64)
-    boxes, n_leaves = _box_tree(vertices, ordered)
+    boxes = _face_boxes(vertices, np.ascontiguousarray(faces, dtype=np.int64))
+    order = np.argsort(_along_curve(boxes[:, :3] + boxes[:, 3:]), kind="stable")
+    mesh = _tree_of(vertices, np.ascontiguousarray(faces[order], dtype=np.int64), boxes[order])
     is_suspect = np.ones(len(faces), np.bool_) if suspects is None else np.asarray(suspects, np.bool_)[order]
-    counts = np.zeros(len(faces), np.int64)
-    _count(vertices, ordered, boxes, n_leaves, is_suspect, counts)
+    leaves = np.unique(np.flatnonzero(is_suspect) // FACES_PER_LEAF)
+    counts = np.zeros(len(leaves), np.int64)
+    _search(mesh, is_suspect, leaves, np.zeros(len(leaves), np.int64), counts, np.empty((0, 2), np.int64))
     hit = np.flatnonzero(counts)
     starts = np.append(0, np.cumsum(counts[hit]))
     pairs = np.empty((starts[-1], 2), np.int64)
-    _collect(vertices, ordered, boxes, n_leaves, is_suspect, hit, starts, pairs)
+    if len(hit):
+        _search(mesh, is_suspect, leaves[hit], starts[:-1], counts, pairs)
     named = np.sort(order[pairs], axis=1)
     return named[np.lexsort((named[:, 1], named[:, 0]))]
+
+
+class Tree(NamedTuple):
+    """A mesh with faces in order along a curve, and a complete tree of boxes over groups of them.
+
+    Of the 2 n - 1 boxes 2 i + 1 and 2 i + 2 follow i; the last n are the leaves.
+    """
+
+    vertices: Floats  # (k, 3)
+    faces: Ints  # (m, 3)
+    face_boxes: Floats  # (m, 6)
+    boxes: Floats  # (2 n - 1, 6)
+    n_leaves: int
+
+
+@jit(nopython=True, cache=True)
+def _face_boxes(vertices: Floats, faces: Ints) -> Any:
+    """Lowest and highest coordinates of each face, (m, 6)."""
+    out = np.empty((len(faces), 6))
+    for f in range(len(faces)):
+        for axis in range(3):
+            x, y, z = vertices[faces[f, 0], axis], vertices[faces[f, 1], axis], vertices[faces[f, 2], axis]
+            out[f, axis], out[f, 3 + axis] = min(x, y, z), max(x, y, z)
+    return out
 
 
 def _along_curve(places: Floats) -> Ints:
@@ -58,20 +84,23 @@ def _along_curve(places: Floats) -> Ints:
     return code
 
 
-def _box_tree(vertices: Floats, faces: Ints) -> tuple[Floats, int]:
-    """Return boxes (2 n - 1, 6) of a complete tree over faces in order and its n leaves; 2 i + 1, 2 i + 2 follow i."""
+def _tree_of(vertices: Floats, faces: Ints, face_boxes: Floats) -> Tree:
+    """Return the tree over faces in their order; a leaf beyond the last face is a box that none meets."""
     n_leaves = 1 << max(int(np.ceil(np.log2(len(faces) / FACES_PER_LEAF))), 0)
     boxes = np.empty((2 * n_leaves - 1, 6))
-    bounds = np.arange(n_leaves + 1) * len(faces) // n_leaves
-    corner = vertices[faces]
-    boxes[n_leaves - 1 :, :3] = np.minimum.reduceat(corner.min(axis=1), bounds[:-1])
-    boxes[n_leaves - 1 :, 3:] = np.maximum.reduceat(corner.max(axis=1), bounds[:-1])
+    filled = np.empty((n_leaves * FACES_PER_LEAF, 6))
+    filled[: len(faces)], filled[len(faces) :, :3], filled[len(faces) :, 3:] = face_boxes, np.inf, -np.inf
+    level = filled.reshape(n_leaves, FACES_PER_LEAF, 6)
     first = n_leaves - 1
+    boxes[first:, :3], boxes[first:, 3:] = level[:, 0, :3], level[:, 0, 3:]
+    for k in range(1, FACES_PER_LEAF):
+        boxes[first:, :3] = np.minimum(boxes[first:, :3], level[:, k, :3])
+        boxes[first:, 3:] = np.maximum(boxes[first:, 3:], level[:, k, 3:])
     while first > 0:
         children, first = boxes[first : 2 * first + 1], first // 2
         boxes[first : first + len(children) // 2, :3] = np.minimum(children[::2, :3], children[1::2, :3])
         boxes[first : first + len(children) // 2, 3:] = np.maximum(children[::2, 3:], children[1::2, 3:])
-    return boxes, n_leaves
+    return Tree(vertices, faces, face_boxes, boxes, n_leaves)
 
 
 @jit(nopython=True, cache=True)
@@ -113,12 +142,31 @@ def _separates(direction: Any, one: Any, other: Any, n_shared: int, size: float)
 
 
 @jit(nopython=True, cache=True)
+def _way_apart(one: Any, other: Any, n_shared: int) -> Any:
+    """Direction from the middle of one triangle to that of the other, across the edge if they share one."""
+    x, y, z = 0.0, 0.0, 0.0
+    for k in range(3):
+        x, y, z = x + (other[k][0] - one[k][0]), y + (other[k][1] - one[k][1]), z + (other[k][2] - one[k][2])
+    if n_shared == 2:
+        edge = _minus(one[1], one[0])
+        length2 = _dot(edge, edge)
+        along = _dot((x, y, z), edge) / length2 if length2 > 0.0 else 0.0
+        return (x - along * edge[0], y - along * edge[1], z - along * edge[2])
+    return (x, y, z)
+
+
+@jit(nopython=True, cache=True)
 def clearly_apart(one: Any, other: Any, n_shared: int) -> bool:
-    """Whether a plane is found that separates two triangles but for the corners they share; False leaves it open."""
+    """Whether a plane is found that separates two triangles but for the corners they share; False leaves it open.
+
+    First the one across the way from one to the other is tried, which neighbours on a smooth surface do not cross.
+    """
     size = 0.0
     for k in range(3):
         for axis in range(3):
             size = max(size, abs(one[k][axis] - one[0][axis]), abs(other[k][axis] - one[0][axis]))
+    if _separates(_way_apart(one, other, n_shared), one, other, n_shared, size):
+        return True
     normal1 = _cross(_minus(one[1], one[0]), _minus(one[2], one[0]))
     normal2 = _cross(_minus(other[1], other[0]), _minus(other[2], other[0]))
     if n_shared == 0 and (_separates(normal1, one, other, 0, size) or _separates(normal2, one, other, 0, size)):
@@ -242,67 +290,48 @@ def faces_meet(vertices: Any, faces: Any, f: int, g: int, parts: Any) -> bool:
 
 
 @jit(nopython=True, cache=True)
-def _boxes_meet(boxes: Any, node: int, low: Any, high: Any) -> bool:
-    x = boxes[node, 0] <= high[0] and boxes[node, 3] >= low[0]
-    y = boxes[node, 1] <= high[1] and boxes[node, 4] >= low[1]
-    z = boxes[node, 2] <= high[2] and boxes[node, 5] >= low[2]
-    return x and y and z
+def _boxes_meet(boxes: Any, i: int, others: Any, j: int) -> bool:
+    x = (boxes[i, 0] <= others[j, 3]) & (boxes[i, 3] >= others[j, 0])  # all six at once: no branch to guess
+    y = (boxes[i, 1] <= others[j, 4]) & (boxes[i, 4] >= others[j, 1])
+    z = (boxes[i, 2] <= others[j, 5]) & (boxes[i, 5] >= others[j, 2])
+    return x & y & z
 
 
 @jit(nopython=True, cache=True)
-def _partners(
-    vertices: Any, faces: Any, boxes: Any, n_leaves: int, is_suspect: Any, f: int, stack: Any, parts: Any, out: Any
-) -> int:
-    """Faces that meet face f, of suspects the later ones only: their number; written to `out` as far as it goes."""
-    a, b, c = _corner(vertices, faces, f, 0), _corner(vertices, faces, f, 1), _corner(vertices, faces, f, 2)
-    low = (min(a[0], b[0], c[0]), min(a[1], b[1], c[1]), min(a[2], b[2], c[2]))
-    high = (max(a[0], b[0], c[0]), max(a[1], b[1], c[1]), max(a[2], b[2], c[2]))
-    n, top = 0, 1
+def _meetings(mesh: Any, is_suspect: Any, leaf: int, stack: Any, parts: Any, first: int, pairs: Any) -> int:
+    """Pairs of a suspect face of a leaf and one it meets, of two suspects once: their number.
+
+    They are written to `pairs` from row `first` on, as far as it goes.
+    """
+    own, n, top = mesh.n_leaves - 1 + leaf, 0, 1
+    begin, end = leaf * FACES_PER_LEAF, min((leaf + 1) * FACES_PER_LEAF, len(mesh.faces))
     stack[0] = 0
     while top > 0:
         top -= 1
         node = stack[top]
-        if not _boxes_meet(boxes, node, low, high):
+        if node < mesh.n_leaves - 1:
+            for child in (2 * node + 1, 2 * node + 2):
+                stack[top] = child
+                top += _boxes_meet(mesh.boxes, child, mesh.boxes, own)
             continue
-        if node < n_leaves - 1:
-            stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
-            top += 2
-            continue
-        leaf = node - (n_leaves - 1)
-        for g in range(leaf * len(faces) // n_leaves, (leaf + 1) * len(faces) // n_leaves):
-            if g == f or (g < f and is_suspect[g]):
+        there = (node - (mesh.n_leaves - 1)) * FACES_PER_LEAF
+        for f in range(begin, end):
+            if not is_suspect[f] or not _boxes_meet(mesh.face_boxes, f, mesh.boxes, node):
                 continue
-            if _box_of_face_meets(vertices, faces, g, low, high) and faces_meet(vertices, faces, f, g, parts):
-                if n < len(out):
-                    out[n] = g
-                n += 1
+            for g in range(there, min(there + FACES_PER_LEAF, len(mesh.faces))):
+                if g == f or (g < f and is_suspect[g]) or not _boxes_meet(mesh.face_boxes, f, mesh.face_boxes, g):
+                    continue
+                if faces_meet(mesh.vertices, mesh.faces, f, g, parts):
+                    if first + n < len(pairs):
+                        pairs[first + n, 0], pairs[first + n, 1] = f, g
+                    n += 1
     return n
 
 
-@jit(nopython=True, cache=True)
-def _box_of_face_meets(vertices: Any, faces: Any, g: int, low: Any, high: Any) -> bool:
-    for axis in range(3):
-        x, y, z = vertices[faces[g, 0], axis], vertices[faces[g, 1], axis], vertices[faces[g, 2], axis]
-        if min(x, y, z) > high[axis] or max(x, y, z) < low[axis]:
-            return False
-    return True
-
-
 @jit(nopython=True, cache=True, parallel=True)
-def _count(vertices: Any, faces: Any, boxes: Any, n_leaves: int, is_suspect: Any, counts: Any) -> None:
-    for chunk in prange((len(faces) + CHUNK - 1) // CHUNK):
-        stack, parts, nowhere = np.empty(DEPTH, np.int64), exact_room(), np.empty(0, np.int64)
-        for f in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(faces))):
-            if is_suspect[f]:
-                counts[f] = _partners(vertices, faces, boxes, n_leaves, is_suspect, f, stack, parts, nowhere)
-
-
-@jit(nopython=True, cache=True)
-def _collect(
-    vertices: Any, faces: Any, boxes: Any, n_leaves: int, is_suspect: Any, hit: Any, starts: Any, pairs: Any
-) -> None:
-    stack, parts = np.empty(DEPTH, np.int64), exact_room()
-    for k in range(len(hit)):
-        pairs[starts[k] : starts[k + 1], 0] = hit[k]
-        room = pairs[starts[k] : starts[k + 1], 1]
-        _partners(vertices, faces, boxes, n_leaves, is_suspect, hit[k], stack, parts, room)
+def _search(mesh: Any, is_suspect: Any, leaves: Any, starts: Any, counts: Any, pairs: Any) -> None:
+    """Count the pairs of each of `leaves`, and write them to `pairs` from `starts` on where it has room for them."""
+    for chunk in prange((len(leaves) + CHUNK - 1) // CHUNK):
+        stack, parts = np.empty(DEPTH, np.int64), exact_room()
+        for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(leaves))):
+            counts[k] = _meetings(mesh, is_suspect, leaves[k], stack, parts, starts[k], pairs)

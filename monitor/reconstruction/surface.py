@@ -19,7 +19,7 @@ from monitor.reconstruction.coverage import count_uncovered
 from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
-from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, vertex_normals, weld
+from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, short_edges, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, project_vertices, sum_up_samples
@@ -218,12 +218,13 @@ def settle(
     beside = np.zeros(len(used), bool)
     beside[faces[between]] = True
     faces = faces[~between]
-    projection = hold_back(vertices[used], projection, faces, counts)
+    projection, doubtful = hold_back(vertices[used], projection, faces, counts)
+    doubtful[short_edges(projection.vertices, faces, SLIVER * cell)] = True  # faces that welding changes
     before = len(faces)
     faces = clean(projection.vertices, faces, cell, settings.crumb_cells)
     counts["faces_crumbs_and_slivers"] = before - len(faces)
     before = len(faces)
-    faces = drop_intersecting(projection.vertices, faces)
+    faces = drop_intersecting(projection.vertices, faces, np.asarray(doubtful[faces].any(axis=1)))
     counts["faces_intersecting"] = before - len(faces)
     used, faces = compact(len(projection.vertices), faces)
     return projection.take(used), faces, beside[used]
@@ -240,15 +241,18 @@ def joins_two_sheets(normals: Floats, faces: Ints) -> Bools:
     return out
 
 
-def hold_back(raw: Floats, projection: Projection, faces: Ints, counts: dict[str, int]) -> Projection:
+def hold_back(raw: Floats, projection: Projection, faces: Ints, counts: dict[str, int]) -> tuple[Projection, Bools]:
     """Return the projection with vertices stopped on their way where the mesh would fold or cut itself.
 
-    What such a vertex is short of its place on the points is part of its sigma.
+    What such a vertex is short of its place on the points is part of its sigma. Also which vertices (n,) have faces
+    that may still meet others.
     """
-    vertices, share = untangle(raw, projection.vertices, faces)
+    vertices, share, suspects = untangle(raw, projection.vertices, faces)
     counts["vertices_held_back"] = int(np.count_nonzero(share < 1.0))
     short = np.linalg.norm(projection.vertices - vertices, axis=1)
-    return projection._replace(vertices=vertices, sigma=np.hypot(projection.sigma, short))
+    doubtful = np.zeros(len(vertices), bool)
+    doubtful[faces[suspects]] = True
+    return projection._replace(vertices=vertices, sigma=np.hypot(projection.sigma, short)), doubtful
 
 
 def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Ints:

@@ -19,10 +19,12 @@ FEWEST_HALVES = 1.0 / 64.0  # of the way; less is none
 
 
 class Untangled(NamedTuple):
-    """Vertices (n, 3), and the part of the way (n,) that each went: 1 where nothing was in it."""
+    """Vertices (n, 3), the part of the way (n,) that each went: 1 where nothing was in it; and the faces (m,) that may
+    meet others: those that did on the way, or moved last."""
 
     vertices: Floats
     share: Floats
+    suspects: Bools
 
 
 def untangle(raw: Floats, wanted: Floats, faces: Ints) -> Untangled:
@@ -31,25 +33,31 @@ def untangle(raw: Floats, wanted: Floats, faces: Ints) -> Untangled:
     The faces around a vertex that is held back go along after two rounds, so that no spike is left. Faces that meet in
     the raw mesh may still do so after the last round: see `drop_intersecting`.
     """
-    share = np.ones(len(raw))
+    share, ever_bad = np.ones(len(raw)), np.zeros(len(faces), bool)
     vertices, suspects = wanted, np.ones(len(faces), bool)
     for n_round in range(MOST_ROUNDS):
         bad = _tangled(raw, vertices, faces, suspects)
+        ever_bad |= bad
         if n_round >= 2:
             bad = _touching(faces, bad, len(raw))
         held: Bools = _vertices_of(faces[bad], len(raw)) & (share > 0.0)
         if not held.any():
-            break
+            return Untangled(vertices, share, ever_bad)
         share[held] *= 0.5
         share[share < FEWEST_HALVES] = 0.0
         vertices = raw + share[:, None] * (wanted - raw)
         suspects = np.asarray(held[faces].any(axis=1))
-    return Untangled(vertices, share)
+    return Untangled(vertices, share, ever_bad | suspects)
 
 
-def drop_intersecting(vertices: Floats, faces: Ints) -> Ints:
-    """Return the faces without those that still meet others, and without the bow ties that this leaves."""
-    met = np.unique(find_intersections(vertices, faces))
+def drop_intersecting(vertices: Floats, faces: Ints, suspects: Bools | None = None) -> Ints:
+    """Return the faces without those that still meet others, and without the bow ties that this leaves.
+
+    Of `suspects` (m,), where given, each pair that meets holds one at least.
+    """
+    met = np.unique(find_intersections(vertices, faces, suspects))
+    if not len(met):
+        return faces
     faces = np.delete(faces, met, axis=0)
     drop = bow_ties(faces)
     while drop.any():

@@ -127,6 +127,10 @@ def test_a_sheet_has_none_until_a_vertex_is_pulled_through_it(rng, height):
     pairs = find_intersections(pulled, faces)
     assert len(pairs)
     assert (faces[np.unique(pairs)] == v).any(axis=1).any()
+    suspects = rng.uniform(size=len(faces)) < 0.5
+    held = suspects[pairs].any(axis=1)
+    assert 0 < np.count_nonzero(held) < len(pairs)
+    assert find_intersections(pulled, faces, suspects).tolist() == pairs[held].tolist()
     order = rng.permutation(len(faces))
     again = np.sort(order[find_intersections(pulled, faces[order])], axis=1)
     assert sorted(again.tolist()) == pairs.tolist()
