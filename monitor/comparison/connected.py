@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import jit
 
+from monitor.comparison.stars import Neighbours
 from projects.model import Ints
 
 
-def connect_like(kinds: Ints, *links: Ints) -> Ints:
-    """Return the connected part (n,) int32 of each vertex: linked vertices of one kind belong together.
+def connect_like(kinds: Ints, surfaces: Sequence[Neighbours], links: Sequence[Ints] = ()) -> Ints:
+    """Return the connected part (n,) int32 of each vertex: neighbouring or linked vertices of one kind belong together.
 
-    `kinds` (n,) integers, below 0 where a vertex belongs to nothing (part -1); `links` (e, 2) pairs of vertices each.
-    Parts are numbered from 0 in the order of their first vertices.
+    `kinds` (n,) integers of the vertices of all `surfaces`, one surface after the other, below 0 where a vertex belongs
+    to nothing (part -1); `links` (e, 2) are pairs of them. Parts are numbered from 0 in the order of their first
+    vertices.
     """
-    above = np.arange(len(kinds), dtype=np.int32)
+    above, first = np.arange(len(kinds), dtype=np.int32), 0
+    for neighbours in surfaces:
+        _join_neighbours(above, kinds, neighbours, first)
+        first += len(neighbours.starts) - 1
     for pairs in links:
-        _join(above, kinds, pairs)
+        _join_links(above, kinds, pairs)
     return np.asarray(_number_parts(above, kinds))
 
 
@@ -30,13 +37,28 @@ def _first_of(above, v):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True)
-def _join(above, kinds, pairs):  # type: ignore[no-untyped-def]
-    """Join the parts of linked vertices of one kind; `above` leads each vertex towards the first of its part."""
+def _join(above, kinds, a, b):  # type: ignore[no-untyped-def]
+    """Join the parts of two vertices of one kind; `above` leads each vertex towards the first of its part."""
+    if kinds[a] == kinds[b]:
+        a, b = _first_of(above, a), _first_of(above, b)
+        above[max(a, b)] = min(a, b)
+
+
+@jit(nopython=True, cache=True)
+def _join_neighbours(above, kinds, neighbours, first):  # type: ignore[no-untyped-def]
+    """Join neighbours on a surface whose vertices are numbered from `first` on."""
+    for v in range(len(neighbours.starts) - 1):
+        if kinds[first + v] >= 0:
+            for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
+                if neighbours.vertices[k] > v:
+                    _join(above, kinds, first + v, first + neighbours.vertices[k])
+
+
+@jit(nopython=True, cache=True)
+def _join_links(above, kinds, pairs):  # type: ignore[no-untyped-def]
     for e in range(len(pairs)):
-        a, b = pairs[e, 0], pairs[e, 1]
-        if kinds[a] >= 0 and kinds[a] == kinds[b]:
-            a, b = _first_of(above, a), _first_of(above, b)
-            above[max(a, b)] = min(a, b)
+        if kinds[pairs[e, 0]] >= 0:
+            _join(above, kinds, pairs[e, 0], pairs[e, 1])
 
 
 @jit(nopython=True, cache=True)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
+from monitor.comparison.quantile import median
 from projects.model import Floats, Ints
 
 N_SAMPLES = 2000  # vertices whose pairs show the correlation at each scale
@@ -22,6 +23,7 @@ FEWEST_VERTICES = 50  # that a correlation is learned from
 N_NEAR = 24  # of each sample at each scale
 N_BINS = 20
 N_RANGES = 8
+NODES = np.polynomial.legendre.leggauss(48)  # and their weights
 
 
 @dataclass(frozen=True)
@@ -56,21 +58,22 @@ def spherical(u: Floats) -> Floats:
 
 
 def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.random.Generator) -> Correlation:
-    """Estimate how standardized errors (n,) correlate with their distance in space.
+    """Estimate how standardized errors (n,) correlate with their distance in space; NaN are left out.
 
     Errors beyond three robust sigmas are left out, so that a change does not speak for the noise. Ranges go from the
     spacing of the vertices to a tenth of the surface's diagonal: what agrees beyond that is a motion, not noise.
     """
-    n = len(points)
-    spacing = float(np.sqrt(np.median(areas))) if n else 1.0
-    longest = max(0.3 * float(np.linalg.norm(np.ptp(points, axis=0))) if n else 0.0, 6.0 * spacing)
+    known = ~np.isnan(errors)
+    n = int(known.sum())
+    spacing = float(np.sqrt(median(areas[known]))) if n else 1.0
+    longest = max(0.3 * float(np.linalg.norm(np.ptp(points[known], axis=0))) if n else 0.0, 6.0 * spacing)
     ranges = np.geomspace(3.0 * spacing, longest, N_RANGES)
-    scale = 1.4826 * float(np.median(np.abs(errors))) if n else 0.0
+    scale = 1.4826 * median(np.abs(errors[known])) if n else 0.0
     if n < FEWEST_VERTICES or scale == 0.0:
         return Correlation(np.zeros(N_RANGES), ranges)
-    usual = np.abs(errors) <= 3.0 * scale
-    points, errors = points[usual], errors[usual] / max(scale, 1e-300)
-    lag, product = _pair_products(points, errors, spacing, longest, rng)
+    usual = np.flatnonzero(np.abs(errors) <= 3.0 * scale).astype(np.int32)
+    errors = errors[usual] / max(scale, 1e-300)
+    lag, product = _pair_products((points, usual), errors, spacing, longest, rng)
     edges = np.geomspace(0.5 * spacing, longest, N_BINS + 1)
     where = np.digitize(lag, edges) - 1  # below 0: the vertex itself
     inside = (where >= 0) & (where < N_BINS)
@@ -83,17 +86,22 @@ def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.
     return Correlation(sills / max(float(sills.sum()), 1.0), ranges)
 
 
-def _pair_products(points: Floats, errors: Floats, spacing: float, longest: float, rng: np.random.Generator,
-                   ) -> tuple[Floats, Floats]:  # fmt: skip
+def _pair_products(places: tuple[Floats, Ints], errors: Floats, spacing: float, longest: float,
+                   rng: np.random.Generator) -> tuple[Floats, Floats]:  # fmt: skip
     """Return the distances and products of pairs, as many at each scale: every scale looks at `N_NEAR` neighbours among
-    a draw of the vertices as dense as its reach asks for, four spacings and then twice as far each."""
-    n = len(points)
+    a draw of the vertices as dense as its reach asks for, four spacings and then twice as far each.
+
+    `places` are points (m, 3) and which of them (n,) have the `errors` (n,).
+    """
+    points, which = places
+    n = len(which)
     some = rng.choice(n, min(N_SAMPLES, n), replace=False)
     lags, products = [], []
     for reach in 4.0 * spacing * 2.0 ** np.arange(np.ceil(np.log2(max(longest / (4.0 * spacing), 1.0))) + 1):
         share = min(N_NEAR * spacing**2 / (np.pi * reach**2), 1.0)
         drawn = rng.choice(n, min(max(int(share * n), N_NEAR + 1), n), replace=False)
-        lag, near = cKDTree(points[drawn]).query(points[some], k=min(N_NEAR + 1, len(drawn)))
+        tree = cKDTree(points[which[drawn]], balanced_tree=False, compact_nodes=False)  # made faster than it is asked
+        lag, near = tree.query(points[which[some]], k=min(N_NEAR + 1, len(drawn)))
         lags.append(lag.ravel())
         products.append((errors[some][:, None] * errors[drawn[near]]).ravel())
     return np.concatenate(lags), np.concatenate(products)
@@ -109,7 +117,7 @@ def kept_variance(areas: Floats, n_vertices: Ints, correlation: Correlation) -> 
         return np.zeros(0)
     radius = np.sqrt(np.maximum(areas, 1e-300) / np.pi)
     table = np.geomspace(0.9 * radius.min(), 1.1 * radius.max(), 200)  # smooth in the radius
-    nodes, weights = np.polynomial.legendre.leggauss(48)
+    nodes, weights = NODES
     t = 0.5 * (nodes + 1.0)  # distance over diameter
     density = t * (np.arccos(t) - t * np.sqrt(1.0 - t * t)) * weights
     rho = spherical(2.0 * table[:, None, None] * t[None, :, None] / correlation.ranges) @ correlation.sills

@@ -29,9 +29,11 @@ from monitor.comparison.patches import (
     lay_out_patches,
     measure_patches,
 )
+from monitor.comparison.quantile import quantile
 from monitor.comparison.reaches import Reaches, least_of_patches
 from monitor.comparison.side import Side
 from monitor.comparison.smoothing import smooth_distances
+from monitor.comparison.stars import Neighbours
 from monitor.comparison.units import Units, judge_noise, summarize_units, unit_size
 from projects.model import Bools, Floats, Ints, Registration
 
@@ -174,18 +176,18 @@ def _standardize(patches: Patches) -> Floats:
 def away_from(side: Side, test: Tested, which: int) -> Bools:
     """Return which assessed vertices lie neither in a significant or suspect unit nor in one that touches it."""
     hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= max(test.limit, SUSPECT)
-    return np.asarray(_lie_away(test.units[which].number, hit, side.edges))
+    return np.asarray(_lie_away(test.units[which].number, hit, side.neighbours))
 
 
 @jit(nopython=True, cache=True)
-def _lie_away(number, hit, edges):  # type: ignore[no-untyped-def]
+def _lie_away(number, hit, neighbours):  # type: ignore[no-untyped-def]
     """Return whether each vertex lies in a unit that is not hit and has no edge to one that is."""
     touched = hit.copy()
-    for e in range(len(edges)):
-        a, b = number[edges[e, 0]], number[edges[e, 1]]
-        if a >= 0 and b >= 0:
-            touched[a] |= hit[b]
-            touched[b] |= hit[a]
+    for v in range(len(number)):
+        if number[v] >= 0 and hit[number[v]]:
+            for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
+                if number[neighbours.vertices[k]] >= 0:
+                    touched[number[neighbours.vertices[k]]] = True
     out = np.empty(len(number), dtype=np.bool_)
     for v in range(len(number)):
         out[v] = number[v] >= 0 and not touched[number[v]]
@@ -203,7 +205,7 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
     smooth = smooth_distances(side, reach, lod95)
     error = smooth if own is side else smooth_distances(own, reach, lod95)
     ratio = np.abs(error[calm]) / lod95[calm]
-    kept = min(float(np.quantile(ratio, 0.95)), 1.0) if len(ratio) else 1.0
+    kept = min(quantile(ratio, 0.95), 1.0) if len(ratio) else 1.0
     smooth_lod95 = np.maximum(kept * lod95, Z95 * side.sigma_common)
     sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int64)
     own = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
@@ -212,14 +214,14 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
     p_value = np.where(sign > 0, np.append(test.p_gained[which], 1.0)[number],
                        np.append(test.p_lost[which], 1.0)[number])  # fmt: skip
     p_value = np.where(beyond, p_value, 1.0)
-    is_changed = _grow(p_value <= test.limit, beyond, sign, side.edges)
+    is_changed = _grow(p_value <= test.limit, beyond, sign, side.neighbours)
     mean = smooth_distances(side, reach)
     return Detection(lod95, mean, smooth, smooth_lod95, is_changed, p_value, noise.variance_of(side))
 
 
-def _grow(seeds: Bools, beyond: Bools, sign: Ints, edges: Ints) -> Bools:
+def _grow(seeds: Bools, beyond: Bools, sign: Ints, neighbours: Neighbours) -> Bools:
     """Return the vertices of `beyond` that hang together with a seed of their sign."""
-    part = connect_like(np.where(beyond, sign + 1, -1), edges)
+    part = connect_like(np.where(beyond, sign + 1, -1), [neighbours])
     has_seed = np.zeros(int(part.max(initial=-1)) + 2, dtype=np.bool_)
     has_seed[part[seeds]] = True
     return beyond & has_seed[part]

@@ -10,15 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from monitor.comparison.closing import Closing, border_edges, close_gap, cone_volume
 from monitor.comparison.correlation import kept_variance
 from monitor.comparison.detection import Detected
 from monitor.comparison.mesh_tree import MeshTree
 from monitor.comparison.offsets import Offsets, signed_offsets
-from monitor.comparison.side import Side, both_in
+from monitor.comparison.side import Side
+from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, Registration
 
 SIGNS = (-1.0, 1.0)  # of (reference, compared): outside of the other surface is lost there, gained here
@@ -121,24 +120,9 @@ def _take_connected(grown: list[Ints], side: Side, k: int, allowed: Bools, fitti
     is_seed = (grown[k] > 0) & fitting[grown[k]]
     seeds = np.flatnonzero(is_seed)
     if len(seeds):
-        source = _spread(side, seeds, allowed | is_seed, limit)
+        source = spread_along(side, seeds, allowed | is_seed, limit)
         spread = np.flatnonzero((source >= 0) & (grown[k] == 0))
         grown[k][spread] = grown[k][source[spread]]
-
-
-def _spread(side: Side, seeds: Ints, allowed: Bools, limit: float) -> Ints:
-    """Return the seed that each vertex is reached from over allowed vertices within `limit` [m]; -1 where from none."""
-    _, _, source = dijkstra(_graph(side, allowed), directed=False, indices=seeds, limit=limit, min_only=True,
-                            return_predecessors=True)  # fmt: skip
-    return np.where(source >= 0, source, -1)
-
-
-def _graph(side: Side, allowed: Bools) -> csr_matrix:
-    """Return the lengths [m] of the edges between allowed vertices."""
-    edges = side.edges[both_in(allowed, side.edges)]
-    vertices = side.surface.vertices
-    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-    return coo_matrix((np.maximum(length, 1e-300), edges.T), shape=(len(vertices), len(vertices))).tocsr()
 
 
 def spread_over_assessed(side: Side, region: Ints, width: float) -> Ints:
@@ -146,7 +130,7 @@ def spread_over_assessed(side: Side, region: Ints, width: float) -> Ints:
     inside = np.flatnonzero(region > 0)
     if not len(inside):
         return region.copy()
-    source = _spread(side, inside, side.is_assessed | (region > 0), width)
+    source = spread_along(side, inside, side.is_assessed | (region > 0), width)
     return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 

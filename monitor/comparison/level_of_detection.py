@@ -10,8 +10,10 @@ relief sampled differently), s is above 1. See `noise`.
 from __future__ import annotations
 
 import numpy as np
+from numba import jit
 from scipy.stats import norm
 
+from monitor.comparison.quantile import between, quantile
 from projects.model import Floats, Ints
 
 Z95 = float(norm.ppf(0.975))  # 1.96
@@ -54,14 +56,31 @@ def estimate_floor(distances: Floats, sigma: Floats, share: float = 0.95) -> flo
     if not len(size):
         return 0.0
     z = float(norm.ppf(0.5 + 0.5 * share))
-    low, high = 0.0, float(np.quantile(size, share)) / z  # with this floor alone the quantile would be met
-    if np.quantile(size / np.sqrt(np.maximum(sigma2, 1e-300)), share) <= z:
+    low, high = 0.0, quantile(size, share) / z  # with this floor alone the quantile would be met
+    if not _exceed(size, np.maximum(sigma2, 1e-300), 0.0, share, z):
         return 0.0
     for _ in range(60):
         middle = 0.5 * (low + high)
-        too_small = np.quantile(size / np.sqrt(sigma2 + middle**2), share) > z
+        too_small = _exceed(size, sigma2, middle**2, share, z)
         low, high = (middle, high) if too_small else (low, middle)
     return high
+
+
+@jit(nopython=True, cache=True)
+def _exceed(size, sigma2, floor2, share, z):  # type: ignore[no-untyped-def]
+    """Whether the `share` quantile of size / sqrt(sigma2 + floor2) is above z."""
+    place = (len(size) - 1) * share
+    rank, n_upto, below, above = np.int64(np.floor(place)), 0, -np.inf, np.inf
+    for i in range(len(size)):
+        ratio = size[i] / np.sqrt(sigma2[i] + floor2)
+        if ratio <= z:
+            n_upto += 1
+            below = max(below, ratio)
+        else:
+            above = min(above, ratio)
+    if n_upto != rank + 1 or n_upto == len(size):  # both numbers of the quantile lie on one side of z
+        return n_upto <= rank
+    return between(below, above, place - rank) > z
 
 
 def least_floor(points: Floats) -> float:

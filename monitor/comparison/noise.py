@@ -15,11 +15,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numba import jit
 from scipy.spatial.distance import pdist
 from scipy.stats import norm
 
 from monitor.comparison.correlation import Correlation, estimate_correlation
 from monitor.comparison.level_of_detection import estimate_floor, least_floor
+from monitor.comparison.quantile import median, quantile
 from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints
 
@@ -62,7 +64,8 @@ class Noise:
 
     def variance_of(self, side: Side) -> Floats:
         """Return the variance (n,) [m2] of each vertex's change without what is common to many: scans, registration."""
-        return (self.scale_of(side) * side.sigma_surfaces) ** 2 + self.floor_of(side) ** 2
+        stratum = stratum_of(side, self.spacing)
+        return np.asarray((self.scales[stratum] * side.sigma_surfaces) ** 2 + (self.floors**2)[stratum])
 
     def common_of(self, side: Side) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
@@ -71,10 +74,21 @@ class Noise:
 
 
 def stratum_of(side: Side, spacing: float) -> Ints:
-    """Return the stratum (n,) of each vertex: 3 times the step from the rim, plus the roughness class."""
-    rim = np.digitize(np.where(np.isnan(side.to_rim), np.inf, side.to_rim) / spacing, RIM_STEPS)
-    rough = np.zeros(len(rim), dtype=np.int64) if side.surface.roughness is None else side.surface.roughness
-    return 3 * rim + np.minimum(rough, 2)
+    """Return the stratum (n,) uint8 of each vertex: 3 times the step from the rim, plus the roughness class."""
+    rough = np.zeros(0, dtype=np.uint8) if side.surface.roughness is None else side.surface.roughness
+    return np.asarray(_find_strata(side.to_rim, rough, spacing, np.array(RIM_STEPS)))
+
+
+@jit(nopython=True, cache=True)
+def _find_strata(to_rim, rough, spacing, steps):  # type: ignore[no-untyped-def]
+    """Return the strata; a distance that is NaN is far from all rims, without classes (none given) all is smooth."""
+    out = np.empty(len(to_rim), dtype=np.uint8)
+    for v in range(len(to_rim)):
+        step = 0
+        while step < len(steps) and not to_rim[v] / spacing < steps[step]:
+            step += 1
+        out[v] = 3 * step + (min(rough[v], 2) if len(rough) else 0)
+    return out
 
 
 def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.random.Generator,
@@ -84,22 +98,23 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     `known` is how errors agree, as far as it is known already: what many witnesses say is too much is scaled down, and
     a stratum that holds many has a floor or a scale of its own.
     """
-    spacing = float(np.sqrt(np.median(np.concatenate([s.areas for s in sides]))))
+    spacing = float(np.sqrt(median(np.concatenate([s.areas for s in sides]))))
     floors, scales = learn_sizes([_witness(s, c, spacing) for s, c in zip(sides, calm, strict=True)], share, known, rng)
     floors = np.maximum(floors, max(least_floor(s.surface.vertices) for s in sides))
     noise = Noise(floors, scales, Correlation(np.zeros(1), np.ones(1)), spacing)
     lead = int(calm[1].sum() > calm[0].sum())
     side, which = sides[lead], calm[lead]
-    errors = side.distances[which] / np.sqrt(noise.variance_of(side) + noise.common_of(side) ** 2)[which]
-    correlation = estimate_correlation(side.surface.vertices[which], errors, side.areas[which], rng)
+    errors = side.distances / np.sqrt(noise.variance_of(side) + noise.common_of(side) ** 2)
+    correlation = estimate_correlation(side.surface.vertices, np.where(which, errors, np.nan), side.areas, rng)
     return replace(noise, correlation=correlation)
 
 
 class CalmVertices(NamedTuple):
-    """The calm vertices of one side: `points` (n, 3), `distances` (n,) [m], one sigma (n,) [m] of what is stated of
-    surfaces and scans, `own`, and of the registration, `motion`; `stratum` (n,)."""
+    """The calm vertices of one side: their `places` (n,) among `points` (m, 3) [m], `distances` (n,) [m], one sigma
+    (n,) [m] of what is stated of surfaces and scans, `own`, and of the registration, `motion`; `stratum` (n,)."""
 
     points: Floats
+    places: Ints
     distances: Floats
     own: Floats
     motion: Floats
@@ -110,7 +125,8 @@ def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     """Return the calm vertices of a side."""
     own = np.hypot(side.sigma_surfaces, side.sigma_shared)[calm]
     stratum = stratum_of(side, spacing)[calm]
-    return CalmVertices(side.surface.vertices[calm], side.distances[calm], own, side.sigma_motion[calm], stratum)
+    places = np.flatnonzero(calm).astype(np.int32)
+    return CalmVertices(side.surface.vertices, places, side.distances[calm], own, side.sigma_motion[calm], stratum)
 
 
 def learn_sizes(
@@ -126,10 +142,12 @@ def learn_sizes(
                                        for name in ("distances", "own", "motion", "stratum"))  # fmt: skip
     floor = estimate_floor(distances, np.hypot(own, motion), share)
     own, factors = np.hypot(own, floor), np.ones(N_STRATA)
+    n_of_stratum = np.bincount(stratum, minlength=N_STRATA)
     for group in GROUPS:
         n_witnesses = _count(calm, group, known, rng)
         if n_witnesses >= FEWEST_WITNESSES:
-            which = _is_of(stratum, group)
+            is_all = n_of_stratum[group].sum() == len(stratum)
+            which = slice(None) if is_all else _is_of(stratum, group)
             asked = asked_scale(distances[which], (factors[stratum] * own)[which], motion[which], share)
             factors[group] *= believe(asked, n_witnesses)
     return factors * floor, factors
@@ -148,7 +166,9 @@ def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | Non
     """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness."""
     if known is None:
         return 0.0
-    return count_witnesses(max((c.points[_is_of(c.stratum, members)] for c in calm), key=len), known, rng)
+    sizes = [int(np.bincount(c.stratum, minlength=N_STRATA)[members].sum()) for c in calm]
+    most = calm[int(np.argmax(sizes))]
+    return count_witnesses(most.points, most.places[_is_of(most.stratum, members)], known, rng)
 
 
 def _is_of(stratum: Ints, members: Ints) -> Bools:
@@ -158,17 +178,18 @@ def _is_of(stratum: Ints, members: Ints) -> Bools:
     return table[stratum]
 
 
-def count_witnesses(points: Floats, correlation: Correlation, rng: np.random.Generator) -> float:
-    """Return how many independent errors those at `points` (n, 3) m are worth to one who asks for their size.
+def count_witnesses(points: Floats, places: Ints, correlation: Correlation, rng: np.random.Generator) -> float:
+    """Return how many independent errors those at the `places` (n,) among `points` (m, 3) m are worth to one who asks
+    for their size.
 
     The squares of normal errors with correlation rho correlate with rho^2 (Isserlis 1918), so a variance learned from
     n of them is as sure as one from n / (1 + (n - 1) mean rho^2) independent ones.
     """
-    n = len(points)
+    n = len(places)
     if n < 2:
         return float(n)
-    some = points if n <= N_PAIRED else points[np.sort(rng.choice(n, N_PAIRED, replace=False))]
-    return n / (1.0 + (n - 1) * float(np.mean(correlation.at(pdist(some)) ** 2)))
+    some = places if n <= N_PAIRED else places[np.sort(rng.choice(n, N_PAIRED, replace=False))]
+    return n / (1.0 + (n - 1) * float(np.mean(correlation.at(pdist(points[some])) ** 2)))
 
 
 def asked_scale(distances: Floats, own: Floats, motion: Floats, share: float) -> float:
@@ -186,7 +207,16 @@ def asked_scale(distances: Floats, own: Floats, motion: Floats, share: float) ->
     A distance lies within z sqrt(s^2 own^2 + motion^2) where s^2 >= (d^2 / z^2 - motion^2) / own^2: s^2 is the `share`
     quantile of the right-hand sides.
     """
-    d2 = (distances / norm.ppf(0.5 + 0.5 * share)) ** 2
-    own2, motion2 = np.maximum(own**2, 1e-300), motion**2
-    without = float(np.quantile((d2 - motion2) / own2, share))
-    return float(np.sqrt(max(without, 0.5 * float(np.quantile(d2 / (own2 + motion2), share)))))
+    without, within = _ratios(distances, own, motion, float(norm.ppf(0.5 + 0.5 * share)))
+    return float(np.sqrt(max(quantile(without, share), 0.5 * quantile(within, share))))
+
+
+@jit(nopython=True, cache=True)
+def _ratios(distances, own, motion, z):  # type: ignore[no-untyped-def]
+    """Return (d^2 / z^2 - motion^2) / own^2 and d^2 / z^2 / (own^2 + motion^2)."""
+    without, within = np.empty(len(distances)), np.empty(len(distances))
+    for i in range(len(distances)):
+        d = distances[i] / z
+        own2, motion2 = max(own[i] * own[i], 1e-300), motion[i] * motion[i]
+        without[i], within[i] = (d * d - motion2) / own2, d * d / (own2 + motion2)
+    return without, within

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected, Detection
 from monitor.comparison.enclosure import Beyond
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
+from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, Registration
 
 Pair = tuple[Side, Side]
@@ -37,11 +36,7 @@ def spread_margin(side: Side, region: Ints, width: float) -> Ints:
     inside = np.flatnonzero(region > 0)
     if not len(inside):
         return np.zeros(len(region), dtype=region.dtype)
-    edges = side.edges
-    length = np.linalg.norm(side.surface.vertices[edges[:, 0]] - side.surface.vertices[edges[:, 1]], axis=1)
-    graph = coo_matrix((np.maximum(length, 1e-300), edges.T), shape=(len(region), len(region))).tocsr()
-    _, _, source = dijkstra(graph, directed=False, indices=inside, limit=width, min_only=True,
-                            return_predecessors=True)  # fmt: skip
+    source = spread_along(side, inside, np.ones(len(region), dtype=np.bool_), width)
     return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 

@@ -186,17 +186,18 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
     changed = np.concatenate([f.is_changed | t for f, t in zip(found, beyond.is_through, strict=True)])
     sign = np.concatenate([np.where(t, s, np.sign(np.nan_to_num(f.smooth)))
                            for f, t, s in zip(found, beyond.is_through, SIGNS, strict=True)])  # fmt: skip
-    links = [sides[0].edges, sides[1].edges + n_first]
-    links += [_foot_links(sides[0]) + np.array([0, n_first]), _foot_links(sides[1]) + np.array([n_first, 0])]
+    links = [_foot_links(sides[0], changed[:n_first]) + np.array([0, n_first]),
+             _foot_links(sides[1], changed[n_first:]) + np.array([n_first, 0])]  # fmt: skip
     for k, (own, other) in enumerate(((0, n_first), (n_first, 0))):
         at = np.flatnonzero(beyond.is_through[k] & (beyond.nearest[k] >= 0))
         links.append(np.column_stack([at + own, beyond.nearest[k][at] + other]))
-    part = connect_like(np.where(changed, sign.astype(np.int64) + 1, -1), *links)
+    kinds = np.where(changed, sign + 1.0, -1.0).astype(np.int8)
+    part = connect_like(kinds, [s.neighbours for s in sides], links)
     return part[:n_first], part[n_first:]
 
 
-def _foot_links(side: Side) -> Ints:
-    """Return (vertex, nearest vertex of its foot's face on the other surface) for each assessed vertex."""
-    at = np.flatnonzero(side.is_assessed)
+def _foot_links(side: Side, changed: Bools) -> Ints:
+    """Return (vertex, nearest vertex of its foot's face on the other surface) for each assessed vertex in `changed`."""
+    at = np.flatnonzero(side.is_assessed & changed)
     corner = side.feet.weights[at].argmax(axis=1)
     return np.column_stack([at, side.other.faces[side.feet.faces[at], corner]]).astype(np.int64)

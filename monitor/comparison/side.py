@@ -12,7 +12,7 @@ import numpy as np
 from monitor.comparison.distances import Feet, distances_to_tree, interpolate_at_feet, unit_normals
 from monitor.comparison.mesh_tree import MeshTree
 from monitor.comparison.rim import distance_to_rim
-from monitor.comparison.stars import mesh_edges
+from monitor.comparison.stars import Neighbours, gather_neighbours
 from monitor.registration.covariance import propagate
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate
@@ -24,10 +24,10 @@ EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on 
 class Side:
     """A surface and its change; arrays over its n vertices.
 
-    `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `edges` (e, 2) are those of the surface, each
-    once; `areas` [m2] are a third of the faces around; `to_rim` [m] is how far the vertex or its foot is from a free
-    edge of its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_shared` [m]
-    what the scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that of the
+    `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `neighbours` are those along the surface's edges;
+    `areas` [m2] are a third of the faces around; `to_rim` [m] is how far the vertex or its foot is from a free edge of
+    its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_shared` [m] what the
+    scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that of the
     registration (common to the whole). Where the motion between the epochs stays in the distances, `expected` [m] is
     what it alone makes of them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the motion.
     """
@@ -36,7 +36,7 @@ class Side:
     other: Surface
     feet: Feet
     normals: Floats
-    edges: Ints
+    neighbours: Neighbours
     areas: Floats
     distances: Floats
     to_rim: Floats
@@ -111,7 +111,7 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     sigma = np.hypot(own, foot)
     reasons = feet.reasons.copy()
     reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
-    edges, areas = mesh_edges(trees[0]), trees[0].areas
+    areas = trees[0].areas
     at_rim = to_rim < EXTRAPOLATED * np.sqrt(np.median(areas))  # False where there is no rim (NaN)
     reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
     reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
@@ -124,8 +124,8 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     own_motion = registration if left is None else left
     sigma_expected = propagate(own_motion.covariance, own_motion.centre, surface.vertices, normals)
     return Side(
-        surface, other, feet, normals, edges, areas, distances, to_rim, sigma, shared, motion, is_stable, reasons,
-        expected, sigma_expected,
+        surface, other, feet, normals, gather_neighbours(trees[0]), areas, distances, to_rim, sigma, shared, motion,
+        is_stable, reasons, expected, sigma_expected,
     )  # fmt: skip
 
 
@@ -143,11 +143,6 @@ def _shared_sigma(surface: Surface) -> Floats:
     if surface.sigma_shared is None:
         return np.zeros(len(surface.vertices))
     return np.where(np.isfinite(surface.sigma_shared), surface.sigma_shared, 0.0)
-
-
-def both_in(mask: Bools, edges: Ints) -> Bools:
-    """Return which edges (e, 2) have both ends in the mask (n,)."""
-    return mask[edges[:, 0]] & mask[edges[:, 1]]
 
 
 def cosine_to_foot(side: Side, vertices: Ints) -> Floats:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from numba import jit, prange
 
 from monitor.comparison.side import Side
-from projects.model import Floats, Ints
+from projects.model import Floats
 
 MOST_STEPS = 400
 
@@ -24,34 +24,58 @@ def smooth_distances(side: Side, radius: float, lod95: Floats | None = None) -> 
     Perona and Malik (1990): the conductance exp(-(gradient / K)^2), with the noise for K; taken once, of what was
     measured.
     """
-    n = len(side.areas)
-    weight = np.where(side.is_assessed, side.areas, 0.0)
-    edges = side.edges
-    walk = _walk_matrix(edges, n, np.ones(len(edges)) if lod95 is None else _conductance(side, lod95))
-    length2 = np.sum((side.surface.vertices[edges[:, 0]] - side.surface.vertices[edges[:, 1]]) ** 2, axis=1)
-    stride2 = 6.0 / 7.0 * float(np.mean(length2)) if len(edges) else 1.0  # six neighbours and the vertex itself
+    neighbours, is_assessed = side.neighbours, side.is_assessed
+    shares = _share_out(neighbours, side.distances, np.zeros(0) if lod95 is None else lod95)
+    stride2 = 6.0 / 7.0 * _mean_length2(side.surface.vertices, neighbours)  # six neighbours and the vertex itself
     n_steps = min(max(round(0.5 * radius**2 / max(stride2, 1e-300)), 1), MOST_STEPS)  # E r^2 = 2 s^2, R^2 = 4 s^2
-    mass, total = weight, weight * np.where(side.is_assessed, side.distances, 0.0)
+    mass = np.where(is_assessed, side.areas, 0.0)
+    total = mass * np.where(is_assessed, side.distances, 0.0)
     for _ in range(n_steps):
-        mass, total = walk @ mass, walk @ total
-    return np.where(side.is_assessed, total / np.maximum(mass, 1e-300), np.nan)
+        mass, total = _take_step(neighbours, shares, mass, total)
+    return np.where(is_assessed, total / np.maximum(mass, 1e-300), np.nan)
 
 
-def _conductance(side: Side, lod95: Floats) -> Floats:
-    """Return how much the ends of each edge (e,) give each other, 1 where they agree; 1 beside what is not assessed.
+@jit(nopython=True, parallel=True, cache=True)
+def _share_out(neighbours, distances, lod95):  # type: ignore[no-untyped-def]
+    """Return what each vertex gives to each of its neighbours in a step: an even share where distances agree, less
+    where they do not; an even one where `lod95` is empty, and beside what is not assessed.
 
     lod95 is 1.96 sigma of one distance; the difference of two scatters by the root of their squares.
     """
-    first, second = side.edges[:, 0], side.edges[:, 1]
-    step2 = (side.distances[first] - side.distances[second]) ** 2 / (lod95[first] ** 2 + lod95[second] ** 2)
-    return np.where(np.isfinite(step2), np.exp(-np.nan_to_num(step2)), 1.0)
+    starts, out = neighbours.starts, np.empty(len(neighbours.vertices))
+    for v in prange(len(distances)):
+        for k in range(starts[v], starts[v + 1]):
+            w = neighbours.vertices[k]
+            out[k] = 1.0 / (1.0 + max(starts[v + 1] - starts[v], starts[w + 1] - starts[w]))
+            if len(lod95):
+                step2 = (distances[v] - distances[w]) ** 2 / (lod95[v] ** 2 + lod95[w] ** 2)
+                if np.isfinite(step2):
+                    out[k] *= np.exp(-step2)
+    return out
 
 
-def _walk_matrix(edges: Ints, n: int, conductance: Floats) -> csr_matrix:
-    """Return the symmetric matrix (n, n) of one step: a share to each neighbour as its edge leads, the rest stays."""
-    degree = np.bincount(edges.ravel(), minlength=n)
-    share = conductance / (1.0 + np.maximum(degree[edges[:, 0]], degree[edges[:, 1]]))
-    given = np.bincount(edges.ravel(), np.repeat(share, 2), minlength=n)
-    rows = np.concatenate([edges[:, 0], edges[:, 1], np.arange(n)])
-    columns = np.concatenate([edges[:, 1], edges[:, 0], np.arange(n)])
-    return coo_matrix((np.concatenate([share, share, 1.0 - given]), (rows, columns)), shape=(n, n)).tocsr()
+@jit(nopython=True, cache=True)
+def _mean_length2(points, neighbours):  # type: ignore[no-untyped-def]
+    """Return the mean squared length of the edges; 7 / 6 where there is none."""
+    total = 0.0
+    for v in range(len(points)):
+        for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
+            w = neighbours.vertices[k]
+            if w > v:
+                x, y, z = points[v, 0] - points[w, 0], points[v, 1] - points[w, 1], points[v, 2] - points[w, 2]
+                total += x * x + y * y + z * z
+    return 2.0 * total / len(neighbours.vertices) if len(neighbours.vertices) else 7.0 / 6.0
+
+
+@jit(nopython=True, parallel=True, cache=True)
+def _take_step(neighbours, shares, mass, total):  # type: ignore[no-untyped-def]
+    """Return mass and total after one step of the walk: its share goes to each neighbour, the rest stays."""
+    new_mass, new_total = np.empty(len(mass)), np.empty(len(mass))
+    for v in prange(len(mass)):
+        given, here, there = 0.0, 0.0, 0.0
+        for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
+            given += shares[k]
+            here += shares[k] * mass[neighbours.vertices[k]]
+            there += shares[k] * total[neighbours.vertices[k]]
+        new_mass[v], new_total[v] = here + (1.0 - given) * mass[v], there + (1.0 - given) * total[v]
+    return new_mass, new_total

@@ -1,7 +1,7 @@
 """Who touches whom on a mesh: the faces around each vertex, and what follows from them.
 
-In: vertices and faces. Out: normals, areas, edges and the border, made where they are asked for and not kept: the stars
-are all that a mesh holds beside its faces. Each loop step writes its own output, so threads change nothing.
+In: vertices and faces. Out: normals, areas, neighbours and the border, made where they are asked for and not kept: the
+stars are all that a mesh holds beside its faces. Each loop step writes its own output, so threads change nothing.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from numba import jit, prange
 from monitor.comparison.triangles import along, cross, dot, sub
 from projects.model import Bools, Floats, Ints
 
+CHUNK = 4096  # vertices that a thread takes at once, with one buffer
+
 
 class Mesh(NamedTuple):  # a named tuple, since kernels take it whole; a `MeshTree` has these fields too
     """Vertices (n, 3) [m], faces (m, 3), and the faces around vertex v, rising: from star_starts[v] on."""
@@ -22,6 +24,13 @@ class Mesh(NamedTuple):  # a named tuple, since kernels take it whole; a `MeshTr
     faces: Ints
     star_starts: Ints
     star_faces: Ints
+
+
+class Neighbours(NamedTuple):  # a named tuple, since kernels take it whole
+    """The vertices that share an edge with vertex v, rising: `vertices[starts[v]:starts[v + 1]]`."""
+
+    starts: Ints
+    vertices: Ints
 
 
 def make_mesh(vertices: Floats, faces: Ints) -> Mesh:
@@ -54,9 +63,12 @@ def vertex_areas(mesh: Mesh) -> Floats:
     return survey_vertices(mesh)[1]
 
 
-def mesh_edges(mesh: Any) -> Ints:
-    """Return the edges (e, 2) of a mesh, each once: the smaller vertex first, rising."""
-    return np.asarray(_list_edges(mesh, _widest_star(mesh)))
+def gather_neighbours(mesh: Any) -> Neighbours:
+    """Return the neighbours of each vertex of a mesh."""
+    widest, counts = _widest_star(mesh), np.zeros(len(mesh.vertices) + 1, dtype=np.int32)
+    _count_neighbours(mesh, widest, counts)
+    starts = np.cumsum(counts, dtype=np.int32)
+    return Neighbours(starts, _list_neighbours(mesh, widest, starts))
 
 
 def free_edges(mesh: Any, is_border: Bools) -> Ints:
@@ -151,28 +163,42 @@ def _edge_ends(mesh, v, ends):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True)
-def _keep_larger(ends, n, v):  # type: ignore[no-untyped-def]
-    """Keep the first `n` ends beyond v, each once, in front; return how many they are."""
+def _keep_once(ends, n):  # type: ignore[no-untyped-def]
+    """Bring the first `n` ends into rising order, each once, in front; return how many they are."""
     kept = 0
     for i in range(n):
-        is_new = ends[i] > v
-        for j in range(kept):
-            is_new = is_new and ends[j] != ends[i]
-        if is_new:
-            ends[kept] = ends[i]
-            kept += 1
+        end, at = ends[i], kept
+        while at > 0 and ends[at - 1] > end:
+            at -= 1
+        if at > 0 and ends[at - 1] == end:
+            continue
+        for j in range(kept, at, -1):
+            ends[j] = ends[j - 1]
+        ends[at] = end
+        kept += 1
     return kept
 
 
-@jit(nopython=True, cache=True)
-def _list_edges(mesh, widest):  # type: ignore[no-untyped-def]
-    out, n = np.empty((3 * len(mesh.faces), 2), dtype=np.int32), 0
-    ends = np.empty(widest, dtype=np.int32)
-    for v in range(len(mesh.vertices)):
-        for k in range(_keep_larger(ends, _edge_ends(mesh, v, ends), v)):
-            out[n, 0], out[n, 1] = v, ends[k]
-            n += 1
-    return out[:n].copy()
+@jit(nopython=True, parallel=True, cache=True)
+def _count_neighbours(mesh, widest, counts):  # type: ignore[no-untyped-def]
+    """Write how many neighbours vertex v has into counts[v + 1]."""
+    n = len(mesh.vertices)
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        ends = np.empty(widest, dtype=np.int32)
+        for v in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
+            counts[v + 1] = _keep_once(ends, _edge_ends(mesh, v, ends))
+
+
+@jit(nopython=True, parallel=True, cache=True)
+def _list_neighbours(mesh, widest, starts):  # type: ignore[no-untyped-def]
+    n = len(mesh.vertices)
+    out = np.empty(starts[-1], dtype=np.int32)
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        ends = np.empty(widest, dtype=np.int32)
+        for v in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
+            for k in range(_keep_once(ends, _edge_ends(mesh, v, ends))):
+                out[starts[v] + k] = ends[k]
+    return out
 
 
 @jit(nopython=True, cache=True)
@@ -213,9 +239,6 @@ def _weigh_star(mesh, v):  # type: ignore[no-untyped-def]
     length = np.sqrt(dot(total, total))
     scale = 1.0 / length if length > 0.0 else 0.0
     return (total[0] * scale, total[1] * scale, total[2] * scale), area
-
-
-CHUNK = 4096  # vertices that a thread takes at once, with one buffer
 
 
 @jit(nopython=True, parallel=True, cache=True)

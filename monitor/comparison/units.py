@@ -13,7 +13,9 @@ from numba import jit
 from monitor.comparison.connected import connect_like
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.noise import Noise
+from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
+from monitor.comparison.stars import Neighbours
 from monitor.comparison.triangles import cross
 from projects.model import Bools, Floats, Ints, Registration
 
@@ -47,7 +49,7 @@ def unit_size(correlation: Correlation, areas: Floats) -> float:
     Errors that agree far along the surface make no change small: a piece that broke off is as certain as its depth is
     large, so units stay small and patches of several of them look for what is wide.
     """
-    spacing = float(np.sqrt(np.median(areas)))
+    spacing = float(np.sqrt(median(areas)))
     largest = float(np.sqrt(areas.sum() / 200.0))
     half = 0.5 * float(np.sqrt(correlation.area))
     return max(min(half, largest, LARGEST_UNIT * spacing), 4.0 * spacing)
@@ -57,7 +59,7 @@ def cut_units(side: Side, size: float) -> Ints:
     """Return the unit of each vertex (n,), -1 where not assessable: connected parts of cubes of edge `size` [m]."""
     low, high = side.surface.vertices.min(axis=0), side.surface.vertices.max(axis=0)
     cells = _number_cells(side.surface.vertices, side.is_assessed, low, high, size)
-    return merge_slivers(connect_like(cells, side.edges), side.edges, side.areas, 0.25 * size**2)
+    return merge_slivers(connect_like(cells, [side.neighbours]), side.neighbours, side.areas, 0.25 * size**2)
 
 
 @jit(nopython=True, cache=True)
@@ -73,14 +75,14 @@ def _number_cells(points, is_assessed, low, high, size):  # type: ignore[no-unty
     return out
 
 
-def merge_slivers(number: Ints, edges: Ints, areas: Floats, least: float) -> Ints:
+def merge_slivers(number: Ints, neighbours: Neighbours, areas: Floats, least: float) -> Ints:
     """Return the units (n,) with those smaller than `least` [m2] given to the neighbour they share most edges with.
 
     A sliver without neighbour stays alone (and is too small to be tested).
     """
     n_units = int(number.max(initial=-1)) + 1
     area, _ = _sum_areas(number, areas, n_units)
-    key, count = np.unique(_border_pairs(number, edges, area, least), return_counts=True)
+    key, count = np.unique(_border_pairs(number, neighbours, area, least), return_counts=True)
     small, big = np.divmod(key, max(n_units, 1))
     target = np.arange(n_units)
     rising = np.argsort(count, kind="stable")
@@ -90,15 +92,18 @@ def merge_slivers(number: Ints, edges: Ints, areas: Floats, least: float) -> Int
 
 
 @jit(nopython=True, cache=True)
-def _border_pairs(number, edges, area, least):  # type: ignore[no-untyped-def]
+def _border_pairs(number, neighbours, area, least):  # type: ignore[no-untyped-def]
     """Return small unit * number of units + large one for each edge between a unit below `least` and one above."""
-    out, n = np.empty(len(edges), dtype=np.int64), 0
-    for e in range(len(edges)):
-        a, b = np.int64(number[edges[e, 0]]), np.int64(number[edges[e, 1]])
-        if a < 0 or b < 0 or a == b or (area[a] < least) == (area[b] < least):
+    out, n = np.empty(len(neighbours.vertices) // 2, dtype=np.int64), 0
+    for v in range(len(number)):
+        own = np.int64(number[v])
+        if own < 0 or area[own] >= least:
             continue
-        out[n] = a * len(area) + b if area[a] < least else b * len(area) + a
-        n += 1
+        for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
+            other = np.int64(number[neighbours.vertices[k]])
+            if other >= 0 and area[other] >= least:
+                out[n] = own * len(area) + other
+                n += 1
     return out[:n].copy()
 
 

@@ -16,7 +16,9 @@ def test_witnesses_of_a_variance_are_those_that_its_scatter_shows(rng: np.random
     rho = np.where(lag > 0.0, 0.6 * spherical(lag / 0.4), 1.0)
     errors = np.linalg.cholesky(rho) @ rng.normal(size=(300, 4000))
     scatter2 = np.var(np.mean(errors**2, axis=0))  # 2 / n of n independent ones
-    assert count_witnesses(points, correlation, rng) == pytest.approx(2.0 / scatter2, rel=0.1)  # of means: a quarter
+    assert count_witnesses(points, np.arange(300), correlation, rng) == pytest.approx(
+        2.0 / scatter2, rel=0.1
+    )  # of means: a quarter
 
 
 def test_the_registration_stays_as_stated_while_the_rest_is_scaled(rng: np.random.Generator) -> None:
@@ -42,7 +44,7 @@ def calm_of(rng: np.random.Generator, true: Floats, stratum: Ints, motion: float
     n = len(stratum)
     distances = 1e-3 * np.hypot(true[stratum], motion) * rng.normal(size=n)
     points = np.column_stack([np.arange(n), np.zeros((n, 2))])
-    return CalmVertices(points, distances, np.full(n, 1e-3), np.full(n, 1e-3 * motion), stratum)
+    return CalmVertices(points, np.arange(n), distances, np.full(n, 1e-3), np.full(n, 1e-3 * motion), stratum)
 
 
 NO_AGREEMENT = Correlation(np.array([0.5]), np.array([0.1]))

@@ -1,0 +1,44 @@
+"""How far something reaches along a surface: shortest ways over the edges of its mesh (Dijkstra 1959)."""
+
+from __future__ import annotations
+
+from heapq import heappop, heappush
+
+import numpy as np
+from numba import jit
+
+from monitor.comparison.side import Side
+from projects.model import Bools, Ints
+
+
+def spread_along(side: Side, seeds: Ints, allowed: Bools, limit: float) -> Ints:
+    """Return the seed (n,) that each vertex is nearest to within `limit` [m] along the surface; -1 where to none.
+
+    Ways lead over the vertices in `allowed` (n,), the `seeds` (k,), rising, among them. Of seeds equally near it is the
+    one whose way was found first, lower numbers first.
+    """
+    source = np.full(len(allowed), -1, dtype=np.int32)
+    if len(seeds):
+        _spread(side.surface.vertices, side.neighbours, np.asarray(seeds), allowed, limit, source)
+    return source
+
+
+@jit(nopython=True, cache=True)
+def _spread(points, neighbours, seeds, allowed, limit, source):  # type: ignore[no-untyped-def]
+    distance = np.full(len(source), np.inf)
+    ahead = [(0.0, np.int64(seed)) for seed in seeds]  # equal and rising: a heap
+    for seed in seeds:
+        distance[seed], source[seed] = 0.0, seed
+    while len(ahead) > 0:
+        so_far, v = heappop(ahead)
+        if so_far > distance[v]:
+            continue
+        for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
+            w = neighbours.vertices[k]
+            if not allowed[w] or distance[w] <= so_far:
+                continue
+            x, y, z = points[v, 0] - points[w, 0], points[v, 1] - points[w, 1], points[v, 2] - points[w, 2]
+            further = so_far + max(np.sqrt(x * x + y * y + z * z), 1e-300)
+            if further <= limit and further < distance[w]:
+                distance[w], source[w] = further, source[v]
+                heappush(ahead, (further, np.int64(w)))
