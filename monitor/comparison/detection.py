@@ -67,16 +67,13 @@ class Tested:
 @dataclass(frozen=True)
 class Detection:
     """One side's answer: `lod95` [m]; `mean` [m] of the change around each vertex; `smooth` [m], the same with its
-    steps kept, and `smooth_lod95` [m] of it; `is_changed`, `p_value` of the strongest patch that a vertex belongs to,
-    and `variance` [m2] of the change without the registration's part."""
+    steps kept, and `smooth_lod95` [m] of it; `is_changed`."""
 
     lod95: Floats
     mean: Floats
     smooth: Floats
     smooth_lod95: Floats
     is_changed: Bools
-    p_value: Floats
-    variance: Floats
 
 
 @dataclass(frozen=True)
@@ -216,7 +213,7 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
     p_value = np.where(beyond, p_value, 1.0)
     is_changed = _grow(p_value <= test.limit, beyond, sign, side.neighbours)
     mean = smooth_distances(side, reach)
-    return Detection(lod95, mean, smooth, smooth_lod95, is_changed, p_value, noise.variance_of(side))
+    return Detection(lod95, mean, smooth, smooth_lod95, is_changed)
 
 
 def _grow(seeds: Bools, beyond: Bools, sign: Ints, neighbours: Neighbours) -> Bools:

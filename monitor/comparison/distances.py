@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER, find_feet
 from monitor.comparison.mesh_tree import MeshTree, build_tree
 from monitor.comparison.morton import point_order
@@ -48,9 +49,22 @@ def unit_normals(surface: Surface, from_faces: Floats | None = None) -> Floats:
         from_faces = angle_weighted_normals(make_mesh(surface.vertices - surface.vertices.mean(axis=0), surface.faces))
     if surface.normals is None:
         return from_faces
-    length = np.linalg.norm(surface.normals, axis=1, keepdims=True)
-    known = np.isfinite(length) & (length > 0.5)
-    return np.where(known, surface.normals / np.where(known, length, 1.0), from_faces)
+    out = np.empty(from_faces.shape)
+    for block in blocks(len(out)):
+        length = np.linalg.norm(surface.normals[block], axis=1, keepdims=True)
+        known = np.isfinite(length) & (length > 0.5)
+        out[block] = np.where(known, surface.normals[block] / np.where(known, length, 1.0), from_faces[block])
+    return out
+
+
+def nearest_corners(feet: Feet, other: Surface) -> Ints:
+    """Return the vertex (n,) of the other surface nearest to each foot on its face by weight, -1 without a foot."""
+    out = np.full(len(feet.faces), -1, dtype=np.int32)
+    for block in blocks(len(out)):
+        has_foot = np.flatnonzero(feet.faces[block] >= 0)
+        corner = feet.weights[block][has_foot].argmax(axis=1)
+        out[block][has_foot] = other.faces[feet.faces[block][has_foot], corner]
+    return out
 
 
 def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: float = np.pi / 3) -> Feet:
@@ -91,20 +105,29 @@ def distances_to_tree(surface: Surface, normals: Floats, tree: MeshTree, other: 
     reasons[outcome == ON_BORDER] = NotAssessed.FREE_EDGE
     reasons[outcome == NO_FOOT] = NotAssessed.NO_FACE
     reasons[outcome == NOTHING_NEAR] = NotAssessed.BEYOND_SEARCH
-    to_rim, found = np.full(len(faces), np.nan), faces >= 0
-    feet = np.einsum("ni,nij->nj", weights[found], other.vertices[other.faces[faces[found]]])
-    to_rim[found] = distance_to_rim(tree, feet - tree.shift, limit)
+    feet = Feet(distances, faces, weights, reasons, np.full(len(faces), np.nan))
+    feet.to_rim[:] = _rim_of_feet(feet, tree, other, limit)
+    to_rim = feet.to_rim
     reasons[(reasons == NotAssessed.ASSESSED) & (to_rim < np.abs(distances))] = NotAssessed.FREE_EDGE
     reasons[(reasons == NotAssessed.ASSESSED) & _is_invented(other, faces)] = NotAssessed.NOT_SEEN
-    return Feet(distances, faces, weights, reasons, to_rim)
+    return feet
+
+
+def _rim_of_feet(feet: Feet, tree: MeshTree, other: Surface, limit: float) -> Floats:
+    """Return how far (n,) [m] the feet lie from the free edges of the other surface: inf where it has none, NaN without
+    a foot."""
+    if not tree.is_border.any():
+        return np.where(feet.faces >= 0, np.inf, np.nan)
+    return distance_to_rim(tree, interpolate_at_feet(other.vertices, other, feet), limit)
 
 
 def interpolate_at_feet(values: Floats, other: Surface, feet: Feet) -> Floats:
     """Return a vertex quantity (n_other, ...) of the other surface at the feet; NaN without a foot."""
-    has_foot = feet.faces >= 0
     out = np.full((len(feet.faces), *values.shape[1:]), np.nan)
-    corners = values[other.faces[feet.faces[has_foot]]]
-    out[has_foot] = np.einsum("ij,ij...->i...", feet.weights[has_foot], corners)
+    for block in blocks(len(out)):
+        has_foot = np.flatnonzero(feet.faces[block] >= 0)
+        corners = values[other.faces[feet.faces[block][has_foot]]]
+        out[block][has_foot] = np.einsum("ij,ij...->i...", feet.weights[block][has_foot], corners)
     return out
 
 

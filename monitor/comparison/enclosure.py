@@ -7,7 +7,9 @@ is gone (divergence theorem).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,9 @@ from monitor.comparison.closing import Closing, border_edges, close_gap, cone_vo
 from monitor.comparison.correlation import kept_variance
 from monitor.comparison.detection import Detected
 from monitor.comparison.mesh_tree import MeshTree
+from monitor.comparison.noise import Noise
 from monitor.comparison.offsets import Offsets, signed_offsets
+from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
 from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, Registration
@@ -77,7 +81,7 @@ def look_beyond(sides: tuple[Side, Side], trees: tuple[MeshTree, MeshTree], limi
 
 def _nearest_vertices(side: Side, which: Ints, found: Offsets) -> Ints:
     """Return the vertex of the other surface nearest to each vertex in `which`, -1 for the others."""
-    out = np.full(len(side.areas), -1, dtype=np.int64)
+    out = np.full(len(side.areas), -1, dtype=np.int32)
     has = found.faces >= 0
     corners = side.other.faces[found.faces[has]]
     gap = np.linalg.norm(side.other.vertices[corners] - side.surface.vertices[which[has]][:, None], axis=2)
@@ -140,21 +144,28 @@ def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Int
     masks = [m == number for m in margins]
     faces = [s.surface.faces[m[s.surface.faces].all(axis=1)] for s, m in zip(sides, masks, strict=True)]
     n_first = len(sides[0].areas)
-    points = np.vstack([sides[0].surface.vertices, sides[1].surface.vertices])
     patches = np.vstack([faces[0][:, ::-1], faces[1] + n_first])
     used, patches = np.unique(patches, return_inverse=True)
     patches = patches.reshape(-1, 3)
     if len(used) < 4:
         return None
-    local = points[used] - points[used].mean(axis=0)
+    points = _pick([s.surface.vertices for s in sides], used)
+    local = points - points.mean(axis=0)
     border = border_edges(patches)
     closing = close_gap(local, border)
     if closing is None:
         return None
-    is_free = np.concatenate(beyond.is_free)[used]
+    is_free = _pick(beyond.is_free, used)
     volume = cone_volume(local[patches]) + cone_volume(closing.triangles, closing.weights)
     noise = sigma_of_patches(sides, masks, found, registration)
     return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_free, border))), float(_areas(closing).sum()))
+
+
+def _pick(both: Sequence[Any], which: Ints) -> Any:
+    """Return the values of the vertices `which`, rising, numbered over both sides, of the `both` sides' arrays."""
+    n_first = len(both[0])
+    split = int(np.searchsorted(which, n_first))
+    return np.concatenate([both[0][which[:split]], both[1][which[split:] - n_first]])
 
 
 def sigma_of_gap(closing: Closing, is_free: Bools, border: Ints) -> float:
@@ -190,18 +201,23 @@ def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detect
     """
     scale = max(e.scale for e in found.test.errors)
     both, alone, shared = 0.0, 0.0, 0.0
-    for side, mask, here in zip(sides, masks, found.sides, strict=True):
-        variance = here.variance * scale**2
-        typical = float(np.median(variance[side.is_assessed])) if side.is_assessed.any() else 0.0
-        matched, own = mask & side.is_assessed, mask & ~side.is_assessed
-        both += 0.5 * _sum_sigma(side.areas[matched], variance[matched], found)
-        alone += _sum_sigma(side.areas[own], np.full(int(own.sum()), 0.5 * typical), found) ** 2
+    for side, mask in zip(sides, masks, strict=True):
+        matched, own = np.flatnonzero(mask & side.is_assessed), np.flatnonzero(mask & ~side.is_assessed)
+        typical = _typical_variance(side, found.noise) * scale**2 if len(own) else 0.0
+        both += 0.5 * _sum_sigma(side.areas[matched], found.noise.variance_of(side, matched) * scale**2, found)
+        alone += _sum_sigma(side.areas[own], np.full(len(own), 0.5 * typical), found) ** 2
         shared += 0.5 * float(side.areas[mask] @ side.sigma_shared[mask])
     mask, side = masks[1], sides[1]
     arm = side.surface.vertices[mask] - registration.centre
     row = side.areas[mask] @ np.hstack([np.cross(arm, side.normals[mask]), side.normals[mask]])
     motion2 = max(float(row @ registration.covariance @ row), 0.0)
     return float(np.sqrt(both**2 + alone + shared**2 + motion2))
+
+
+def _typical_variance(side: Side, noise: Noise) -> float:
+    """Return the median variance [m2] of the assessed vertices, 0 where there are none."""
+    assessed = np.flatnonzero(side.is_assessed)
+    return median(noise.variance_of(side, assessed)) if len(assessed) else 0.0
 
 
 def _sum_sigma(areas: Floats, variance: Floats, found: Detected) -> float:

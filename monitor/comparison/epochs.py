@@ -110,8 +110,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
              drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
     require_common(sides, limit)
-    found = detect(sides, held, settings.false_discovery_rate, settings.seed, left)
     beyond = look_beyond(sides, trees, limit)
+    del trees  # the larger part of all memory
+    found = detect(sides, held, settings.false_discovery_rate, settings.seed, left)
     if sights is not None:
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
@@ -193,9 +194,7 @@ def measure_sides(reference: Surface, moved: Surface, trees: tuple[MeshTree, Mes
                                  drop_contradicted(on_compared, on_reference))  # fmt: skip
     if registration.is_stable is None or len(registration.is_stable) != len(moved.vertices):
         return on_reference, on_compared
-    corner = on_reference.feet.weights.argmax(axis=1)
-    foot = moved.faces[np.maximum(on_reference.feet.faces, 0), corner]
-    seen = on_reference.is_assessed & registration.is_stable[foot]
+    seen = on_reference.is_assessed & registration.is_stable[on_reference.foot_vertices]
     return (dataclasses.replace(on_reference, is_stable=seen),
             dataclasses.replace(on_compared, is_stable=registration.is_stable))  # fmt: skip
 

@@ -17,11 +17,11 @@ from monitor.comparison.triangles import along, dot
 from projects.errors import ComparisonError
 from projects.model import Bools, Floats, Ints, Surface
 
-FACES_PER_LEAF = 2
+FACES_PER_LEAF = 4
 
 
 class MeshTree(NamedTuple):  # a named tuple, since kernels take it whole
-    """A mesh (see `Mesh`), its faces in the tree's order, in coordinates shifted by `shift` (global = local + shift).
+    """A mesh (see `Mesh`), its faces in the tree's order, in coordinates less `shift` (global = local + shift).
 
     `nodes` (n_nodes, 11) float32: box low, box high (rounded outwards), axis of the normal cone, the cosine below which
     no face of the node looks within the angle limit, and the half angle [rad] of the cone that also holds the faces
@@ -33,8 +33,8 @@ class MeshTree(NamedTuple):  # a named tuple, since kernels take it whole
     faces: Ints
     star_starts: Ints
     star_faces: Ints
-    order: Ints
     shift: Floats
+    order: Ints
     nodes: Floats
     n_leaves: int
     deepest: int
@@ -51,17 +51,16 @@ def build_tree(surface: Surface, shift: Floats, max_angle: float) -> MeshTree:
     ComparisonError
         Where the surface has no face with an area.
     """
-    vertices = surface.vertices - shift
-    faces = np.asarray(surface.faces)
+    vertices, faces = np.ascontiguousarray(surface.vertices), np.asarray(surface.faces)
     if not len(faces) or not _are_finite(vertices, faces):
         raise ComparisonError(f"a surface with {len(faces)} faces of finite vertices cannot be compared; give a mesh")
-    order = face_order(vertices, faces)
-    mesh = make_mesh(vertices, faces[order])
+    order = face_order(vertices, faces, shift)
+    mesh = make_mesh(vertices, faces[order], shift)
     normals, areas, star_angles, is_border = survey_vertices(mesh)
     n_leaves = -(-len(faces) // FACES_PER_LEAF)
     nodes = np.empty((2 * n_leaves - 1, 11), dtype=np.float32)
     deepest = (1 << (len(nodes).bit_length() - 1)) - 1
-    tree = MeshTree(*mesh, order, shift, nodes, n_leaves, deepest, normals, areas, is_border)
+    tree = MeshTree(*mesh, order, nodes, n_leaves, deepest, normals, areas, is_border)
     half_angles = np.empty(len(nodes), dtype=np.float32)
     _fill_leaves(tree, star_angles, half_angles)
     _fill_inner(nodes, half_angles)

@@ -19,17 +19,17 @@ def point_order(points: Floats) -> Ints:
     return np.asarray(_sort_codes(_point_codes(points, low, scale)))
 
 
-def face_order(vertices: Floats, faces: Ints) -> Ints:
-    """Return the order (m,) of faces (m, 3) along the curve, by their centres."""
-    low, scale = _cells_of(vertices)
-    return np.asarray(_sort_codes(_face_codes(vertices, faces, low, scale)))
+def face_order(vertices: Floats, faces: Ints, shift: Floats) -> Ints:
+    """Return the order (m,) of faces (m, 3) along the curve, by their centres in coordinates less `shift` (3,)."""
+    low, scale = _cells_of(vertices, shift)
+    return np.asarray(_sort_codes(_face_codes(vertices, faces, shift, low, scale)))
 
 
-def _cells_of(points: Floats) -> tuple[Floats, float]:
+def _cells_of(points: Floats, shift: Floats | float = 0.0) -> tuple[Floats, float]:
     """Return the low corner of the box (3,) and cells per metre."""
     if not len(points):
         return np.zeros(3), 0.0
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = points.min(axis=0) - shift, points.max(axis=0) - shift
     return low, (2**BITS - 1) / max(float((high - low).max()), 1e-300)
 
 
@@ -54,13 +54,18 @@ def _point_codes(points, low, scale):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True)
-def _face_codes(vertices, faces, low, scale):  # type: ignore[no-untyped-def]
+def _middle(a, b, c, shift):  # type: ignore[no-untyped-def]
+    return ((a - shift) + (b - shift) + (c - shift)) / 3.0
+
+
+@jit(nopython=True, cache=True)
+def _face_codes(vertices, faces, shift, low, scale):  # type: ignore[no-untyped-def]
     codes = np.empty(len(faces), dtype=np.uint64)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        x = (vertices[a, 0] + vertices[b, 0] + vertices[c, 0]) / 3.0 - low[0]
-        y = (vertices[a, 1] + vertices[b, 1] + vertices[c, 1]) / 3.0 - low[1]
-        z = (vertices[a, 2] + vertices[b, 2] + vertices[c, 2]) / 3.0 - low[2]
+        x = _middle(vertices[a, 0], vertices[b, 0], vertices[c, 0], shift[0]) - low[0]
+        y = _middle(vertices[a, 1], vertices[b, 1], vertices[c, 1], shift[1]) - low[1]
+        z = _middle(vertices[a, 2], vertices[b, 2], vertices[c, 2], shift[2]) - low[2]
         codes[f] = _spread(max(x, 0.0) * scale) | _spread(max(y, 0.0) * scale) << np.uint64(1) | _spread(
             max(z, 0.0) * scale) << np.uint64(2)  # fmt: skip
     return codes

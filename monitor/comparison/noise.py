@@ -62,10 +62,11 @@ class Noise:
         """Return whether each vertex (n,) lies in the two strata beside a free edge."""
         return stratum_of(side, self.spacing) < 3 * 2
 
-    def variance_of(self, side: Side) -> Floats:
-        """Return the variance (n,) [m2] of each vertex's change without what is common to many: scans, registration."""
-        stratum = stratum_of(side, self.spacing)
-        return np.asarray((self.scales[stratum] * side.sigma_surfaces) ** 2 + (self.floors**2)[stratum])
+    def variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
+        """Return the variance [m2] of the change of each vertex, or of those in `which`, without what is common to
+        many: scans, registration."""
+        stratum = stratum_of(side, self.spacing, which)
+        return np.asarray((self.scales[stratum] * side.sigma_surfaces[which]) ** 2 + (self.floors**2)[stratum])
 
     def common_of(self, side: Side) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
@@ -73,10 +74,11 @@ class Noise:
         return np.hypot(self.scale_of(side) * side.sigma_shared, side.sigma_motion)
 
 
-def stratum_of(side: Side, spacing: float) -> Ints:
-    """Return the stratum (n,) uint8 of each vertex: 3 times the step from the rim, plus the roughness class."""
-    rough = np.zeros(0, dtype=np.uint8) if side.surface.roughness is None else side.surface.roughness
-    return np.asarray(_find_strata(side.to_rim, rough, spacing, np.array(RIM_STEPS)))
+def stratum_of(side: Side, spacing: float, which: Ints | slice = slice(None)) -> Ints:
+    """Return the stratum (n,) uint8 of each vertex, or of those in `which`: 3 times the step from the rim, plus the
+    roughness class."""
+    rough = np.zeros(0, dtype=np.uint8) if side.surface.roughness is None else side.surface.roughness[which]
+    return np.asarray(_find_strata(side.to_rim[which], rough, spacing, np.array(RIM_STEPS)))
 
 
 @jit(nopython=True, cache=True)

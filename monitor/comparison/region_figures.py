@@ -147,7 +147,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
     mean = float(np.average(np.nan_to_num(beyond.change[which][whole]), weights=side.areas[whole]))
     if len(vertices):  # otherwise without any perpendicular: what the nearest points say
         mean = float(np.average(change, weights=weight))
-        noise2 = float(np.average(here.variance[vertices], weights=weight))
+        noise2 = float(np.average(found.noise.variance_of(side, vertices), weights=weight))
         spread2 = float(np.average((change - mean) ** 2, weights=weight))
     return RegionView(
         area=float(side.areas[whole].sum()),
@@ -158,7 +158,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, which, margin, registration),
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, which, vertices, registration),
-        extreme=find_extreme(side, here, vertices, whole, beyond.change[which]),
+        extreme=find_extreme(side, found, which, (vertices, whole), beyond.change[which]),
         centroid=np.average(side.surface.vertices[whole], axis=0, weights=side.areas[whole]),
         unevenness=float(np.sqrt(np.fmax(spread2 - noise2, 0.0))) if len(vertices) else np.nan,
     )
@@ -171,7 +171,7 @@ def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, regis
     area = side.areas[vertices].sum()
     weight = side.areas[vertices] / area
     scale = max(e.scale for e in found.test.errors)
-    within2 = float(weight @ found.sides[which].variance[vertices]) * scale**2
+    within2 = float(weight @ found.noise.variance_of(side, vertices)) * scale**2
     kept = kept_variance(np.array([area]), np.array([len(vertices)]), found.noise.correlation)
     arm = side.surface.vertices[vertices] - registration.centre
     row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
@@ -179,26 +179,30 @@ def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, regis
     return float(np.sqrt(within2 * kept[0] + common2))
 
 
-def find_extreme(side: Side, found: Detection, vertices: Ints, whole: Ints, change_beyond: Floats,
+def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Ints], change_beyond: Floats,
                  ) -> tuple[float, float]:  # fmt: skip
     """Return the largest change [m] and its sigma: the median around the place where the mean change is largest.
 
     The neighbourhood is the seven nearest vertices: no single vertex decides; the sigma holds how their values scatter,
-    since the place itself is known to a vertex only. Vertices without a perpendicular (`whole` beyond `vertices`) count
-    where they are more than `MOST_UNKNOWN` of the region, a piece that is gone; there it is the distance to the nearest
-    point of the other surface. Beside a worn patch they are folds and rims, and no measure of its depth.
+    since the place itself is known to a vertex only. `parts` are the assessed vertices of the region and all of it:
+    those without a perpendicular count where they are more than `MOST_UNKNOWN` of the region, a piece that is gone;
+    there it is the distance to the nearest point of the other surface. Beside a worn patch they are folds and rims, and
+    no measure of its depth.
     """
+    vertices, whole = parts
     if side.areas[vertices].sum() >= (1.0 - MOST_UNKNOWN) * side.areas[whole].sum():
         whole = vertices
-    value = np.where(side.is_assessed, side.distances, change_beyond)
-    mean = np.where(side.is_assessed, found.mean, change_beyond)
+    has_foot = side.is_assessed[whole]
+    value = np.where(has_foot, side.distances[whole], change_beyond[whole])
+    mean = np.where(has_foot, found.sides[which].mean[whole], change_beyond[whole])
     points = side.surface.vertices[whole]
-    peak = int(np.argmax(np.abs(np.nan_to_num(mean[whole]))))
+    peak = int(np.argmax(np.abs(np.nan_to_num(mean))))
     distance = np.linalg.norm(points - points[peak], axis=1)
     nearest = np.sort(distance)[min(6, len(distance) - 1)]
-    around = whole[distance <= nearest]
+    around = distance <= nearest
     known = vertices if len(vertices) else np.flatnonzero(side.is_assessed)
-    sigma = float(np.median(np.sqrt(found.variance[known] + side.sigma_common[known] ** 2)))
+    common = np.hypot(side.sigma_shared[known], side.sigma_motion[known])
+    sigma = float(np.median(np.sqrt(found.noise.variance_of(side, known) + common**2)))
     return float(np.nanmedian(value[around])), float(np.hypot(sigma, np.nanstd(value[around])))
 
 

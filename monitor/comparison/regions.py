@@ -184,14 +184,14 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
     """
     n_first = len(sides[0].areas)
     changed = np.concatenate([f.is_changed | t for f, t in zip(found, beyond.is_through, strict=True)])
-    sign = np.concatenate([np.where(t, s, np.sign(np.nan_to_num(f.smooth)))
+    sign = np.concatenate([np.where(t, s, np.sign(np.nan_to_num(f.smooth))).astype(np.int8)
                            for f, t, s in zip(found, beyond.is_through, SIGNS, strict=True)])  # fmt: skip
     links = [_foot_links(sides[0], changed[:n_first]) + np.array([0, n_first]),
              _foot_links(sides[1], changed[n_first:]) + np.array([n_first, 0])]  # fmt: skip
     for k, (own, other) in enumerate(((0, n_first), (n_first, 0))):
         at = np.flatnonzero(beyond.is_through[k] & (beyond.nearest[k] >= 0))
         links.append(np.column_stack([at + own, beyond.nearest[k][at] + other]))
-    kinds = np.where(changed, sign + 1.0, -1.0).astype(np.int8)
+    kinds = np.where(changed, sign + np.int8(1), np.int8(-1))
     part = connect_like(kinds, [s.neighbours for s in sides], links)
     return part[:n_first], part[n_first:]
 
@@ -199,5 +199,4 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
 def _foot_links(side: Side, changed: Bools) -> Ints:
     """Return (vertex, nearest vertex of its foot's face on the other surface) for each assessed vertex in `changed`."""
     at = np.flatnonzero(side.is_assessed & changed)
-    corner = side.feet.weights[at].argmax(axis=1)
-    return np.column_stack([at, side.other.faces[side.feet.faces[at], corner]]).astype(np.int64)
+    return np.column_stack([at, side.foot_vertices[at]]).astype(np.int64)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.mesh_tree import MeshTree
-from monitor.comparison.stars import free_edges
+from monitor.comparison.quantile import median
+from monitor.comparison.stars import first_sides, free_edges
 from projects.model import Bools, Floats
 
 FAR_EDGES = 40.0  # a free edge farther than this many edges has no influence
@@ -16,19 +18,22 @@ MOST_CELLS = 100  # of the coarse grid that tells which points have a free edge 
 def distance_to_rim(tree: MeshTree, points: Floats, limit: float) -> Floats:
     """Return the distance (n,) [m] of points to the free edges of a surface, to a quarter edge.
 
-    It is inf beyond the larger of `limit` [m] and `FAR_EDGES` median edges, and where there is no free edge. Points are
-    in the tree's coordinates; long free edges are taken in steps of half the surface's median edge.
+    It is inf beyond the larger of `limit` [m] and `FAR_EDGES` median edges, and where there is no free edge; NaN for a
+    point that is NaN. Points are in global coordinates; long free edges are taken in steps of half the surface's median
+    edge.
     """
     edges = free_edges(tree, tree.is_border)
-    out = np.full(len(points), np.inf)
+    out = np.where(np.isnan(points[:, 0]), np.nan, np.inf)
     if not len(edges):
         return out
-    inner = tree.vertices[tree.faces[:, 0]] - tree.vertices[tree.faces[:, 1]]
-    step = 0.5 * float(np.median(np.linalg.norm(inner, axis=1)))
-    rim = _points_along(tree.vertices[edges[:, 0]], tree.vertices[edges[:, 1]], step)
-    farthest = max(limit, 2.0 * FAR_EDGES * step)
-    near = np.flatnonzero(_is_near(rim, points, farthest))
-    out[near] = cKDTree(rim).query(points[near], distance_upper_bound=farthest, workers=-1)[0]
+    step = 0.5 * median(first_sides(tree))
+    rim = _points_along(tree.vertices[edges[:, 0]] - tree.shift, tree.vertices[edges[:, 1]] - tree.shift, step)
+    farthest, rim_tree = max(limit, 2.0 * FAR_EDGES * step), cKDTree(rim)
+    for block in blocks(len(points)):
+        known = np.flatnonzero(~np.isnan(out[block]))
+        local = points[block][known] - tree.shift
+        near = _is_near(rim, local, farthest)
+        out[block][known[near]] = rim_tree.query(local[near], distance_upper_bound=farthest, workers=-1)[0]
     return out
 
 

@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor.comparison.distances import Feet, distances_to_tree, interpolate_at_feet, unit_normals
+from monitor.comparison.blocks import blocks
+from monitor.comparison.distances import distances_to_tree, interpolate_at_feet, nearest_corners, unit_normals
 from monitor.comparison.mesh_tree import MeshTree
+from monitor.comparison.quantile import median
 from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.stars import Neighbours, gather_neighbours
 from monitor.registration.covariance import propagate
@@ -24,17 +26,20 @@ EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on 
 class Side:
     """A surface and its change; arrays over its n vertices.
 
-    `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `neighbours` are those along the surface's edges;
-    `areas` [m2] are a third of the faces around; `to_rim` [m] is how far the vertex or its foot is from a free edge of
-    its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there, `sigma_shared` [m] what the
-    scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that of the
-    registration (common to the whole). Where the motion between the epochs stays in the distances, `expected` [m] is
-    what it alone makes of them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the motion.
+    `foot_faces` are the faces of the other surface that hold the feet, `foot_vertices` their corners next to these, -1
+    without a foot; `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `neighbours` are those along the
+    surface's edges; `areas` [m2] are a third of the faces around; `to_rim` [m] is how far the vertex or its foot is
+    from a free edge of its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there,
+    `sigma_shared` [m] what the scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that
+    of the registration (common to the whole). Where the motion between the epochs stays in the distances, `expected`
+    [m] is what it alone makes of them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the
+    motion.
     """
 
     surface: Surface
     other: Surface
-    feet: Feet
+    foot_faces: Ints
+    foot_vertices: Ints
     normals: Floats
     neighbours: Neighbours
     areas: Floats
@@ -76,10 +81,8 @@ def drop_contradicted(side: Side, back: Side) -> Side:
     Where two sheets lie close, or a surface was seen in one epoch only, a vertex may find the wrong sheet: from there
     the change looks less than half as large, beyond four sigma. Such a vertex is not assessable.
     """
-    corner = side.feet.weights.argmax(axis=1)
-    foot = side.other.faces[np.maximum(side.feet.faces, 0), corner]
     sigma = np.hypot(np.hypot(side.sigma_surfaces, side.sigma_common), _unstated_noise(side))
-    seen_back = np.where(back.is_assessed, back.distances, np.nan)[foot]
+    seen_back = np.where(back.is_assessed, back.distances, np.nan)[side.foot_vertices]
     contradicted = side.is_assessed & (np.abs(side.distances) > 2.0 * np.abs(seen_back) + 4.0 * sigma)
     reasons = np.where(contradicted, NotAssessed.SHEET_BETWEEN, side.reasons).astype(side.reasons.dtype)
     return replace(side, reasons=reasons, distances=np.where(contradicted, np.nan, side.distances))
@@ -89,7 +92,7 @@ def _unstated_noise(side: Side) -> float:
     """Return the scatter [m] of the distances where a surface states no noise, 0 where both do."""
     if (side.surface.sigma is not None and side.other.sigma is not None) or not side.is_assessed.any():
         return 0.0
-    return 1.4826 * float(np.median(np.abs(side.distances[side.is_assessed])))
+    return 1.4826 * median(np.abs(side.distances[side.is_assessed]))
 
 
 def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTree], sign: float,
@@ -105,28 +108,37 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     """
     normals = unit_normals(surface, trees[0].vertex_normals)
     feet = distances_to_tree(surface, normals, trees[1], other, limits)
-    to_rim = np.fmin(feet.to_rim, distance_to_rim(trees[0], trees[0].vertices, limits[0]))
+    to_rim = np.fmin(feet.to_rim, distance_to_rim(trees[0], surface.vertices, limits[0]))
     own = np.zeros(len(normals)) if surface.sigma is None else surface.sigma
     foot = np.zeros(len(normals)) if other.sigma is None else interpolate_at_feet(other.sigma, other, feet)
     sigma = np.hypot(own, foot)
     reasons = feet.reasons.copy()
     reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
     areas = trees[0].areas
-    at_rim = to_rim < EXTRAPOLATED * np.sqrt(np.median(areas))  # False where there is no rim (NaN)
+    at_rim = to_rim < EXTRAPOLATED * np.sqrt(median(areas))  # False where there is no rim (NaN)
     reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
     reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
     distances = np.where(reasons == NotAssessed.ASSESSED, sign * feet.distances, np.nan)
-    motion = propagate(registration.covariance, registration.centre, surface.vertices, normals)
+    motion = _motion_sigma(registration, surface.vertices, normals)
     is_stable = np.zeros(len(normals), dtype=np.bool_)
-    shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
-    shared = np.where(np.isfinite(shared), shared, 0.0)
+    shared = np.zeros(len(normals))
+    if surface.sigma_shared is not None or other.sigma_shared is not None:
+        shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
+        shared[~np.isfinite(shared)] = 0.0
     expected = np.zeros(len(normals)) if left is None else _expected_change(surface.vertices, normals, left, sign)
-    own_motion = registration if left is None else left
-    sigma_expected = propagate(own_motion.covariance, own_motion.centre, surface.vertices, normals)
+    sigma_expected = motion if left is None else _motion_sigma(left, surface.vertices, normals)
     return Side(
-        surface, other, feet, normals, gather_neighbours(trees[0]), areas, distances, to_rim, sigma, shared, motion,
-        is_stable, reasons, expected, sigma_expected,
+        surface, other, feet.faces, nearest_corners(feet, other), normals, gather_neighbours(trees[0]), areas,
+        distances, to_rim, sigma, shared, motion, is_stable, reasons, expected, sigma_expected,
     )  # fmt: skip
+
+
+def _motion_sigma(registration: Registration, points: Floats, normals: Floats) -> Floats:
+    """Return one sigma (n,) [m] along the normals that the uncertainty of the motion causes."""
+    out = np.empty(len(points))
+    for block in blocks(len(out)):
+        out[block] = propagate(registration.covariance, registration.centre, points[block], normals[block])
+    return out
 
 
 def _expected_change(points: Floats, normals: Floats, left: Registration, sign: float) -> Floats:
@@ -147,7 +159,7 @@ def _shared_sigma(surface: Surface) -> Floats:
 
 def cosine_to_foot(side: Side, vertices: Ints) -> Floats:
     """Return the cosine between a vertex's normal and the way to its foot, which is the normal of the foot's face."""
-    corners = side.other.vertices[side.other.faces[side.feet.faces[vertices]]]
+    corners = side.other.vertices[side.other.faces[side.foot_faces[vertices]]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
     return np.clip(np.einsum("ij,ij->i", normal, side.normals[vertices]) / length, 0.0, 1.0)

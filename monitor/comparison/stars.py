@@ -18,12 +18,14 @@ CHUNK = 4096  # vertices that a thread takes at once, with one buffer
 
 
 class Mesh(NamedTuple):  # a named tuple, since kernels take it whole; a `MeshTree` has these fields too
-    """Vertices (n, 3) [m], faces (m, 3), and the faces around vertex v, rising: from star_starts[v] on."""
+    """Vertices (n, 3) [m], which kernels see less `shift` (3,), faces (m, 3), and the faces around vertex v, rising:
+    from star_starts[v] on."""
 
     vertices: Floats
     faces: Ints
     star_starts: Ints
     star_faces: Ints
+    shift: Floats
 
 
 class Neighbours(NamedTuple):  # a named tuple, since kernels take it whole
@@ -33,10 +35,12 @@ class Neighbours(NamedTuple):  # a named tuple, since kernels take it whole
     vertices: Ints
 
 
-def make_mesh(vertices: Floats, faces: Ints) -> Mesh:
-    """Return a mesh with its stars."""
+def make_mesh(vertices: Floats, faces: Ints, shift: Floats | None = None) -> Mesh:
+    """Return a mesh with its stars, in coordinates less `shift` (3,) [m], which is 0 where left out."""
     faces = np.ascontiguousarray(faces)
-    return Mesh(np.ascontiguousarray(vertices), faces, *_gather_stars(faces, len(vertices)))
+    shift = np.zeros(3) if shift is None else shift
+    starts, around = _gather_stars(faces, len(vertices))
+    return Mesh(np.ascontiguousarray(vertices), faces, starts, around, shift)
 
 
 def survey_vertices(mesh: Mesh) -> tuple[Floats, Floats, Floats, Bools]:
@@ -77,6 +81,16 @@ def free_edges(mesh: Any, is_border: Bools) -> Ints:
     return np.column_stack([mesh.faces[face, side], mesh.faces[face, (side + 1) % 3]])
 
 
+@jit(nopython=True, cache=True)
+def first_sides(mesh):  # type: ignore[no-untyped-def]
+    """Return the length (m,) [m] of the first side of each face."""
+    out = np.empty(len(mesh.faces))
+    for f in range(len(mesh.faces)):
+        side = sub(corner_of(mesh, f, 0), corner_of(mesh, f, 1))
+        out[f] = np.sqrt(dot(side, side))
+    return out
+
+
 def _widest_star(mesh: Any) -> int:
     """Return the most ends that edges in the star of one vertex can have."""
     return 3 * int(np.diff(mesh.star_starts).max(initial=0))
@@ -102,8 +116,9 @@ def _gather_stars(faces, n_vertices):  # type: ignore[no-untyped-def]
 
 @jit(nopython=True, cache=True)
 def vertex_of(mesh, v):  # type: ignore[no-untyped-def]
-    """Return vertex v as a tuple."""
-    return (mesh.vertices[v, 0], mesh.vertices[v, 1], mesh.vertices[v, 2])
+    """Return vertex v, less the mesh's shift, as a tuple."""
+    return (mesh.vertices[v, 0] - mesh.shift[0], mesh.vertices[v, 1] - mesh.shift[1],
+            mesh.vertices[v, 2] - mesh.shift[2])  # fmt: skip
 
 
 @jit(nopython=True, cache=True)
