@@ -10,7 +10,7 @@ Where in the end nothing is significant, what was suspect is the tail of the err
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -26,6 +26,7 @@ from monitor.comparison.patches import (
     benjamini_hochberg,
     calm_errors,
     first_errors,
+    lay_out_again,
     lay_out_patches,
     measure_patches,
 )
@@ -34,7 +35,7 @@ from monitor.comparison.reaches import Reaches, least_of_patches
 from monitor.comparison.side import Side
 from monitor.comparison.smoothing import smooth_distances
 from monitor.comparison.stars import Neighbours
-from monitor.comparison.units import Units, judge_noise, summarize_units, unit_size
+from monitor.comparison.units import Units, judge_noise, unit_size
 from projects.model import Bools, Floats, Ints, Registration
 
 Sizes = list[list[Patches]]  # [size][side]
@@ -100,9 +101,8 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     own = (sides[0].without_motion(), sides[1].without_motion())
     by_itself = learn_and_judge(own, left, level, seed)
     noise, calm = by_itself.noise, by_itself.calm
-    units = [summarize_units(s, u.number, registration) for s, u in zip(sides, by_itself.layout.units, strict=True)]
-    layout = replace(by_itself.layout, units=(units[0], units[1]))
-    test = judge_units(layout, sides, calm, noise, registration, level, lambda _: by_itself.test.errors)
+    layout = lay_out_again(by_itself.layout, sides, registration)
+    test = judge_units(layout, sides, calm, noise, level, lambda _: by_itself.test.errors)
     found = tuple(mark_changed(s, own[k], test, k, noise, calm[k]) for k, s in enumerate(sides))
     return Detected((found[0], found[1]), noise, test, layout, calm)
 
@@ -113,14 +113,14 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
     layout = lay_out(sides, noise, registration, None)
-    test = judge_units(layout, sides, calm, noise, registration, level, partial(learn_errors, first_errors))
+    test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, first_errors))
     teaches_all = False
     for _ in range(N_ROUNDS):
         rest = tuple(away_from(s, test, k) for k, s in enumerate(sides))
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
             calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, registration, layout)
-            test = judge_units(layout, sides, calm, noise, registration, level, partial(learn_errors, calm_errors))
+            test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, calm_errors))
             teaches_all = test.limit == 0.0
     if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
         calm = (sides[0].is_assessed, sides[1].is_assessed)
@@ -141,12 +141,13 @@ def lay_out(sides: tuple[Side, Side], noise: Noise, registration: Registration, 
     return last if last is not None and last.size == size else lay_out_patches(sides, size, registration)
 
 
-def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, registration: Registration,
-                level: float, errors_of: Callable[[Sizes], tuple[PatchErrors, ...]]) -> Tested:  # fmt: skip
+def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, level: float,
+                errors_of: Callable[[Sizes], tuple[PatchErrors, ...]]) -> Tested:  # fmt: skip
     """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter."""
     units = [judge_noise(u, s, noise, c) for u, s, c in zip(layout.units, sides, calm, strict=True)]
-    sizes = [[measure_patches(u, r, k, noise.correlation, registration)
-              for u, r in zip(units, layout.reaches, strict=True)] for k in range(layout.n_sizes)]  # fmt: skip
+    sizes = [[measure_patches(o, u, r, k, noise.correlation)
+              for o, u, r in zip(pair, units, layout.reaches, strict=True)]
+             for k, pair in enumerate(layout.outlines)]  # fmt: skip
     errors = errors_of(sizes)
     p_values = [[np.where(p.is_whole, e.p_values(_standardize(p)), 1.0) for p in pair]
                 for e, pair in zip(errors, sizes, strict=True)]  # fmt: skip

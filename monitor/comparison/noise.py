@@ -140,18 +140,13 @@ def learn_sizes(
     what the groups before have shown: all; roughness classes; distances from the rim; single strata; and classes and
     all again, whose factors the others have moved. A factor is believed as far as the group's witnesses go.
     """
-    distances, own, motion, stratum = (np.concatenate([getattr(c, name) for c in calm])
-                                       for name in ("distances", "own", "motion", "stratum"))  # fmt: skip
-    floor = estimate_floor(distances, np.hypot(own, motion), share)
-    own, factors = np.hypot(own, floor), np.ones(N_STRATA)
-    n_of_stratum = np.bincount(stratum, minlength=N_STRATA)
+    floor = estimate_floor(np.concatenate([c.distances for c in calm]),
+                           np.concatenate([np.hypot(c.own, c.motion) for c in calm]), share)  # fmt: skip
+    calm, factors = [c._replace(own=np.hypot(c.own, floor)) for c in calm], np.ones(N_STRATA)
     for group in GROUPS:
         n_witnesses = _count(calm, group, known, rng)
         if n_witnesses >= FEWEST_WITNESSES:
-            is_all = n_of_stratum[group].sum() == len(stratum)
-            which = slice(None) if is_all else _is_of(stratum, group)
-            asked = asked_scale(distances[which], (factors[stratum] * own)[which], motion[which], share)
-            factors[group] *= believe(asked, n_witnesses)
+            factors[group] *= believe(asked_scale(calm, group, factors, share), n_witnesses)
     return factors * floor, factors
 
 
@@ -194,31 +189,36 @@ def count_witnesses(points: Floats, places: Ints, correlation: Correlation, rng:
     return n / (1.0 + (n - 1) * float(np.mean(correlation.at(pdist(points[some])) ** 2)))
 
 
-def asked_scale(distances: Floats, own: Floats, motion: Floats, share: float) -> float:
+def asked_scale(calm: Sequence[CalmVertices], members: Ints, factors: Floats, share: float) -> float:
     """Return what `own` must be multiplied by for `share` of the distances to lie where a normal error puts them.
 
-    Parameters
-    ----------
-    distances : (n,) m.
-    own, motion : (n,) m, one sigma of surfaces and scans, and of the registration. The latter is learned from residuals
-        and stays as stated. It was fitted to these very distances, which show less of it than there is: it makes up
-        for half of the variance at most.
+    Asked are the vertices in the strata `members`, whose `own` is taken times the `factors` (N_STRATA,) of their
+    stratum. The registration's part is learned from residuals and stays as stated. It was fitted to these very
+    distances, which show less of it than there is: it makes up for half of the variance at most.
 
     Notes
     -----
     A distance lies within z sqrt(s^2 own^2 + motion^2) where s^2 >= (d^2 / z^2 - motion^2) / own^2: s^2 is the `share`
     quantile of the right-hand sides.
     """
-    without, within = _ratios(distances, own, motion, float(norm.ppf(0.5 + 0.5 * share)))
-    return float(np.sqrt(max(quantile(without, share), 0.5 * quantile(within, share))))
+    asked = np.full(N_STRATA, np.nan)
+    asked[members] = factors[members]
+    n = sum(len(c.stratum) for c in calm)
+    without, within, used = np.empty(n), np.empty(n), 0
+    for c in calm:
+        used = _add_ratios(c, asked, float(norm.ppf(0.5 + 0.5 * share)), without, within, used)
+    return float(np.sqrt(max(quantile(without[:used], share), 0.5 * quantile(within[:used], share))))
 
 
 @jit(nopython=True, cache=True)
-def _ratios(distances, own, motion, z):  # type: ignore[no-untyped-def]
-    """Return (d^2 / z^2 - motion^2) / own^2 and d^2 / z^2 / (own^2 + motion^2)."""
-    without, within = np.empty(len(distances)), np.empty(len(distances))
-    for i in range(len(distances)):
-        d = distances[i] / z
-        own2, motion2 = max(own[i] * own[i], 1e-300), motion[i] * motion[i]
-        without[i], within[i] = (d * d - motion2) / own2, d * d / (own2 + motion2)
-    return without, within
+def _add_ratios(calm, factors, z, without, within, used):  # type: ignore[no-untyped-def]
+    """Write (d^2 / z^2 - motion^2) / own^2 and d^2 / z^2 / (own^2 + motion^2) from `used` on, of the vertices whose
+    stratum has a factor (not NaN); return how many are used then."""
+    for i in range(len(calm.stratum)):
+        factor = factors[calm.stratum[i]]
+        if not np.isnan(factor):
+            d, own = calm.distances[i] / z, factor * calm.own[i]
+            own2, motion2 = max(own * own, 1e-300), calm.motion[i] * calm.motion[i]
+            without[used], within[used] = (d * d - motion2) / own2, d * d / (own2 + motion2)
+            used += 1
+    return used

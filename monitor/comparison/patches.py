@@ -7,17 +7,17 @@ discoveries over all patches of all sizes of both sides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
 from monitor.comparison.correlation import Correlation, kept_variance
-from monitor.comparison.reaches import Reaches, gather_reaches, sum_patches
+from monitor.comparison.reaches import Reaches, average_over, gather_reaches, sum_areas
 from monitor.comparison.side import Side
 from monitor.comparison.units import Units, cut_units, summarize_units
-from projects.model import Bools, Floats, Registration
+from projects.model import Bools, Floats, Ints, Registration
 
 REACHES = (
     0.0,
@@ -58,13 +58,26 @@ class PatchErrors:
 
 
 @dataclass(frozen=True)
+class Outlines:
+    """What is known of the patches of one size before the noise is, (p,) each: `areas` [m2], `n_vertices`, `means` [m]
+    of the change, variance `common2` [m2] of what no averaging removes, `is_whole` (not a scrap)."""
+
+    areas: Floats
+    n_vertices: Ints
+    means: Floats
+    common2: Floats
+    is_whole: Bools
+
+
+@dataclass(frozen=True)
 class Layout:
-    """Units of edge `size` [m] on both sides, and around each the `reaches` of its patches of `n_sizes` sizes."""
+    """Units of edge `size` [m] on both sides, around each the `reaches` of its patches, and the `outlines` of these
+    [size of patch][side]."""
 
     size: float
     units: tuple[Units, Units]
     reaches: tuple[Reaches, Reaches]
-    n_sizes: int
+    outlines: list[list[Outlines]]
 
 
 def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registration) -> Layout:
@@ -72,25 +85,41 @@ def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registr
     radii = patch_radii(size, 0.5 * sum(float(s.areas[s.is_assessed].sum()) for s in sides))
     units = [summarize_units(s, cut_units(s, size), registration) for s in sides]
     reaches = [gather_reaches(u.centres, u.motion_rows[:, 3:], radii) for u in units]
-    return Layout(size, (units[0], units[1]), (reaches[0], reaches[1]), len(radii))
+    outlines = [[outline_patches(u, r, k, registration) for u, r in zip(units, reaches, strict=True)]
+                for k in range(len(radii))]  # fmt: skip
+    return Layout(size, (units[0], units[1]), (reaches[0], reaches[1]), outlines)
 
 
-def measure_patches(units: Units, reaches: Reaches, size: int, correlation: Correlation, registration: Registration,
-                    ) -> Patches:  # fmt: skip
-    """Return the patches of one size (0: the units alone), with their means and what limits them."""
-    figures = np.column_stack([units.means, units.variances, units.shared, units.calm_shares, units.motion_rows])
-    areas, n_vertices, averages = sum_patches(reaches, size, units.areas, units.n_vertices, figures)
-    means, within2, shared, calm_shares = averages[:, :4].T
-    kept = kept_variance(areas, n_vertices, correlation)
-    rows = np.ascontiguousarray(averages[:, 4:])
+def lay_out_again(layout: Layout, sides: tuple[Side, Side], registration: Registration) -> Layout:
+    """Return the same patches of the same surfaces with other distances."""
+    units = [summarize_units(s, u.number, registration) for s, u in zip(sides, layout.units, strict=True)]
+    outlines = [[outline_patches(u, r, k, registration) for u, r in zip(units, layout.reaches, strict=True)]
+                for k in range(len(layout.outlines))]  # fmt: skip
+    return replace(layout, units=(units[0], units[1]), outlines=outlines)
+
+
+def outline_patches(units: Units, reaches: Reaches, size: int, registration: Registration) -> Outlines:
+    """Return what is known of the patches of one size (0: the units alone) without the noise."""
+    areas, n_vertices = sum_areas(reaches, size, units.areas, units.n_vertices)
+    figures = np.column_stack([units.means, units.shared, units.motion_rows])
+    averages = average_over(reaches, size, units.areas, areas, figures)
+    rows = np.ascontiguousarray(averages[:, 2:])
     motion2 = np.maximum(np.einsum("pi,ij,pj->p", rows, registration.covariance, rows), 0.0)
-    common2 = motion2 + shared**2  # what its scans disagree by is common to a patch
-    return Patches(
-        means=means,
-        sigmas=np.sqrt(np.maximum(within2 * kept + common2, 1e-300)),
+    return Outlines(
+        areas, n_vertices,
+        means=averages[:, 0].copy(),
+        common2=motion2 + averages[:, 1] ** 2,  # what its scans disagree by is common to a patch
         is_whole=areas >= SMALLEST_SHARE * np.median(areas) if len(areas) else np.zeros(0, dtype=np.bool_),
-        is_calm=calm_shares > 0.5,
-    )
+    )  # fmt: skip
+
+
+def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, size: int, correlation: Correlation) -> Patches:
+    """Return the patches of one size (0: the units alone), with their means and what limits them."""
+    figures = np.column_stack([units.variances, units.calm_shares])
+    within2, calm_shares = average_over(reaches, size, units.areas, outlines.areas, figures).T
+    kept = kept_variance(outlines.areas, outlines.n_vertices, correlation)
+    sigmas = np.sqrt(np.maximum(within2 * kept + outlines.common2, 1e-300))
+    return Patches(outlines.means, sigmas, outlines.is_whole, calm_shares > 0.5)
 
 
 def patch_radii(size: float, area: float) -> list[float]:

@@ -6,7 +6,7 @@ both ways: the patches that a unit belongs to are those around the units of its 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import jit, prange
@@ -147,30 +147,31 @@ def _turn_around(starts, units, sizes):  # type: ignore[no-untyped-def]
     return rising, their_sizes
 
 
-def sum_patches(reaches: Reaches, size: int, areas: Floats, n_vertices: Ints, values: Floats) -> Any:
-    """Return area (p,) [m2], number of vertices (p,) and area-weighted mean (p, c) of the units' values (u, c) over the
-    patches of one size around each unit."""
-    return _sum_patches(reaches, size, areas, n_vertices, values)
-
-
 @jit(nopython=True, parallel=True, cache=True)
-def _sum_patches(reaches, size, areas, n_vertices, values):  # type: ignore[no-untyped-def]
-    n = len(areas)
-    whole, counts, means = np.zeros(n), np.zeros(n), np.zeros((n, values.shape[1]))
-    for p in prange(n):
-        first, last = reaches.starts[p], reaches.starts[p + 1]
-        for k in range(first, last):
+def sum_areas(reaches, size, areas, n_vertices):  # type: ignore[no-untyped-def]
+    """Return area (p,) [m2] and number of vertices (p,) of the patches of one size around each unit."""
+    whole, counts = np.zeros(len(areas)), np.zeros(len(areas), dtype=np.int64)
+    for p in prange(len(areas)):
+        for k in range(reaches.starts[p], reaches.starts[p + 1]):
             if reaches.sizes[k] <= size:
                 whole[p] += areas[reaches.units[k]]
                 counts[p] += n_vertices[reaches.units[k]]
+    return whole, counts
+
+
+@jit(nopython=True, parallel=True, cache=True)
+def average_over(reaches, size, areas, whole, values):  # type: ignore[no-untyped-def]
+    """Return the area-weighted mean (p, c) of the units' values (u, c) over the patches of one size around each unit,
+    whose areas are `whole` (p,)."""
+    means = np.zeros((len(whole), values.shape[1]))
+    for p in prange(len(whole)):
         per_area = 1.0 / whole[p]
-        for k in range(first, last):
+        for k in range(reaches.starts[p], reaches.starts[p + 1]):
             if reaches.sizes[k] <= size:
-                u = reaches.units[k]
-                weight = areas[u] * per_area
+                weight = areas[reaches.units[k]] * per_area
                 for c in range(values.shape[1]):
-                    means[p, c] += weight * values[u, c]
-    return whole, counts, means
+                    means[p, c] += weight * values[reaches.units[k], c]
+    return means
 
 
 @jit(nopython=True, parallel=True, cache=True)

@@ -93,7 +93,7 @@ def _lay_out_climb(tree, seed, stack, bounds):  # type: ignore[no-untyped-def]
     return height
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def _may_hold(tree, p, looks, node, kind):  # type: ignore[no-untyped-def]
     """Whether a face below a node may count."""
     if kind == ANY:
@@ -101,7 +101,7 @@ def _may_hold(tree, p, looks, node, kind):  # type: ignore[no-untyped-def]
     return cone_looks(looks, tree.nodes, node) and (kind == LOOKING or _may_stand(tree.nodes, node, p))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def _may_stand(nodes, i, p):  # type: ignore[no-untyped-def]
     """Whether p may stand over a face, edge or vertex of node i: the way to it lies in the cone of the normals there.
 
@@ -124,20 +124,20 @@ def _may_stand(nodes, i, p):  # type: ignore[no-untyped-def]
     return tilt <= around + np.arcsin(np.sqrt(size2 / distance2)) + 1e-5
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def _barred(best, bound2):  # type: ignore[no-untyped-def]
     """Return `best`, with a face that looks elsewhere at this squared distance or more."""
     return (best[0], best[1], best[2], best[3], best[4], min(best[5], bound2))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def point_of(tree, f, weight_b, weight_c):  # type: ignore[no-untyped-def]
     """Return the point of face f with these weights."""
     a, b, c = corner_of(tree, f, 0), corner_of(tree, f, 1), corner_of(tree, f, 2)
     return along(along(a, weight_b, sub(b, a)), weight_c, sub(c, a))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def _try_face(tree, p, looks, cos_angle, kind, f, bound2, best):  # type: ignore[no-untyped-def]
     """Return `best`, or the nearest point of face f where it is nearer and the face counts."""
     a, b, c = corner_of(tree, f, 0), corner_of(tree, f, 1), corner_of(tree, f, 2)
@@ -158,7 +158,7 @@ def _try_face(tree, p, looks, cos_angle, kind, f, bound2, best):  # type: ignore
     return best if kind == STANDING and not stands_over(tree, p, candidate) else candidate
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def _box_distance2_of_face(p, a, b, c):  # type: ignore[no-untyped-def]
     """Return the squared distance of p to the box around three corners; 0 inside."""
     total = 0.0

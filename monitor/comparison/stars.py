@@ -114,14 +114,14 @@ def _gather_stars(faces, n_vertices):  # type: ignore[no-untyped-def]
     return starts, around
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def vertex_of(mesh, v):  # type: ignore[no-untyped-def]
     """Return vertex v, less the mesh's shift, as a tuple."""
     return (mesh.vertices[v, 0] - mesh.shift[0], mesh.vertices[v, 1] - mesh.shift[1],
             mesh.vertices[v, 2] - mesh.shift[2])  # fmt: skip
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def corner_of(mesh, f, k):  # type: ignore[no-untyped-def]
     """Return corner k of face f as a tuple."""
     return vertex_of(mesh, mesh.faces[f, k])

@@ -1,6 +1,7 @@
 """Scalar kernels over one point and one triangle or box: tuples in, tuples out, float64.
 
 Used by `mesh_tree` (which faces to look at) and `feet` (the nearest of them).
+They are put into what calls them: a call would copy all arrays of a tree.
 Closest point by Voronoi regions: Ericson, Real-Time Collision Detection (2005), section 5.1.5.
 """
 
@@ -11,31 +12,31 @@ from numba import jit
 FACE, EDGE_AB, EDGE_BC, EDGE_CA, CORNER_A, CORNER_B, CORNER_C = range(7)
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def sub(a, b):  # type: ignore[no-untyped-def]
     """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def dot(a, b):  # type: ignore[no-untyped-def]
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def cross(a, b):  # type: ignore[no-untyped-def]
     """Return the vector product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def along(a, t, b):  # type: ignore[no-untyped-def]
     """Return a + t b."""
     return (a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def closest_on_triangle(p, a, b, c):  # type: ignore[no-untyped-def]
     """Return the point of the triangle nearest to p as (weight of b, weight of c) and the feature it lies on."""
     ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
@@ -81,7 +82,7 @@ def crosses_triangle(p, direction, a, b, c):  # type: ignore[no-untyped-def]
     return dot(ac, q) / det
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def box_distance2(p, nodes, i):  # type: ignore[no-untyped-def]
     """Return the squared distance of p to the box in nodes[i, 0:3], nodes[i, 3:6]; 0 inside."""
     dx = max(nodes[i, 0] - p[0], p[0] - nodes[i, 3], 0.0)
@@ -90,7 +91,7 @@ def box_distance2(p, nodes, i):  # type: ignore[no-untyped-def]
     return dx * dx + dy * dy + dz * dz
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def cone_looks(looks, nodes, i):  # type: ignore[no-untyped-def]
     """Whether some face under node i may look the same way: its cone's axis is nodes[i, 6:9], its limit nodes[i, 9]."""
     return looks[0] * nodes[i, 6] + looks[1] * nodes[i, 7] + looks[2] * nodes[i, 8] >= nodes[i, 9]

@@ -21,16 +21,22 @@ def test_witnesses_of_a_variance_are_those_that_its_scatter_shows(rng: np.random
     )  # of means: a quarter
 
 
+def asked_of(distances: Floats, own: Floats, motion: Floats) -> float:
+    """Return the scale that vertices of one stratum ask for."""
+    calm = CalmVertices(np.zeros((0, 3)), np.zeros(0, dtype=int), distances, own, motion, np.full(len(own), 3))
+    return asked_scale([calm], np.array([3]), np.ones(N_STRATA), 0.95)
+
+
 def test_the_registration_stays_as_stated_while_the_rest_is_scaled(rng: np.random.Generator) -> None:
     own, motion = rng.uniform(0.001, 0.002, 50_000), np.full(50_000, 0.0006)
     distances = np.hypot(0.5 * own, motion) * rng.normal(size=50_000)
-    assert asked_scale(distances, own, motion, 0.95) == pytest.approx(0.5, rel=0.02)  # 0.6 if both are scaled
+    assert asked_of(distances, own, motion) == pytest.approx(0.5, rel=0.02)  # 0.6 if both are scaled
 
 
 def test_the_registration_makes_up_for_half_of_what_is_seen_at_most(rng: np.random.Generator) -> None:
     own, motion = np.full(50_000, 0.001), np.full(50_000, 0.002)
     distances = 0.1 * np.hypot(own, motion) * rng.normal(size=50_000)  # the motion was fitted to them
-    assert asked_scale(distances, own, motion, 0.95) == pytest.approx(0.1 * np.sqrt(0.5), rel=0.02)
+    assert asked_of(distances, own, motion) == pytest.approx(0.1 * np.sqrt(0.5), rel=0.02)
 
 
 def test_two_witnesses_are_believed_half() -> None:
