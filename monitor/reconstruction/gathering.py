@@ -35,6 +35,7 @@ from projects.model import Floats, Ints
 
 GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
 OVER_THE_RIM = 1.0 + 0.6 / CELLS_PER_RADIUS  # of the radius: groups that reach into it lie nearer
+ROOM = np.int64(1024)  # groups around a block at first
 PLACE_X, PLACE_Y, PLACE_Z, NORMAL_X, NORMAL_Y, NORMAL_Z, N_POINTS, EXCESS = range(8)  # rows of what is near
 
 

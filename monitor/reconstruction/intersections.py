@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import jit, prange
+from numba import jit
 
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
+from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
 FACES_PER_LEAF = 4
 DEPTH = 96  # of the stack: two entries a level
-CHUNK = 256  # leaves a thread takes at a time
 CLEARLY = 1e-12  # of the largest product: heights above a plane beyond it are no rounding errors
 
 
@@ -36,12 +36,13 @@ def find_intersections(vertices: Floats, faces: Ints, suspects: Bools | None = N
     is_suspect = np.ones(len(faces), np.bool_) if suspects is None else np.asarray(suspects, np.bool_)[order]
     leaves = np.unique(np.flatnonzero(is_suspect) // FACES_PER_LEAF)
     counts = np.zeros(len(leaves), np.int64)
-    _search(mesh, is_suspect, leaves, np.zeros(len(leaves), np.int64), counts, np.empty((0, 2), np.int64))
+    nowhere = np.zeros(len(leaves), np.int64), np.empty((0, 2), np.int64)
+    run_tasks(_search, len(leaves), mesh, is_suspect, leaves, nowhere[0], counts, nowhere[1])
     hit = np.flatnonzero(counts)
     starts = np.append(0, np.cumsum(counts[hit]))
     pairs = np.empty((starts[-1], 2), np.int64)
     if len(hit):
-        _search(mesh, is_suspect, leaves[hit], starts[:-1], counts, pairs)
+        run_tasks(_search, len(hit), mesh, is_suspect, leaves[hit], starts[:-1], counts, pairs)
     named = np.sort(order[pairs], axis=1)
     return named[np.lexsort((named[:, 1], named[:, 0]))]
 
@@ -169,8 +170,10 @@ def clearly_apart(one: Any, other: Any, n_shared: int) -> bool:
         return True
     normal1 = _cross(_minus(one[1], one[0]), _minus(one[2], one[0]))
     normal2 = _cross(_minus(other[1], other[0]), _minus(other[2], other[0]))
-    if n_shared == 0 and (_separates(normal1, one, other, 0, size) or _separates(normal2, one, other, 0, size)):
-        return True
+    if n_shared == 0:
+        for normal in (normal1, normal2):
+            if _separates(normal, one, other, n_shared, size):
+                return True
     for k in range(3):
         last = 1 if n_shared == 2 else 3  # only the planes through the shared edge can separate then
         if k >= last:
@@ -265,7 +268,7 @@ def triangles_meet(one: Any, other: Any, n_shared: int, parts: Any) -> bool:
 @jit(nopython=True, cache=True)
 def faces_meet(vertices: Any, faces: Any, f: int, g: int, parts: Any) -> bool:
     """Whether two faces meet elsewhere than in what they share."""
-    n_shared, in_f, in_g = 0, 0, 0  # bits: corners that are shared
+    n_shared, in_f, in_g = np.int64(0), 0, 0  # bits: corners that are shared
     first_f, first_g, second_f, second_g = 0, 0, 0, 0
     for i in range(3):
         for j in range(3):
@@ -328,10 +331,11 @@ def _meetings(mesh: Any, is_suspect: Any, leaf: int, stack: Any, parts: Any, fir
     return n
 
 
-@jit(nopython=True, cache=True, parallel=True)
-def _search(mesh: Any, is_suspect: Any, leaves: Any, starts: Any, counts: Any, pairs: Any) -> None:
-    """Count the pairs of each of `leaves`, and write them to `pairs` from `starts` on where it has room for them."""
-    for chunk in prange((len(leaves) + CHUNK - 1) // CHUNK):
-        stack, parts = np.empty(DEPTH, np.int64), exact_room()
-        for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(leaves))):
-            counts[k] = _meetings(mesh, is_suspect, leaves[k], stack, parts, starts[k], pairs)
+@jit(nopython=True, cache=True, nogil=True)
+def _search(
+    first: int, last: int, mesh: Any, is_suspect: Any, leaves: Any, starts: Any, counts: Any, pairs: Any
+) -> None:
+    """Count the pairs of `leaves[first:last]`, and write them to `pairs` from `starts` on as far as it goes."""
+    stack, parts = np.empty(DEPTH, np.int64), exact_room()
+    for k in range(first, last):
+        counts[k] = _meetings(mesh, is_suspect, leaves[k], stack, parts, starts[k], pairs)

@@ -148,6 +148,19 @@ def looks_alike(total: Floats, normal: Floats) -> bool:
 
 
 @jit(nopython=True, cache=True)
+def first_from(keys: Ints, least: int) -> int:
+    """Place in ascending keys of the first that is no less; np.searchsorted, which compiles ten times as long."""
+    low, high = 0, len(keys)
+    while low < high:
+        middle = (low + high) // 2
+        if keys[middle] < least:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@jit(nopython=True, cache=True)
 def find_rows(level: Any, low: Any, high: Any, rows: Ints) -> int:
     """Ranges of groups in the buckets that the box [low, high] touches, into `rows`; returns how many ranges."""
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
@@ -160,7 +173,7 @@ def find_rows(level: Any, low: Any, high: Any, rows: Ints) -> int:
     for i in range(first[0], last[0] + 1):
         for j in range(first[1], last[1] + 1):
             base = (i * level.shape[1] + j) * level.shape[2]
-            begin = np.searchsorted(level.keys, base + first[2])
+            begin = first_from(level.keys, base + first[2])
             end = begin
             while end < m and level.keys[end] <= base + last[2]:
                 end += 1

@@ -16,6 +16,7 @@ EPSILON = 2.0**-53
 BOUND_3D = (7.0 + 56.0 * EPSILON) * EPSILON  # of the determinant's error, in its permanent; Shewchuk, section 4.3
 BOUND_2D = (3.0 + 16.0 * EPSILON) * EPSILON
 SPLITTER = 2.0**27 + 1.0
+NONE = np.int64(0)  # parts yet; kernels are compiled anew for each integer written out in a call
 MOST_TERMS = 100  # parts of an exact sum: 24 products of three numbers, each of four parts
 
 
@@ -94,7 +95,7 @@ def side_of_plane(a: Any, b: Any, c: Any, d: Any, parts: Any) -> int:
         return 1 if determinant > 0.0 else -1
     if permanent == 0.0:
         return 0
-    n = add_triple(parts, 0, a, b, c, 1.0)
+    n = add_triple(parts, NONE, a, b, c, 1.0)
     n = add_triple(parts, n, d, b, c, -1.0)
     n = add_triple(parts, n, a, d, c, -1.0)
     n = add_triple(parts, n, a, b, d, -1.0)
@@ -110,7 +111,7 @@ def side_of_line(a: Any, b: Any, c: Any, u: int, v: int, parts: Any) -> int:
         return 1 if determinant > 0.0 else -1
     if left == 0.0 and right == 0.0:
         return 0
-    n = 0
+    n = NONE
     for p, q in ((a, b), (b, c), (c, a)):
         n = add_product(parts, n, p[u], q[v], 1.0)
         n = add_product(parts, n, -p[v], q[u], 1.0)

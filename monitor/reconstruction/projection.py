@@ -10,10 +10,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import jit, prange
+from numba import jit
 
 from monitor.reconstruction.gathering import (
     OVER_THE_RIM,
+    ROOM,
     Sites,
     block_sites,
     find_near,
@@ -35,13 +36,13 @@ from monitor.reconstruction.quadric import (
     UNIT_ERROR,
     fit_patch,
 )
+from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
 MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch at the rim of its points exceeds it
 N_WIDENED = 3  # radii of the ladder for a plane: its own and the next wider, where too few points lie within it
 MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees
 STEEPEST2 = 3.0  # squared slope of 60 degrees against the mean normal, beyond which a fit is not of its points' sheet
-BLOCKS_PER_TASK = 16  # blocks of vertices a thread takes at a time
 PLACE, NORMAL, OUT_SIGMA, OUT_SCATTER, OUT_SUPPORT = slice(0, 3), slice(3, 6), 6, 7, 8
 
 
@@ -124,7 +125,8 @@ def _project_all(
         at_rung = which[rungs[which] == rung]
         if len(at_rung):
             sites = block_sites(vertices, normals, at_rung, radius)
-            _project(sites, samples.levels[rung], radius, samples.noise, degree, max_shift, out)
+            sizes = (radius, gate_height(radius, samples.noise), max_shift)
+            run_tasks(_project, len(sites.starts) - 1, sites, samples.levels[rung], sizes, degree, out)
 
 
 @jit(nopython=True, cache=True)
@@ -164,21 +166,16 @@ def project_one(
         row[OUT_SUPPORT] = n_points
 
 
-@jit(nopython=True, cache=True, parallel=True)
-def _project(
-    sites: Sites, level: Level, radius: float, noise: float, degree: int, max_shift: float, out: Floats
-) -> None:
-    gate = gate_height(radius, noise)
+@jit(nopython=True, cache=True, nogil=True)
+def _project(first: int, last: int, sites: Sites, level: Level, sizes: Any, degree: int, out: Floats) -> None:
+    """Project the vertices of the blocks `first` to `last`, for `run_tasks`; sizes are radius, gate, longest way."""
+    radius, gate, _ = sizes
     reach = np.hypot(OVER_THE_RIM * radius, gate)
-    sizes = (radius, gate, max_shift)
-    n_blocks = len(sites.starts) - 1
-    for task in prange((n_blocks + BLOCKS_PER_TASK - 1) // BLOCKS_PER_TASK):
-        rows, near = rows_room(reach, level.bucket), near_room(1024)
-        room = patch_room(1024)
-        for block in range(task * BLOCKS_PER_TASK, min((task + 1) * BLOCKS_PER_TASK, n_blocks)):
-            n_near, near = find_near(level, sites, block, reach, rows, near)
-            if n_near > len(room.picked):
-                room = patch_room(2 * n_near)
-            for k in range(sites.starts[block], sites.starts[block + 1]):
-                i = sites.which[k]
-                project_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, degree, room, out[i])
+    rows, near, room = rows_room(reach, level.bucket), near_room(ROOM), patch_room(ROOM)
+    for block in range(first, last):
+        n_near, near = find_near(level, sites, block, reach, rows, near)
+        if n_near > len(room.picked):
+            room = patch_room(2 * n_near)
+        for k in range(sites.starts[block], sites.starts[block + 1]):
+            i = sites.which[k]
+            project_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, degree, room, out[i])

@@ -12,11 +12,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import jit, prange
+from numba import jit
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction.gathering import (
     OVER_THE_RIM,
+    ROOM,
     Sites,
     block_sites,
     find_near,
@@ -28,8 +29,9 @@ from monitor.reconstruction.gathering import (
     rows_room,
 )
 from monitor.reconstruction.moments import Level
-from monitor.reconstruction.projection import BLOCKS_PER_TASK, MOST_EXTRAPOLATED, Reach, Samples
-from monitor.reconstruction.quadric import BEND, COUNT, EFFECTIVE, HEIGHT, SIGMA, UNIT_ERROR, fit_patch
+from monitor.reconstruction.projection import MOST_EXTRAPOLATED, Reach, Samples
+from monitor.reconstruction.quadric import BEND, COUNT, CURVED, EFFECTIVE, HEIGHT, PLANE, SIGMA, UNIT_ERROR, fit_patch
+from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
 LADDER_RATIO = 1.4
@@ -202,15 +204,15 @@ def probe_one(
     if not mean_normal(near, n_near, vertex, normal, radius, gate, own):
         return
     n, _ = gather_patch(level, near, n_near, vertex, own, radius, gate, patch, held.picked)
-    if not fit_patch(patch, n, radius, 1.0, 2, work, fit, influence):
+    if not fit_patch(patch, n, radius, 1.0, CURVED, work, fit, influence):
         return
     if not is_supported(fit):
         return
     row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
-    if inner < 1.0 and fit_patch(patch, n, radius, inner, 2, work, fit_other, other) and is_supported(fit_other):
+    if inner < 1.0 and fit_patch(patch, n, radius, inner, CURVED, work, fit_other, other) and is_supported(fit_other):
         row[STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[STEP_UNIT2] = apart2(patch, n, influence, other)
-    if fit_patch(patch, n, radius, 1.0, 1, work, fit_other, other):
+    if fit_patch(patch, n, radius, 1.0, PLANE, work, fit_other, other):
         row[FLAT_UNIT] = fit_other[UNIT_ERROR]
         row[FLAT_STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[FLAT_STEP_UNIT2] = apart2(patch, n, influence, other)
@@ -233,23 +235,24 @@ def probe(places: Floats, normals: Floats, which: Ints, samples: Samples, rung: 
     rows = np.full((len(places), 9), np.nan)
     radius = samples.radii[rung]
     if len(which):
-        _probe(block_sites(places, normals, which, radius), samples.levels[rung], radius, samples.noise, inner, rows)
+        sites, gate = block_sites(places, normals, which, radius), gate_height(radius, samples.noise)
+        run_tasks(_probe, len(sites.starts) - 1, sites, samples.levels[rung], radius, gate, inner, rows)
     return rows
 
 
-@jit(nopython=True, cache=True, parallel=True)
-def _probe(sites: Sites, level: Level, radius: float, noise: float, inner: Floats, rows: Floats) -> None:
-    gate = gate_height(radius, noise)
+@jit(nopython=True, cache=True, nogil=True)
+def _probe(
+    first: int, last: int, sites: Sites, level: Level, radius: float, gate: float, inner: Floats, rows: Floats
+) -> None:
+    """Probe at the vertices of the blocks `first` to `last`, for `run_tasks`."""
     reach = np.hypot(OVER_THE_RIM * radius, gate)
-    n_blocks = len(sites.starts) - 1
-    for task in prange((n_blocks + BLOCKS_PER_TASK - 1) // BLOCKS_PER_TASK):
-        spans, near = rows_room(reach, level.bucket), near_room(1024)
-        room = (patch_room(1024), np.empty(1024), np.empty(7), np.empty(3))
-        for block in range(task * BLOCKS_PER_TASK, min((task + 1) * BLOCKS_PER_TASK, n_blocks)):
-            n_near, near = find_near(level, sites, block, reach, spans, near)
-            if n_near > len(room[1]):
-                room = (patch_room(2 * n_near), np.empty(2 * n_near), np.empty(7), np.empty(3))
-            for k in range(sites.starts[block], sites.starts[block + 1]):
-                i = sites.which[k]
-                sizes = (radius, gate, inner[i])
-                probe_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, room, rows[i])
+    spans, near = rows_room(reach, level.bucket), near_room(ROOM)
+    room = (patch_room(ROOM), np.empty(ROOM), np.empty(7), np.empty(3))
+    for block in range(first, last):
+        n_near, near = find_near(level, sites, block, reach, spans, near)
+        if n_near > len(room[1]):
+            room = (patch_room(2 * n_near), np.empty(2 * n_near), np.empty(7), np.empty(3))
+        for k in range(sites.starts[block], sites.starts[block + 1]):
+            i = sites.which[k]
+            sizes = (radius, gate, inner[i])
+            probe_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, room, rows[i])
