@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.registration.held import FreeMotions
-from monitor.registration.matching import Matches, MatchLimits, Samples, match
+from monitor.registration.matching import Matches, MatchLimits, Samples, compare_relief, match
 from monitor.registration.partners import Partners
 from monitor.registration.sampling import motion_rows
 from monitor.registration.sides import Side
@@ -61,7 +61,7 @@ class AlignmentRules:
 def weigh(matches: Matches, is_kept: Bools, fine: bool) -> tuple[Floats, Floats]:
     """Return robust weights (n,) and sigma (n,) [m] of the pairs; the scale is that of the pairs kept alone."""
     kept = is_kept[matches.source]
-    sigma = residual_sigma(matches.residuals, matches.sigma, kept)
+    sigma = residual_sigma(matches.residuals, matches.causes, kept)
     u = matches.residuals / sigma
     return np.where(kept, tukey_weights(u) if fine else huber_weights(u), 0.0), sigma
 
@@ -95,11 +95,12 @@ def small_motion(delta: Floats, points: Floats, centre: Floats) -> Floats:
 
 def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules, *,
           is_kept: Bools | None = None, fine: bool = False, both_oriented: bool = True,
-          partners: Partners | None = None) -> Alignment:  # fmt: skip
+          partners: Partners | None = None, shared: Floats | None = None) -> Alignment:  # fmt: skip
     """Move the samples onto the target by point-to-plane ICP with robust weights, starting near.
 
     With `fine` the pairs must stand over each other from the beginning; `is_kept` (n samples) restricts what counts.
-    `partners` of these samples are used, where given, once the steps are short.
+    `partners` of these samples are used, where given, once the steps are short. `shared` (n samples) is by what factor
+    the variance of a sample's neighbourhood exceeds that of independent noise; it lessens the sample's weight.
     """
     kept = np.ones(len(samples.points), dtype=bool) if is_kept is None else is_kept
     T, pace, step = T_start, 1.0, np.inf
@@ -114,7 +115,11 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
             reason = f"only {n_pairs} of {len(samples.points)} points found a surface that looks the same way nearby"
             return Alignment(T, matches, np.zeros(len(matches)), np.ones(len(matches)), np.zeros(3), False, reason,
                              iteration)  # fmt: skip
+        if fine and samples.relief.any():
+            matches = compare_relief(matches, samples, target)
         weights, sigma = weigh(matches, kept, fine)
+        if shared is not None:
+            weights = weights / shared[matches.source]
         centre = np.average(matches.points, axis=0, weights=weights)
         delta, normal_matrix = solve_motion(matches, weights, sigma, centre, rules.damping)
         if rules.locked is not None:

@@ -22,6 +22,7 @@ from projects.model import Floats, Ints
 from projects.transforms import cross_matrix
 
 N_PATCHES = 150  # enough to tell a range of a tenth of the object; 0.1 s
+LIGHT, FEWEST_BEARING = 0.1, 50  # of the usual weight: no witness of how others err; patches that tell a range
 LEAST_SCATTER = 1e-6  # of standardized residuals squared: two epochs of the same numbers have none
 
 
@@ -79,23 +80,28 @@ def shape_information(matches: Matches, centre: Floats, weights: Floats) -> Floa
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The pairs that a motion rests on, standardized: scores psi (n,), rows (n, k) over sigma, mean slope of psi."""
+    """The pairs that a motion rests on, standardized: scores psi (n,), rows (n, k) over sigma, weights [1 / m2] (n,),
+    mean slope of psi."""
 
     points: Floats
     normals: Floats
     psi: Floats
     rows: Floats
+    weights: Floats
     slope: float
     information: Floats
 
 
-def estimate_covariance(matches: Matches, sigma: Floats, centre: Floats, basis: Floats | None = None) -> Floats:
+def estimate_covariance(
+    matches: Matches, sigma: Floats, centre: Floats, basis: Floats | None = None, shared: Floats | None = None
+) -> Floats:
     """Return the covariance (6, 6) of the motion that stable pairs give; never below that of independent residuals.
 
     `sigma` (n,) [m] is of each residual; `centre` (3,) [m] is what the rotation is about. With a `basis` (6, k) of the
-    motions that were estimated, the others held, it is the covariance of those alone.
+    motions that were estimated, the others held, it is the covariance of those alone. `shared` (n,) is the factor by
+    which weights are less than 1 / sigma^2 (`align`).
     """
-    adjusted = standardize(matches, sigma, centre)
+    adjusted = standardize(matches, sigma, centre, shared)
     if basis is not None:
         adjusted = replace(adjusted, rows=adjusted.rows @ basis, information=basis.T @ adjusted.information @ basis)
         found = _covariance_of(adjusted)
@@ -110,14 +116,17 @@ def _covariance_of(adjusted: Adjusted) -> Floats:
     return at_least(0.5 * (covariance + covariance.T), naive_covariance(adjusted))
 
 
-def standardize(matches: Matches, sigma: Floats, centre: Floats) -> Adjusted:
-    """Return what the sums of the covariance are made of."""
+def standardize(matches: Matches, sigma: Floats, centre: Floats, shared: Floats | None = None) -> Adjusted:
+    """Return what the sums of the covariance are made of: residuals over sigma are held by Tukey's psi, and both, they
+    and the rows, are less by the root of `shared`, so that psi scatters alike in all patches."""
     u = matches.residuals / sigma
     u = u / max(1.4826 * float(np.median(np.abs(u))), 1e-12)
-    rows = motion_rows(matches.points, matches.normals, centre) / sigma[:, None]
-    information = shape_information(matches, centre, 1.0 / sigma**2)
+    root = np.ones(len(u)) if shared is None else np.sqrt(shared)
+    rows = motion_rows(matches.points, matches.normals, centre) / (sigma * root)[:, None]
+    weights = 1.0 / (sigma * root) ** 2
+    information = shape_information(matches, centre, weights)
     slope = float(np.mean(tukey_slope(u)))
-    return Adjusted(matches.points, matches.normals, u * tukey_weights(u), rows, slope, information)
+    return Adjusted(matches.points, matches.normals, u * tukey_weights(u) / root, rows, weights, slope, information)
 
 
 def naive_covariance(adjusted: Adjusted) -> Floats:
@@ -135,14 +144,28 @@ def score_covariance(adjusted: Adjusted) -> Floats:
     middles = sum_by(member, adjusted.points) / count[:, None]
     distances = np.linalg.norm(middles[:, None] - middles[None], axis=2)
     means = np.bincount(member, adjusted.psi / adjusted.slope) / count
+    tell = bearing_patches(adjusted, member)
     own = np.einsum("ni,nj->ij", adjusted.rows, adjusted.rows)
     total = np.zeros((adjusted.rows.shape[1],) * 2)
     fields: dict[float, Floats] = {}
-    for model in fit_correlation(means, sums / count[:, None], count, distances, grid.cell):
+    told = distances[np.ix_(tell, tell)]
+    for model in fit_correlation(means[tell], (sums / count[:, None])[tell], count[tell], told, grid.cell):
         if model.range not in fields:
             fields[model.range] = sums.T @ correlate(distances, model.range) @ sums
         total += model.probability * (model.noise2 * own + model.field2 * fields[model.range])
     return total
+
+
+def bearing_patches(adjusted: Adjusted, member: Ints) -> Ints:
+    """Return the numbers of the patches that the motion rests on, whose points weigh a tenth of the usual or more.
+
+    What hardly takes part, rough or seen steeply, would tell how other places err together. The usual weight is the
+    mean over all points, each counted by its weight.
+    """
+    weight = adjusted.weights
+    mean = np.bincount(member, weight) / np.bincount(member)
+    bearing = np.flatnonzero(mean >= LIGHT * np.sum(weight**2) / np.sum(weight))
+    return bearing if len(bearing) >= FEWEST_BEARING else np.arange(len(mean))
 
 
 def sum_by(member: Ints, values: Floats) -> Floats:

@@ -74,15 +74,17 @@ def without_free_part(T: Floats, T_frames: Floats, free: FreeMotions) -> Floats:
     return T
 
 
-def held_covariance(stable: Matches, sigma: Floats, centre: Floats, free: FreeMotions, frames: Frames) -> Floats:
+def held_covariance(
+    stable: Matches, sigma: Floats, centre: Floats, free: FreeMotions, frames: Frames, shared: Floats | None = None
+) -> Floats:
     """Return the covariance (6, 6) about `centre` of a motion whose free part f is the frames', the rest the shape's.
 
     With Q the motions that the shape holds, L the free ones and I its information, an error of f moves the rest by
     -(Q' I Q)^-1 Q' I L f; so C = Q C_h Q' + G C_f G' with G = L - Q (Q' I Q)^-1 Q' I L.
     """
     Q, L = free.complement(centre), free.basis_about(centre)
-    of_shape = estimate_covariance(stable, sigma, centre, Q)
-    information = standardize(stable, sigma, centre).information
+    of_shape = estimate_covariance(stable, sigma, centre, Q, shared)
+    information = standardize(stable, sigma, centre, shared).information
     G = L - Q @ np.linalg.solve(Q.T @ information @ Q, Q.T @ information @ L)
     coordinates = np.linalg.pinv(L / free.scale[:, None]) / free.scale
     covariance = of_shape + G @ (coordinates @ frames.about(centre) @ coordinates.T) @ G.T

@@ -18,7 +18,7 @@ from monitor.registration.alignment import Alignment, AlignmentRules, align
 from monitor.registration.covariance import estimate_covariance
 from monitor.registration.degeneracy import find_free_motion, find_free_motions
 from monitor.registration.held import Frames, FreeMotions, held_covariance, without_free_part
-from monitor.registration.matching import Samples, make_samples
+from monitor.registration.matching import Samples, make_samples, with_relief
 from monitor.registration.partners import Partners
 from monitor.registration.patches import PatchGrid, cut_patches
 from monitor.registration.rivals import judge_rivals
@@ -132,7 +132,7 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     if min(len(source), len(target)) < 10:
         return failed(T_start, f"{len(source)} and {len(target)} usable points are too few", n_source)
     which = sample_source(source, settings.n_samples, rng)
-    samples = make_samples(source, which)
+    samples = with_relief(make_samples(source, which), source)
     rules = make_rules(samples, target, T_start, settings)
     both_oriented = source.is_oriented and target.is_oriented
     partners = Partners(target.tree, len(samples.points))
@@ -141,16 +141,17 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
         return failed(T_start, found.reason, n_source, found, len(samples.points))
     grid = cut_patches(samples.points, samples.normals if source.is_oriented else None, N_PER_PATCH)
     numbers = grid.numbers(samples.points, samples.normals)
-    found, is_kept, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented, partners)
+    found, stable, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented, partners)
+    is_kept = stable.is_kept
     free = None if frames is None else free_motions(found, is_kept, numbers)
     if free is None or frames is None:
-        concluded = conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source)
+        concluded = conclude(source, grid, samples, numbers, found, stable, n_iterations, n_source)
         return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
     T = without_free_part(found.T_target_source, np.eye(4), free)
     found = align(samples, target, T, replace(rules, locked=free), is_kept=is_kept, fine=True,
-                  both_oriented=both_oriented, partners=partners)  # fmt: skip
+                  both_oriented=both_oriented, partners=partners, shared=stable.shared)  # fmt: skip
     n_iterations += found.n_iterations
-    concluded = conclude(source, grid, samples, numbers, found, is_kept, n_iterations, n_source, (free, frames))
+    concluded = conclude(source, grid, samples, numbers, found, stable, n_iterations, n_source, (free, frames))
     return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
 
 
@@ -200,27 +201,35 @@ def find_search_radius(samples: Samples, target: Side, T_start: Floats) -> float
     return float(np.clip(SEARCH_MEDIANS * np.median(np.minimum(distance, limit)), min(5.0 * spacing, limit), limit))
 
 
+@dataclass(frozen=True)
+class StableSamples:
+    """Which samples (n,) are stable, and the factor (n,) of their variance that their neighbourhoods share."""
+
+    is_kept: Bools
+    shared: Floats
+
+
 def align_stable(samples: Samples, target: Side, found: Alignment, rules: AlignmentRules, numbers: Ints,
                  rng: np.random.Generator, both_oriented: bool, partners: Partners,
-                 ) -> tuple[Alignment, Bools, int]:  # fmt: skip
-    """Return the alignment of the stable areas alone, which samples (n,) they are, and the iterations taken."""
-    n_iterations = found.n_iterations
-    is_kept = np.ones(len(samples.points), dtype=bool)
+                 ) -> tuple[Alignment, StableSamples, int]:  # fmt: skip
+    """Return the alignment of the stable areas alone, which samples these are, and the iterations taken."""
+    n_iterations, n = found.n_iterations, len(samples.points)
+    stable = StableSamples(np.ones(n, dtype=bool), np.ones(n))
     for _ in range(N_ROUNDS_STABLE):
         pairs = found.matches
-        motion, pair_is_stable = find_stable(pairs, numbers[pairs.source], found.centre, rng)
-        previous, is_kept = is_kept, np.zeros(len(samples.points), dtype=bool)
-        is_kept[pairs.source] = pair_is_stable
+        motion, pair_is_stable, pair_shared = find_stable(pairs, numbers[pairs.source], found.centre, rng)
+        previous, stable = stable, StableSamples(np.zeros(n, dtype=bool), np.ones(n))
+        stable.is_kept[pairs.source], stable.shared[pairs.source] = pair_is_stable, pair_shared
         T = perturb(found.T_target_source, found.centre, motion)
-        again = align(samples, target, T, rules, is_kept=is_kept, fine=True, both_oriented=both_oriented,
-                      partners=partners)  # fmt: skip
+        again = align(samples, target, T, rules, is_kept=stable.is_kept, fine=True, both_oriented=both_oriented,
+                      partners=partners, shared=stable.shared)  # fmt: skip
         n_iterations += again.n_iterations
         if not again.weights.any():
-            return again, is_kept, n_iterations
+            return again, stable, n_iterations
         found = again
-        if np.mean(previous != is_kept) < 1e-3:
+        if np.mean(previous.is_kept != stable.is_kept) < 1e-3:
             break
-    return found, is_kept, n_iterations
+    return found, stable, n_iterations
 
 
 def free_motions(found: Alignment, is_kept: Bools, numbers: Ints) -> FreeMotions | None:
@@ -231,23 +240,24 @@ def free_motions(found: Alignment, is_kept: Bools, numbers: Ints) -> FreeMotions
     return find_free_motions(stable, stable.points.mean(axis=0), numbers[stable.source])
 
 
-def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment, is_kept: Bools,
+def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment, areas: StableSamples,
              n_iterations: int, n_source: int, held: tuple[FreeMotions, Frames] | None = None,
              ) -> Registration:  # fmt: skip
     """Return the registration with its covariance, its stable areas and its doubts."""
     pairs = found.matches
     if not found.weights.any():
         return failed(found.T_target_source, found.reason, n_source, found, len(samples.points))
-    kept = is_kept[pairs.source]
+    kept = areas.is_kept[pairs.source]
     stable, sigma = pairs.take(kept), found.sigma[kept]
+    shared = areas.shared[pairs.source][kept]
     centre = stable.points.mean(axis=0)
     free = "" if held is not None else find_free_motion(stable, centre, numbers[stable.source])
     reason = free or found.reason or doubt_majority(float(kept.mean()))
     covariance = np.full((6, 6), np.nan)
     if not reason and held is not None:
-        covariance = held_covariance(stable, sigma, centre, *held)
+        covariance = held_covariance(stable, sigma, centre, *held, shared)
     elif not reason:
-        covariance = estimate_covariance(stable, sigma, centre)
+        covariance = estimate_covariance(stable, sigma, centre, shared=shared)
     inlier = (found.weights > 0) & kept
     return Registration(
         T_target_source=found.T_target_source, covariance=covariance, centre=centre,

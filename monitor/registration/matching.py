@@ -7,7 +7,7 @@ agree and where the source point stands over the target (not beside its free edg
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,25 +22,25 @@ TANGENTIAL_SPACINGS = 1.5  # within a sheet the nearest point is never farther a
 @dataclass(frozen=True)
 class Samples:
     """The source's points that are matched: positions, unit normals, sigma [m] (0 where not stated), m; their
-    numbers in their side, and one sigma [m] of the error that their neighbourhood shares."""
+    numbers in their side, one sigma [m] of the error that their neighbourhood shares, the cosines of the
+    incidence at which they were seen (1 where that is not known), and what the points around them scatter by, `relief`
+    [m] (0 before `with_relief`)."""
 
     points: Floats
     normals: Floats
     sigma: Floats
     index: Ints
     shared: Floats
+    cosines: Floats
+    relief: Floats
 
     def every(self, step: int) -> Samples:
         """Return every `step`-th sample."""
-        return Samples(
-            self.points[::step], self.normals[::step], self.sigma[::step], self.index[::step], self.shared[::step]
-        )
+        return Samples(**{name: value[::step] for name, value in vars(self).items()})
 
     def take(self, which: Ints) -> Samples:
         """Return the samples selected."""
-        return Samples(
-            self.points[which], self.normals[which], self.sigma[which], self.index[which], self.shared[which]
-        )
+        return Samples(**{name: value[which] for name, value in vars(self).items()})
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,9 @@ class Matches:
 
     `residuals` [m] are positive where the source lies outside of the target along `normals`; `source` numbers the
     samples, `target` the target's points; `sigma` [m] is of both points together (0 where neither states one),
-    `shared` [m] of the errors that the neighbourhoods of both share.
+    `shared` [m] of the errors that the neighbourhoods of both share. Of the points of a pair, `steepness` is one less
+    the smaller cosine of incidence, `disagreement` one less that of the angle between their normals, and `relief` [m]
+    what the smoother side scatters by around its point (0 before `compare_relief`).
     """
 
     source: Ints
@@ -62,6 +64,9 @@ class Matches:
     tangential: Floats
     target: Ints
     shared: Floats
+    steepness: Floats
+    disagreement: Floats
+    relief: Floats
 
     def __len__(self) -> int:
         return len(self.source)
@@ -69,6 +74,11 @@ class Matches:
     def take(self, which: Bools) -> Matches:
         """Return the pairs selected."""
         return Matches(**{name: value[which] for name, value in vars(self).items()})
+
+    @property
+    def causes(self) -> tuple[Floats, ...]:
+        """What pairs are the less certain for, the more of it they have, (n,) each: sigma, relief, angles."""
+        return self.sigma, self.relief, self.steepness, self.disagreement
 
 
 @dataclass(frozen=True)
@@ -84,7 +94,13 @@ class MatchLimits:
 def make_samples(side: Side, which: Ints) -> Samples:
     """Return the samples `which` of a side."""
     sigma = np.zeros(len(which)) if side.sigma is None else side.sigma[which]
-    return Samples(side.points[which], side.normals_of(which), sigma, which, side.shared[which])
+    return Samples(side.points[which], side.normals_of(which), sigma, which, side.shared[which],
+                   side.cosines[which], np.zeros(len(which)))  # fmt: skip
+
+
+def with_relief(samples: Samples, side: Side) -> Samples:
+    """Return samples of a side with what the points around them scatter by."""
+    return replace(samples, relief=side.relief_of(samples.index))
 
 
 def match(samples: Samples, target: Side, T_target_source: Floats, limits: MatchLimits, both_oriented: bool,
@@ -117,5 +133,15 @@ def match(samples: Samples, target: Side, T_target_source: Floats, limits: Match
     sigma_target = 0.0 if target.sigma is None else target.sigma[nearest]
     sigma = np.hypot(samples.sigma[source], sigma_target)
     shared = np.hypot(samples.shared[source], target.shared[nearest])
-    pairs = Matches(source, moved, residuals, normals, n_source, n_target, sigma, tangential, nearest, shared)
+    steepness = 1.0 - np.minimum(samples.cosines[source], target.cosines[nearest])
+    pairs = Matches(source, moved, residuals, normals, n_source, n_target, sigma, tangential, nearest, shared,
+                    steepness, 1.0 - agreement, np.zeros(len(source)))  # fmt: skip
     return pairs.take(keep)
+
+
+def compare_relief(pairs: Matches, samples: Samples, target: Side) -> Matches:
+    """Return the pairs with what the smoother of both sides scatters by around its point.
+
+    A rough place is rough in both; where only one side is, it has changed, and nothing is to be allowed for.
+    """
+    return replace(pairs, relief=np.minimum(samples.relief[pairs.source], target.relief_of(pairs.target)))

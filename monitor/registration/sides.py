@@ -45,6 +45,7 @@ class Side:
         self.is_oriented = normals is not None
         self._normals = np.full(points.shape, np.nan) if normals is None else normals  # filled only where own
         self._spacing = np.full(len(points), np.nan)
+        self._relief = np.full(len(points), np.nan)
         self._tree: cKDTree | None = None
 
     def __len__(self) -> int:
@@ -85,6 +86,18 @@ class Side:
             self._spacing[unknown] = np.where(np.isfinite(distance[:, 1:]), distance[:, 1:], 0.0).mean(axis=1)
         return self._spacing[which]
 
+    def relief_of(self, which: Ints) -> Floats:
+        """Return one sigma (k,) [m] of what the six nearest other points scatter by along each point's normal.
+
+        It holds noise, and relief too fine for the spacing of the points. The point itself is left out, so that no
+        weight goes by the error that it weighs.
+        """
+        asked = which[np.isnan(self._relief[which])]
+        unknown = asked[np.sort(np.unique(asked, return_index=True)[1])]
+        if len(unknown):
+            self._relief[unknown] = scatter_around(self.tree, unknown, self.normals_of(unknown))
+        return self._relief[which]
+
     def frontality_of(self, which: Ints) -> Floats:
         """Return how frontally points (k,) were seen: the cosine of the incidence, 0 at a rim of what a scan saw."""
         if self.views is None:
@@ -93,6 +106,15 @@ class Side:
         if len(unknown):
             self._rim[unknown] = at_rim(self.tree, unknown, self.views[unknown])
         return np.where(self._rim[which] > 0.0, 0.0, self.cosines[which])
+
+
+def scatter_around(tree: cKDTree, which: Ints, normals: Floats) -> Floats:
+    """Return the standard deviation (k,) [m], along `normals` (k, 3), of the points nearest to each of some points."""
+    k = min(N_SPACING_NEIGHBOURS + 1, tree.n)
+    near = tree.query(tree.data[which], k=k, workers=-1)[1][:, 1:]
+    heights = np.einsum("nki,ni->nk", tree.data[near] - tree.data[which][:, None], normals)
+    heights -= heights.mean(axis=1, keepdims=True)
+    return np.asarray(np.sqrt(np.einsum("nk,nk->n", heights, heights) / max(k - 2, 1)))
 
 
 def at_rim(tree: cKDTree, which: Ints, views: Floats) -> Bools:

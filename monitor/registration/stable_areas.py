@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.registration.matching import Matches
 from monitor.registration.sampling import motion_rows
-from monitor.registration.weights import robust_scale
+from monitor.registration.weights import residual_sigma, robust_scale
 from projects.model import Bools, Floats, Ints
 
 N_TRIALS = 600
@@ -21,14 +21,16 @@ N_PATCHES_PER_TRIAL = 8  # 0.6**8 = 1.7 %: ten of 600 trials are free of change 
 KEEP_SIGMAS = 3.0
 KEEP_SCATTER = 2.5  # a patch that scatters so many times more than the others has changed without moving as a whole
 N_ROUNDS = 20
-DOUBTFUL = 3.0  # times what is stated of patches: so far off each other, what is taken for stable moved
+N_HALVINGS = 20
 MEAN_OF_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
+DOUBTFUL = 3.0  # times what is stated of patches: so far off each other, what is taken for stable moved
 
 
 @dataclass(frozen=True)
 class Patches:
-    """Sums over the pairs of each patch: count, mean residual [m], mean row, normal equations, and the variance
-    `shared2` [m2] that the two surfaces state for whole neighbourhoods there."""
+    """Sums over the pairs of each patch: count, mean residual [m], mean row, normal equations, the variance `shared2`
+    [m2] that the two surfaces state for whole neighbourhoods there, that of the mean by the noise of points, `noise2`
+    [m2], and the mean absolute deviation from the mean over what such points have elsewhere, `scatter`."""
 
     count: Floats
     mean: Floats
@@ -37,6 +39,8 @@ class Patches:
     right: Floats
     member: Ints
     shared2: Floats
+    noise2: Floats
+    scatter: Floats
 
 
 def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
@@ -49,29 +53,52 @@ def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
     def total(values: Floats) -> Floats:
         return np.stack([np.bincount(member, column, n) for column in values.T], axis=1)
 
-    products = (rows[:, :, None] * rows[:, None, :]).reshape(-1, 36)
+    mean = np.bincount(member, matches.residuals, n) / count
+    # by deviations within patches alone, in which no motion of a patch is
+    deviation = (matches.residuals - mean[member]) * np.sqrt(count / np.maximum(count - 1.0, 1.0))[member]
+    sigma = residual_sigma(deviation, matches.causes, count[member] > 1)
+    weighted = rows / sigma[:, None] ** 2
+    products = (weighted[:, :, None] * rows[:, None, :]).reshape(-1, 36)
     return Patches(
         count=count,
-        mean=np.bincount(member, matches.residuals, n) / count,
+        mean=mean,
         row=total(rows) / count[:, None],
         information=total(products).reshape(-1, 6, 6),
-        right=-total(rows * matches.residuals[:, None]),
+        right=-total(weighted * matches.residuals[:, None]),
         member=member,
         shared2=np.bincount(member, matches.shared**2, n) / count,
+        noise2=np.bincount(member, sigma**2, n) / count**2,
+        scatter=np.bincount(member, np.abs(deviation) / sigma, n) / count,
     )
 
 
-def find_stable(matches: Matches, numbers: Ints, centre: Floats, rng: np.random.Generator) -> tuple[Floats, Bools]:
-    """Return the motion (6,) of the majority about `centre` and, for each pair, whether its patch follows it."""
+def find_stable(
+    matches: Matches, numbers: Ints, centre: Floats, rng: np.random.Generator
+) -> tuple[Floats, Bools, Floats]:
+    """Return the motion (6,) of the majority about `centre` and, for each pair, whether its patch follows it and by
+    what factor its patch's variance exceeds that of independent noise (`share_noise`)."""
     patches = sum_patches(matches, numbers, centre)
     motion = start_motion(patches, rng)
     keep = np.zeros(len(patches.count), dtype=bool)
     for _ in range(N_ROUNDS):
-        previous, keep = keep, follows(patches, matches, motion, keep, centre)
+        previous, keep = keep, follows(patches, motion, keep)
         if np.array_equal(previous, keep):
             break
         motion = solve_patches(patches, keep)
-    return motion, keep[patches.member]
+    return motion, keep[patches.member], share_noise(patches, motion, keep)[patches.member]
+
+
+def share_noise(patches: Patches, motion: Floats, keep: Bools) -> Floats:
+    """Return by what factor, 1 or more, the variance of each patch's mean exceeds that of independent noise of points.
+
+    Points of a patch err together, by more where it is rough or seen steeply: the kept patches tell how the factor
+    rises with the noise of points. A weight by the noise of points alone would overrate smooth and rough places alike,
+    but rough ones more.
+    """
+    if not keep.any():
+        return np.ones(len(keep))
+    ratio = (patches.mean + patches.row @ motion) / np.sqrt(patches.noise2)
+    return np.maximum(residual_sigma(ratio, (patches.noise2 * patches.count,), keep), 1.0) ** 2
 
 
 def solve_patches(patches: Patches, keep: Bools) -> Floats:
@@ -104,24 +131,33 @@ def weighted_median(values: Floats, weights: Floats) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def follows(patches: Patches, matches: Matches, motion: Floats, keep: Bools, centre: Floats) -> Bools:
+def follows(patches: Patches, motion: Floats, keep: Bools) -> Bools:
     """Return which patches' mean residual and scatter are explained by noise once `motion` is applied.
 
     A patch that is off by no more than what its epochs' scans disagree by has not been seen to move; without it the
     motion would be that of one side, and the other side twice as far off.
     """
     left = patches.mean + patches.row @ motion
-    residuals = matches.residuals + motion_rows(matches.points, matches.normals, centre) @ motion
     among = keep if keep.any() else np.abs(left) <= weighted_median(np.abs(left), patches.count)
-    sigma = robust_scale(residuals[among[patches.member]])
-    noise2 = sigma**2 / patches.count
     # what patches scatter beyond the noise of their points: correlated errors of the surface, common to a patch
-    spread2 = robust_scale(left[among]) ** 2
-    common2 = max(spread2 - float(np.median(noise2[among])), 0.0)
-    scatter = np.bincount(patches.member, np.abs(residuals)) / patches.count
-    usual = max(float(np.median(scatter[among])), 1e-300)
-    quiet = scatter < KEEP_SCATTER * np.hypot(usual, MEAN_OF_ABSOLUTE * np.sqrt(patches.shared2))
-    return (np.abs(left) <= KEEP_SIGMAS * np.sqrt(noise2 + np.maximum(common2, patches.shared2)) + 1e-12) & quiet
+    common2 = common_variance(left[among], patches.noise2[among])
+    usual = max(float(np.median(patches.scatter[among])), 1e-300)
+    stated = MEAN_OF_ABSOLUTE * np.sqrt(patches.shared2 / (patches.noise2 * patches.count))
+    quiet = patches.scatter < KEEP_SCATTER * np.hypot(usual, stated)
+    sigma = np.sqrt(patches.noise2 + np.maximum(common2, patches.shared2))
+    return (np.abs(left) <= KEEP_SIGMAS * sigma + 1e-12) & quiet
+
+
+def common_variance(left: Floats, noise2: Floats) -> float:
+    """Return the variance [m2] beyond `noise2` (k,) under which what is `left` (k,) [m] has a robust scale of one."""
+    low, high = 0.0, robust_scale(left) ** 2
+    if robust_scale(left / np.sqrt(noise2)) <= 1.0:
+        return 0.0
+    for _ in range(N_HALVINGS):
+        middle = 0.5 * (low + high)
+        is_less = robust_scale(left / np.sqrt(noise2 + middle)) > 1.0
+        low, high = (middle, high) if is_less else (low, middle)
+    return 0.5 * (low + high)
 
 
 def doubt_stable(stable: Matches, numbers: Ints) -> str:

@@ -5,12 +5,18 @@ In: residuals [m] and what is stated of their sigma. Out: numbers without unit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.optimize import isotonic_regression
 
 from projects.model import Bools, Floats
 
 HUBER = 1.345  # 95 % efficiency under normal noise
 TUKEY = 4.685  # 95 % efficiency under normal noise
+N_PER_CLASS, MOST_CLASSES = 50, 20  # residuals that tell a scale to 12 %; classes that tell how it rises
+MOST_TELLING = 10_000
+LEAST_SIGMA = 0.1  # of the scale of all: one point must not outweigh a hundred
 
 
 def robust_scale(residuals: Floats) -> float:
@@ -18,16 +24,44 @@ def robust_scale(residuals: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else float("nan")
 
 
-def residual_sigma(residuals: Floats, sigma_stated: Floats, is_kept: Bools) -> Floats:
-    """Return one sigma (n,) [m] of each residual: what is stated of it and, common to all, the scatter beyond that.
+def residual_sigma(residuals: Floats, causes: Sequence[Floats], is_kept: Bools) -> Floats:
+    """Return one sigma (n,) [m] of each residual: what causes of uncertainty predict, by as much as residuals show.
 
-    The scatter is that of the residuals `is_kept` about zero; the standardized ones have a robust scale of one.
+    Parameters
+    ----------
+    residuals : (n,) m, about zero.
+    causes : (n,) each, in any unit: the more of it, the less certain is a residual, if it matters at all.
+    is_kept : (n,), the residuals that tell.
+
+    Notes
+    -----
+    sigma = s g_1(c_1) g_2(c_2) ...: a cause alone gives the order, the residuals by how much sigma rises along it. Each
+    g is found in turn, from classes of equal number, as the robust scale of the residuals over the sigma so far; it
+    never falls (pool adjacent violators: Ayer et al. 1955), so that a cause that does not matter has a g of 1.
     """
-    scale2 = max(robust_scale(residuals[is_kept]) ** 2, 1e-30)
-    common2 = max(scale2 - float(np.median(sigma_stated[is_kept])) ** 2, 0.0)
-    # stated sigmas are never believed to be below a tenth of the scatter: one point must not outweigh a hundred
-    sigma = np.sqrt(np.maximum(sigma_stated**2 + common2, 0.01 * scale2))
-    return sigma * max(robust_scale(residuals[is_kept] / sigma[is_kept]), 1e-6)
+    telling = np.flatnonzero(is_kept)
+    telling = telling[:: max(len(telling) // MOST_TELLING, 1)]
+    scale = max(robust_scale(residuals[telling]), 1e-15)
+    sigma = np.full(len(residuals), scale)
+    for cause in causes:
+        sigma = sigma * _rise(np.abs(residuals[telling] / sigma[telling]), cause[telling], cause)
+    sigma = np.maximum(sigma, LEAST_SIGMA * scale)
+    return np.asarray(sigma * max(robust_scale(residuals[is_kept] / sigma[is_kept]), 1e-6))
+
+
+def _rise(u: Floats, known: Floats, cause: Floats) -> Floats:
+    """Return by what factor (n,) the scale of residuals rises with a cause (n,), as `u` (k,) with `known` (k,) tell."""
+    n_classes = min(len(u) // N_PER_CLASS, MOST_CLASSES)
+    if n_classes < 2 or known.min() == known.max():
+        return np.ones(len(cause))
+    edges = np.unique(np.quantile(known, np.arange(1, n_classes) / n_classes))
+    member = np.searchsorted(edges, known)
+    order = np.argsort(member, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(member[order])) + 1)
+    scale = np.array([robust_scale(u[part]) for part in parts])
+    middle = np.array([np.median(known[part]) for part in parts])
+    risen = isotonic_regression(scale**2, weights=[len(part) for part in parts]).x
+    return np.asarray(np.sqrt(np.maximum(np.interp(cause, middle, risen), LEAST_SIGMA**2)))
 
 
 def huber_weights(u: Floats) -> Floats:

@@ -27,7 +27,7 @@ def matches_of(rng: np.random.Generator, n_patches: int, of_patch: float, of_poi
     up = np.tile([0.0, 0.0, 1.0], (n, 1))
     residuals = np.repeat(rng.normal(0.0, of_patch, n_patches), each) + rng.normal(0.0, of_point, n)
     number, none = np.arange(n), np.zeros(n)
-    return Matches(number, points, residuals, up, up, up, none, none, number, none)
+    return Matches(number, points, residuals, up, up, up, none, none, number, none, none, none, none)
 
 
 def test_a_pair_whose_patches_err_three_times_as_much_weighs_a_ninth(rng: np.random.Generator) -> None:
