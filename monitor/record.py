@@ -21,12 +21,12 @@ METHOD = {
     "calibration": 2,
     "scan": 2,
     "targets": 1,
-    "network": 7,
+    "network": 8,
     "filtered": 4,
     "surface": 5,
     "mesh": 5,
     "quality": 1,
-    "comparison": 9,
+    "comparison": 10,
     "series": 1,
 }
 

@@ -22,6 +22,7 @@ from projects.model import Floats, Ints
 N_PATCHES = 120  # of one scan
 PATCHES_PER_PARAMETER = 3  # of the motions that residuals are cleared of; with fewer nothing would be left of them
 FEWEST_PATCHES = 12  # that tell a range of correlation
+LEAST_SLOPE = 0.1  # of psi, in the mean of a pair
 
 
 def network_covariance(
@@ -34,8 +35,9 @@ def network_covariance(
     n = len(motions)
     turned = _turn(pairs, motions)
     bread, meat = _tie_information(solution, scales, n)
-    for key, (points, a, b, _) in turned.items():
-        _add_pair(bread, key, pair_weight(key, points, scales) * _information(points, a, b, scales.lever))
+    for key, (points, a, b, residuals) in turned.items():
+        slopes = tukey_slope(residuals / scales.sigma)
+        _add_pair(bread, key, pair_weight(key, points, scales) * _information(points, (a, b), slopes, scales.lever))
     meat[: 6 * n, : 6 * n] += sum((_score_covariance(turned, s, n, scales) for s in range(n)), np.zeros((6 * n, 6 * n)))
     inverse = np.linalg.pinv(bread, hermitian=True, rcond=1e-14)
     full = (inverse @ meat @ inverse)[: 6 * n, : 6 * n]
@@ -81,14 +83,17 @@ def _tie_information(solution: Solution, scales: Scales, n: int) -> tuple[Floats
     return information, information.copy()
 
 
-def _information(points: Floats, a: Floats, b: Floats, lever: float) -> Floats:
-    """Return the information (6, 6) that the shape of a pair holds, free of the noise of the normals.
+def _information(points: Floats, normals: tuple[Floats, Floats], slopes: Floats, lever: float) -> Floats:
+    """Return the information (6, 6) that the shape of a pair holds, free of the noise of both its normals.
 
-    With few points noise can make it indefinite; what is negative is no information.
+    It is the pull with which residuals answer a motion, `slopes` (n,) of psi each: what is held by places that fit
+    badly alone (a turn in the plane of a wall, by the edges on it) is held by little. With few points noise can make
+    it indefinite; what is negative is no information.
     """
+    a, b = normals
     unit = np.repeat([1.0 / lever, 1.0], 3)
     one, other = motion_rows(points, a, np.zeros(3)) * unit, motion_rows(points, b, np.zeros(3)) * unit
-    cross = one.T @ other
+    cross = (one * slopes[:, None]).T @ other
     values, vectors = np.linalg.eigh(0.5 * (cross + cross.T))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
@@ -119,15 +124,16 @@ def _score_covariance(turned: Turned, scan: int, n: int, scales: Scales) -> Floa
         at += len(p)
         root = float(np.sqrt(scales.pair_factors.get(key, 1.0)))  # by which residuals of this pair are the larger
         row = motion_rows(p, 0.5 * (a + b), np.zeros(3)) * unit
-        weight = pair_weight(key, p, scales) * root
+        psi = residuals / scales.sigma
+        slope = max(float(np.mean(tukey_slope(psi))), LEAST_SLOPE)
+        weight = slope * pair_weight(key, p, scales) * root
         sums = weight * _sum_into(which, row, len(count))
         scores[:, 6 * scan : 6 * scan + 6] += sums
         scores[:, 6 * other : 6 * other + 6] -= sums
         absorbed[other] = absorbed.get(other, np.zeros((len(count), 6))) + _sum_into(which, row / root, len(count))
         _add_pair(own, key, weight**2 * row.T @ row)
-        psi = residuals / scales.sigma
-        y.append((1.0 if key[0] == scan else -1.0) * scales.sigma / root * psi * tukey_weights(psi)
-                 / max(float(np.mean(tukey_slope(psi))), 0.1))  # fmt: skip
+        sign = 1.0 if key[0] == scan else -1.0
+        y.append(sign * scales.sigma / (root * slope) * psi * tukey_weights(psi))
     values = np.concatenate(y)
     if len(count) < FEWEST_PATCHES:
         return np.asarray(np.mean(values**2) * scores.T @ scores)

@@ -68,6 +68,7 @@ def test_a_half_that_roughened_is_not_stable(rng: np.random.Generator) -> None:
 def test_relief_is_that_of_the_smoother_side_and_not_of_the_point_itself(rng: np.random.Generator) -> None:
     x, y = (v.ravel() for v in np.meshgrid(np.arange(60) * 0.01, np.arange(60) * 0.01))
     up = np.tile([0.0, 0.0, 1.0], (len(x), 1))
+    x, y = x + rng.normal(0, 0.003, len(x)), y + rng.normal(0, 0.003, len(x))
     heights = rng.normal(0, 1e-3, len(x))
     rough = Side(np.column_stack([x, y, heights]), up, None, np.arange(len(x)))
     spike = heights.copy()

@@ -102,3 +102,23 @@ def test_blocks_joined_by_a_bad_pair_are_as_uncertain_as_that_pair_shows(rng: np
     joined = sigma_apart({(0, 1): bumpy(400, 0.0005), (1, 2): bad, (2, 3): bumpy(400, 0.0005)}, 4, 1, 2)
     # one scatter for all pairs would say a quarter of it
     assert joined == pytest.approx(alone, rel=0.35)
+
+
+def test_what_only_badly_fitting_places_hold_is_held_by_as_little_as_they_pull(rng: np.random.Generator) -> None:
+    wall = matches_of(rng, 200, 0.0, 0.0)
+    edge = np.arange(len(wall)) % 10 == 0  # a tenth looks along x and fits three times worse
+    normals = np.where(edge[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    residuals = rng.normal(0.0, np.where(edge, 3.0 * SIGMA, SIGMA))
+    pair = dataclasses.replace(
+        wall, residuals=residuals, **dict.fromkeys(("normals", "normals_source", "normals_target"), normals)
+    )
+    held = dataclasses.replace(scales(), prior=np.full(2, 0.01))
+    motions, pairs = [np.eye(4)] * 2, {(0, 1): pair}
+    solution = solve_network(
+        pair_equations(pairs, motions, held), no_ties(), np.empty((0, 3)), motions, (held, TieScales())
+    )
+    covariance = network_covariance(pairs, motions, held, solution, is_absolute=True)
+    apart = np.hstack([np.eye(6), -np.eye(6)])
+    sigma = np.sqrt(np.diag(apart @ covariance @ apart.T))[3:]
+    # a tenth as many alone: 3.2 times; there psi pulls back with 0.15 of what it does on the wall, and scatters more
+    assert sigma[0] > 5.0 * sigma[2]

@@ -31,7 +31,7 @@ from projects.transforms import invert
 TITLE = "Scans of one adjustment: true poses within the 95 % ellipsoid"
 LIMIT = 3600.0
 N_SIMULATED = {"small": 6, "full": 200}
-N_RINGS = {"small": 2, "full": 16}
+N_RINGS = {"small": 2, "full": 64}
 REACH = 0.03  # m, over which neighbouring points of a scan err together
 NOTES = (
     "Inside: share of scans whose true pose lies in the 95 % ellipsoid that is stated of it, with the 95 % interval of "
