@@ -76,4 +76,4 @@ def test_rims_are_the_points_with_all_neighbours_to_one_side(rng: np.random.Gene
 def test_noise_of_the_normals_makes_no_negative_information(rng: np.random.Generator) -> None:
     points = rng.normal(size=(20, 3))
     a, b = rng.normal(size=(2, 20, 3))
-    assert np.linalg.eigvalsh(_information(points, a, b, 1.0)).min() > -1e-9
+    assert np.linalg.eigvalsh(_information(points, (a, b), np.ones(20), 1.0)).min() > -1e-9
