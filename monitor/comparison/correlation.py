@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import jit
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
@@ -66,7 +67,7 @@ def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.
     known = ~np.isnan(errors)
     n = int(known.sum())
     spacing = float(np.sqrt(median(areas[known]))) if n else 1.0
-    longest = max(0.3 * float(np.linalg.norm(np.ptp(points[known], axis=0))) if n else 0.0, 6.0 * spacing)
+    longest = max(0.3 * float(np.linalg.norm(_box_size(points, known))) if n else 0.0, 6.0 * spacing)
     ranges = np.geomspace(3.0 * spacing, longest, N_RANGES)
     scale = 1.4826 * median(np.abs(errors[known])) if n else 0.0
     if n < FEWEST_VERTICES or scale == 0.0:
@@ -84,6 +85,17 @@ def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.
     rho = total[used] / count[used] / float(np.mean(errors**2))
     sills, _ = nnls(spherical(mean_lag[:, None] / ranges), rho)
     return Correlation(sills / max(float(sills.sum()), 1.0), ranges)
+
+
+@jit(nopython=True, cache=True)
+def _box_size(points, known):  # type: ignore[no-untyped-def]
+    """Return the edges (3,) [m] of the box of the known points."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(points)):
+        if known[i]:
+            for k in range(3):
+                low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
+    return high - low
 
 
 def _pair_products(places: tuple[Floats, Ints], errors: Floats, spacing: float, longest: float,

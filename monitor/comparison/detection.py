@@ -149,13 +149,12 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
               for o, u, r in zip(pair, units, layout.reaches, strict=True)]
              for k, pair in enumerate(layout.outlines)]  # fmt: skip
     errors = errors_of(sizes)
-    p_values = [[np.where(p.is_whole, e.p_values(_standardize(p)), 1.0) for p in pair]
-                for e, pair in zip(errors, sizes, strict=True)]  # fmt: skip
+    p_values = [[_test(p, e) for p in pair] for e, pair in zip(errors, sizes, strict=True)]
     tested = np.concatenate([v[p.is_whole] for values, pair in zip(p_values, sizes, strict=True)
                              for v, p in zip(values, pair, strict=True)])  # fmt: skip
     (gained, lost), (gained_compared, lost_compared) = (
-        least_of_patches(layout.reaches[k], np.array([pair[k].means for pair in sizes]),
-                         np.array([values[k] for values in p_values])) for k in range(2)
+        least_of_patches(layout.reaches[k], np.column_stack([pair[k].means for pair in sizes]),
+                         np.column_stack([values[k] for values in p_values])) for k in range(2)
     )  # fmt: skip
     return Tested((units[0], units[1]), layout.reaches, (gained, gained_compared), (lost, lost_compared),
                   benjamini_hochberg(tested, level), layout.size, errors, len(tested), p_values)  # fmt: skip
@@ -164,6 +163,13 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
 def learn_errors(learn: Callable[[Floats], PatchErrors], sizes: Sizes) -> tuple[PatchErrors, ...]:
     """Return how the patches of each size scatter, learned from the calm ones of both sides."""
     return tuple(learn(np.concatenate([_standardize(p)[p.is_whole & p.is_calm] for p in pair])) for pair in sizes)
+
+
+def _test(patches: Patches, errors: PatchErrors) -> Floats:
+    """Return the p value of each patch, 1 for scraps."""
+    out = np.ones(len(patches.means))
+    out[patches.is_whole] = errors.p_values(_standardize(patches)[patches.is_whole])
+    return out
 
 
 def _standardize(patches: Patches) -> Floats:

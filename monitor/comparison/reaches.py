@@ -178,16 +178,16 @@ def average_over(reaches, size, areas, whole, values):  # type: ignore[no-untype
 def least_of_patches(reaches, means, p_values):  # type: ignore[no-untyped-def]
     """Return for each unit the least p value of the patches that it belongs to, of those above and of those below zero.
 
-    `means` and `p_values` (s, p) are of the patches of each size around each unit; 1 where there is none.
+    `means` and `p_values` (p, s) are of the patches of each size around each unit; 1 where there is none.
     """
-    n = means.shape[1]
+    n = len(means)
     above, below = np.ones(n), np.ones(n)
     for u in prange(n):
         for k in range(reaches.starts[u], reaches.starts[u + 1]):
             patch = reaches.units[k]
-            for size in range(reaches.sizes[k], len(means)):
-                if means[size, patch] > 0.0:
-                    above[u] = min(above[u], p_values[size, patch])
-                elif means[size, patch] < 0.0:
-                    below[u] = min(below[u], p_values[size, patch])
+            for size in range(reaches.sizes[k], means.shape[1]):
+                if means[patch, size] > 0.0:
+                    above[u] = min(above[u], p_values[patch, size])
+                elif means[patch, size] < 0.0:
+                    below[u] = min(below[u], p_values[patch, size])
     return above, below
