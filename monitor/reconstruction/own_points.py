@@ -40,5 +40,5 @@ def misfit_at_vertices(surface: Surface, cloud: PointCloud, samples: cKDTree, sh
     n_kept = np.isfinite(ratio).sum(axis=1) - 1
     is_kept = np.arange(ratio.shape[1]) < n_kept[:, None]
     rms = np.sqrt(np.sum(np.where(is_kept, ratio, 0.0) ** 2, axis=1) / np.maximum(n_kept, 1))
-    excess = np.sqrt(np.maximum((rms / NORMAL) ** 2 - 1.0, 0.0)) * np.median(own[index], axis=1)
+    excess = np.sqrt(np.maximum(rms**2 - NORMAL**2, 0.0)) * np.median(own[index], axis=1)
     return np.where((rms > BEYOND) & (n_kept >= FEWEST - 1), excess, 0.0)

@@ -103,8 +103,9 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     -------
     ReconstructionResult
         The surface in the frame of the cloud: normals outwards, `sigma` (m) the standard error of each vertex along
-        its normal, with what the points around it lie off the mesh beyond their noise, `n_support` points within the fit, `sample_distance` (m) to the nearest point, roughness, colour
-        and intensity of the nearest points. NaN in `sigma` where too few points lie around the vertex.
+        its normal, with what the points around lie off the mesh beyond their noise, `n_support` points within the fit,
+        `sample_distance` (m) to the nearest point, roughness, colour and intensity of the nearest points. NaN in
+        `sigma` where too few points lie around the vertex.
 
     Raises
     ------
@@ -150,7 +151,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
         surface = replace(surface, is_unresolved=beside)
     misfit = misfit_at_vertices(surface, cloud, samples, shift, sampling.noise)
     counts["vertices_off_their_points"] = int(np.count_nonzero(misfit))
-    surface = replace(surface, sigma=np.hypot(surface.sigma, misfit))
+    surface = replace(surface, sigma=np.hypot(np.asarray(surface.sigma), misfit))
     counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise)
     automatic["uncovered_share"] = counts["points_without_surface"] / len(cloud)
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
