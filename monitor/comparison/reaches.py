@@ -103,10 +103,10 @@ def _rows_around(near, cell, rows):  # type: ignore[no-untyped-def]
         rows[k, 1] = near.starts[np.searchsorted(near.keys, middle + 2)]
 
 
-@jit(nopython=True, parallel=True, cache=True)
+@jit(nopython=True, cache=True)
 def _count_near(near, counts):  # type: ignore[no-untyped-def]
     """Write how many units lie around unit u into counts[u + 1]."""
-    for cell in prange(len(near.keys)):
+    for cell in range(len(near.keys)):
         rows = np.empty((9, 2), dtype=np.int64)
         _rows_around(near, cell, rows)
         for a in range(near.starts[cell], near.starts[cell + 1]):
@@ -117,11 +117,11 @@ def _count_near(near, counts):  # type: ignore[no-untyped-def]
             counts[near.units[a] + 1] = n
 
 
-@jit(nopython=True, parallel=True, cache=True)
+@jit(nopython=True, cache=True)
 def _list_near(near, starts):  # type: ignore[no-untyped-def]
     """Return the units around each unit, in the order of the cubes, and their sizes."""
     units, sizes = np.empty(starts[-1], dtype=np.int32), np.empty(starts[-1], dtype=np.uint8)
-    for cell in prange(len(near.keys)):
+    for cell in range(len(near.keys)):
         rows = np.empty((9, 2), dtype=np.int64)
         _rows_around(near, cell, rows)
         for a in range(near.starts[cell], near.starts[cell + 1]):
@@ -147,11 +147,11 @@ def _turn_around(starts, units, sizes):  # type: ignore[no-untyped-def]
     return rising, their_sizes
 
 
-@jit(nopython=True, parallel=True, cache=True)
+@jit(nopython=True, cache=True)
 def sum_areas(reaches, size, areas, n_vertices):  # type: ignore[no-untyped-def]
     """Return area (p,) [m2] and number of vertices (p,) of the patches of one size around each unit."""
     whole, counts = np.zeros(len(areas)), np.zeros(len(areas), dtype=np.int64)
-    for p in prange(len(areas)):
+    for p in range(len(areas)):
         for k in range(reaches.starts[p], reaches.starts[p + 1]):
             if reaches.sizes[k] <= size:
                 whole[p] += areas[reaches.units[k]]

@@ -194,21 +194,21 @@ def _keep_once(ends, n):  # type: ignore[no-untyped-def]
     return kept
 
 
-@jit(nopython=True, parallel=True, cache=True)
+@jit(nopython=True, cache=True)
 def _count_neighbours(mesh, widest, counts):  # type: ignore[no-untyped-def]
     """Write how many neighbours vertex v has into counts[v + 1]."""
     n = len(mesh.vertices)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
+    for chunk in range((n + CHUNK - 1) // CHUNK):
         ends = np.empty(widest, dtype=np.int32)
         for v in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
             counts[v + 1] = _keep_once(ends, _edge_ends(mesh, v, ends))
 
 
-@jit(nopython=True, parallel=True, cache=True)
+@jit(nopython=True, cache=True)
 def _list_neighbours(mesh, widest, starts):  # type: ignore[no-untyped-def]
     n = len(mesh.vertices)
     out = np.empty(starts[-1], dtype=np.int32)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
+    for chunk in range((n + CHUNK - 1) // CHUNK):
         ends = np.empty(widest, dtype=np.int32)
         for v in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
             for k in range(_keep_once(ends, _edge_ends(mesh, v, ends))):
