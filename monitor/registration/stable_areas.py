@@ -164,8 +164,8 @@ def doubt_stable(stable: Matches, numbers: Ints) -> str:
     """Return in words that patches held to be stable scatter by far more than is stated of them, else "".
 
     Where every piece of an object moved, the motion in their midst is nobody's, and the patches about it pass for badly
-    measured ones. That can be told only where the surfaces state what whole neighbourhoods are off by: of twenty pieces of
-    a bare cloud that moved each its own way, fourteen go unnoticed, while twelve are refused for want of a majority.
+    measured ones. That can be told only where the surfaces state what whole neighbourhoods are off by: where of twenty
+    pieces of a bare cloud fourteen moved each its own way, they go unnoticed; twelve are refused, lacking a majority.
     """
     patches = sum_patches(stable, numbers, np.zeros(3))
     stated2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2 / patches.count + patches.shared2
