@@ -21,7 +21,6 @@ from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, short_edges, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
-from monitor.reconstruction.own_points import misfit_at_vertices
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import choose_reach, make_ladder
@@ -103,9 +102,8 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     -------
     ReconstructionResult
         The surface in the frame of the cloud: normals outwards, `sigma` (m) the standard error of each vertex along
-        its normal, with what the points around lie off the mesh beyond their noise, `n_support` points within the fit,
-        `sample_distance` (m) to the nearest point, roughness, colour and intensity of the nearest points. NaN in
-        `sigma` where too few points lie around the vertex.
+        its normal, `n_support` points within the fit, `sample_distance` (m) to the nearest point, roughness, colour
+        and intensity of the nearest points. NaN in `sigma` where too few points lie around the vertex.
 
     Raises
     ------
@@ -149,9 +147,6 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
         surface = replace(surface, face_invented=np.arange(len(faces)) >= n_measured)
     if beside.any():
         surface = replace(surface, is_unresolved=beside)
-    misfit = misfit_at_vertices(surface, cloud, samples, shift, sampling.noise)
-    counts["vertices_off_their_points"] = int(np.count_nonzero(misfit))
-    surface = replace(surface, sigma=np.hypot(np.asarray(surface.sigma), misfit))
     counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise)
     automatic["uncovered_share"] = counts["points_without_surface"] / len(cloud)
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
