@@ -11,6 +11,8 @@ from typing import Any
 
 from numba import njit
 
+from monitor.selection import select
+
 # Sums over a neighbourhood may be taken in vector order: it is fixed when compiling, hence the same for any threads.
 ORDER_FREE = {"reassoc", "contract", "nsz"}
 RIDGE = 1e-11  # of the trace: keeps the determinant of points that lie exactly in a plane above rounding
@@ -108,29 +110,10 @@ def mahalanobis2(x: Any, y: Any, z: Any, n: int, m: Any, c: Any, d2: Any) -> Non
 
 @njit(cache=True, error_model="numpy")
 def smallest(values: Any, n: int, h: int, work: Any) -> float:
-    """Return the h-th smallest of `values` (1 is the least); `work` is overwritten (Hoare's selection)."""
+    """Return the h-th smallest of `values` (1 is the least), which are left as they are; `work` is overwritten."""
     for i in range(n):
         work[i] = values[i]
-    low, high, k = 0, n - 1, h - 1
-    while low < high:
-        pivot = work[(low + high) >> 1]
-        i, j = low, high
-        while i <= j:
-            while work[i] < pivot:
-                i += 1
-            while work[j] > pivot:
-                j -= 1
-            if i <= j:
-                work[i], work[j] = work[j], work[i]
-                i += 1
-                j -= 1
-        if k <= j:
-            high = j
-        elif k >= i:
-            low = i
-        else:
-            break
-    return work[k]
+    return select(work, n, h - 1)
 
 
 @njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")
