@@ -86,7 +86,7 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         ("root mean square there", millimetres(statistics.get("rmse_m", NAN))),
         ("single vertices beyond their own limit", percent(statistics.get("share_above_lod95", NAN))),
     ]
-    if "error_scale" in statistics:
+    if np.isfinite(statistics.get("error_scale", NAN)):  # not where a surface states none
         rows.append(("of the errors that both surfaces state, stable areas show", percent(statistics["error_scale"])))
     if "correlation_length_m" in statistics:
         rows.append(("errors of neighbours agree over", millimetres(statistics["correlation_length_m"])))

@@ -63,6 +63,11 @@ class Side:
         """One sigma [m] of the errors that no averaging over neighbours removes: scans and registration."""
         return np.hypot(self.sigma_shared, self.sigma_motion)
 
+    @property
+    def states_noise(self) -> bool:
+        """Whether both surfaces state the noise of their vertices; a finished mesh does not."""
+        return self.surface.sigma is not None and self.other.sigma is not None
+
     def without_motion(self) -> Side:
         """Return the side with the motion of the whole taken off: what is left is error where nothing else changed."""
         return replace(self, distances=self.distances - self.expected, sigma_motion=self.sigma_expected,
@@ -90,7 +95,7 @@ def drop_contradicted(side: Side, back: Side) -> Side:
 
 def _unstated_noise(side: Side) -> float:
     """Return the scatter [m] of the distances where a surface states no noise, 0 where both do."""
-    if (side.surface.sigma is not None and side.other.sigma is not None) or not side.is_assessed.any():
+    if side.states_noise or not side.is_assessed.any():
         return 0.0
     return 1.4826 * median(np.abs(side.distances[side.is_assessed]))
 

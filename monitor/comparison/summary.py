@@ -43,7 +43,7 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
         "floor_m": float(np.median(found.noise.floor_of(side))),
         "floors_m": [float(f) for f in found.noise.floors],
-        "error_scale": float(np.median(found.noise.scale_of(side))),
+        "error_scale": float(np.median(found.noise.scale_of(side))) if side.states_noise else float("nan"),
         "error_scales": [float(f) for f in found.noise.scales],
         "correlation_length_m": found.noise.correlation.length,
         "unit_size_m": found.test.size,

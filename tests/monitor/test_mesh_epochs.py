@@ -9,6 +9,7 @@ from monitor.cli import run
 from projects import Comparison, Project, Surface
 from projects.formats import write_ply_mesh
 from projects.model import NotAssessed
+from reports.certainty import detection_table
 
 NOISE = 5e-5  # m
 N = 121
@@ -56,3 +57,11 @@ def test_noise_that_is_not_stated_is_no_contradiction_between_the_sides(unchange
     for comparison in unchanged:
         contradicted = comparison.on_compared.reasons == NotAssessed.SHEET_BETWEEN
         assert contradicted.mean() < 0.005
+
+
+def test_no_share_of_stated_errors_is_told_where_none_are_stated(unchanged: list[Comparison]) -> None:
+    for comparison in unchanged:
+        assert np.isnan(comparison.statistics["error_scale"])
+        told = [row[0] for row in detection_table(comparison, 0.05).rows]
+        assert not [row for row in told if "that both surfaces state" in row]
+        assert [row for row in told if "errors of neighbours agree over" in row]
