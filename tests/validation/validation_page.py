@@ -53,7 +53,8 @@ def section(name: str, result: Mapping[str, Any] | None, experiment: Any) -> str
 
 def origin(result: Mapping[str, Any]) -> str:
     """Return one line: command, time taken, date, commit."""
-    took = f"{result['seconds']:.0f} s (CPU {result['cpu_seconds']:.0f} s), " if "seconds" in result else ""
+    cpu = f" (CPU {result['cpu_seconds']:.0f} s)" if "cpu_seconds" in result else ""
+    took = f"{result['seconds']:.0f} s{cpu}, " if "seconds" in result else ""
     size = ", **in small**: too coarse for the bars, until it has run in full" if result.get("size") == "small" else ""
     return f"`{result['command']}`, {took}{result['date']}, {result['commit']}{size}."
 
