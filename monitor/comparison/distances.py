@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.comparison.blocks import blocks
-from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER, find_feet
-from monitor.comparison.mesh_tree import MeshTree, build_tree
-from monitor.comparison.morton import point_order
+from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER
+from monitor.comparison.portions import search_feet
 from monitor.comparison.rim import distance_to_rim
+from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.stars import angle_weighted_normals, make_mesh
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
@@ -85,49 +85,54 @@ def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: 
     pseudonormal, IEEE TVCG 11(3).
     """
     shift = 0.5 * (other.vertices.min(axis=0) + other.vertices.max(axis=0))
-    tree = build_tree(other, shift, max_angle)
-    return distances_to_tree(surface, unit_normals(surface), tree, other, (limit, max_angle))
+    shell = make_shell(other, shift, (limit, max_angle))
+    return distances_to_shell(surface, unit_normals(surface), shell)
 
 
-def distances_to_tree(surface: Surface, normals: Floats, tree: MeshTree, other: Surface, limits: tuple[float, float],
-                      ) -> Feet:  # fmt: skip
-    """Measure each vertex against a surface whose tree is made; see `normal_distances`.
+def distances_to_shell(surface: Surface, normals: Floats, shell: Shell) -> Feet:
+    """Measure each vertex against a surface made ready; see `normal_distances`.
 
-    `normals` (n, 3) are the vertices' unit normals, `limits` the search limit [m] and the largest angle [rad].
+    `normals` (n, 3) are the vertices' unit normals.
     """
-    limit, max_angle = limits
-    vertices, normals = np.ascontiguousarray(surface.vertices), np.ascontiguousarray(normals)
-    faces, weights, distances, outcome = find_feet(
-        tree, vertices, normals, point_order(vertices), (limit, np.cos(max_angle))
-    )
+    other = shell.surface
+    faces, weights, distances, outcome = search_feet(shell, surface.vertices, normals)
     reasons = np.full(len(faces), NotAssessed.SHEET_BETWEEN, dtype=np.uint8)
     reasons[outcome == FOOT] = NotAssessed.ASSESSED
     reasons[outcome == ON_BORDER] = NotAssessed.FREE_EDGE
     reasons[outcome == NO_FOOT] = NotAssessed.NO_FACE
     reasons[outcome == NOTHING_NEAR] = NotAssessed.BEYOND_SEARCH
     feet = Feet(distances, faces, weights, reasons, np.full(len(faces), np.nan))
-    feet.to_rim[:] = _rim_of_feet(feet, tree, other, limit)
+    feet.to_rim[:] = _rim_of_feet(feet, shell)
     to_rim = feet.to_rim
     reasons[(reasons == NotAssessed.ASSESSED) & (to_rim < np.abs(distances))] = NotAssessed.FREE_EDGE
     reasons[(reasons == NotAssessed.ASSESSED) & _is_invented(other, faces)] = NotAssessed.NOT_SEEN
     return feet
 
 
-def _rim_of_feet(feet: Feet, tree: MeshTree, other: Surface, limit: float) -> Floats:
+def _rim_of_feet(feet: Feet, shell: Shell) -> Floats:
     """Return how far (n,) [m] the feet lie from the free edges of the other surface: inf where it has none, NaN without
     a foot."""
-    if not tree.is_border.any():
-        return np.where(feet.faces >= 0, np.inf, np.nan)
-    return distance_to_rim(tree, interpolate_at_feet(other.vertices, other, feet), limit)
+    out = np.where(feet.faces >= 0, np.inf, np.nan)
+    if shell.rim is not None:
+        for block in blocks(len(out)):
+            out[block] = distance_to_rim(shell.rim, _at_feet(shell.surface.vertices, shell.surface, feet, block))
+    return out
 
 
 def interpolate_at_feet(values: Floats, other: Surface, feet: Feet) -> Floats:
     """Return a vertex quantity (n_other, ...) of the other surface at the feet; NaN without a foot."""
-    out = np.full((len(feet.faces), *values.shape[1:]), np.nan)
+    out = np.empty((len(feet.faces), *values.shape[1:]))
     for block in blocks(len(out)):
-        has_foot = np.flatnonzero(feet.faces[block] >= 0)
-        corners = values[other.faces[feet.faces[block][has_foot]]]
-        out[block][has_foot] = np.einsum("ij,ij...->i...", feet.weights[block][has_foot], corners)
+        out[block] = _at_feet(values, other, feet, block)
+    return out
+
+
+def _at_feet(values: Floats, other: Surface, feet: Feet, block: slice) -> Floats:
+    """Return a vertex quantity of the other surface at the feet in a block; NaN without a foot."""
+    out = np.full((len(feet.faces[block]), *values.shape[1:]), np.nan)
+    has_foot = np.flatnonzero(feet.faces[block] >= 0)
+    corners = values[other.faces[feet.faces[block][has_foot]]]
+    out[has_foot] = np.einsum("ij,ij...->i...", feet.weights[block][has_foot], corners)
     return out
 
 

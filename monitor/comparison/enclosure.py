@@ -16,10 +16,11 @@ import numpy as np
 from monitor.comparison.closing import Closing, border_edges, close_gap, cone_volume
 from monitor.comparison.correlation import kept_variance
 from monitor.comparison.detection import Detected
-from monitor.comparison.mesh_tree import MeshTree
 from monitor.comparison.noise import Noise
-from monitor.comparison.offsets import Offsets, signed_offsets
+from monitor.comparison.offsets import Offsets
+from monitor.comparison.portions import search_offsets
 from monitor.comparison.quantile import median
+from monitor.comparison.shell import Shell
 from monitor.comparison.side import Side
 from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, Registration
@@ -57,7 +58,7 @@ class Body:
     closing_area: float
 
 
-def look_beyond(sides: tuple[Side, Side], trees: tuple[MeshTree, MeshTree], limit: float) -> Beyond:
+def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: float) -> Beyond:
     """Tell for all vertices that are not assessed on which side of the other surface they lie.
 
     `limit` [m] is the search limit of the perpendiculars; a piece may be `PIECE` times as deep.
@@ -66,7 +67,7 @@ def look_beyond(sides: tuple[Side, Side], trees: tuple[MeshTree, MeshTree], limi
     change, gaps, nearest = [], [], []
     for k, side in enumerate(sides):
         which = np.flatnonzero(~side.is_assessed)
-        found = signed_offsets(side.surface.vertices[which], trees[1 - k], np.inf)
+        found = search_offsets(shells[1 - k], side.surface.vertices[which])
         here = np.full(len(side.areas), np.nan)
         here[which] = np.where(found.is_known & (np.abs(found.distances) <= limit), SIGNS[k] * found.distances, np.nan)
         change.append(here)
@@ -75,7 +76,7 @@ def look_beyond(sides: tuple[Side, Side], trees: tuple[MeshTree, MeshTree], limi
         gaps.append(gap)
         nearest.append(_nearest_vertices(side, which, found))
     none = (np.zeros(len(change[0]), dtype=np.bool_), np.zeros(len(change[1]), dtype=np.bool_))
-    is_free = (trees[0].is_border, trees[1].is_border)
+    is_free = (shells[0].is_border, shells[1].is_border)
     return Beyond((change[0], change[1]), (gaps[0], gaps[1]), (nearest[0], nearest[1]), is_free, limit, none)
 
 

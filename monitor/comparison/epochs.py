@@ -15,9 +15,9 @@ from monitor.comparison.detection import Detection, detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import look_beyond
 from monitor.comparison.evidence import Sights, look_through
-from monitor.comparison.mesh_tree import MeshTree, build_tree
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import find_regions, least_beyond
+from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, measure_side, move_surface
 from monitor.comparison.summary import count_reasons, summarize
 from monitor.declare import check_settings, setting
@@ -105,13 +105,13 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     left = registration if mode == "absolute" else None
     registration, held = hold_frames(registration, frames, mode)
     moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
-    trees = build_trees(reference, moved, settings.max_normal_angle)
-    sides = measure_sides(reference, moved, trees, held, (limit, settings.max_normal_angle), left)
+    shells = make_shells(reference, moved, (limit, settings.max_normal_angle))
+    sides = measure_sides(shells, held, left)
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
              drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
     require_common(sides, limit)
-    beyond = look_beyond(sides, trees, limit)
-    del trees  # the larger part of all memory
+    beyond = look_beyond(sides, shells, limit)
+    del shells  # of small surfaces they hold their trees, the larger part of all memory
     found = detect(sides, held, settings.false_discovery_rate, settings.seed, left)
     if sights is not None:
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
@@ -178,21 +178,22 @@ def register_epochs(reference: Surface, compared: Surface) -> Registration:
     return register(compared, reference)
 
 
-def build_trees(reference: Surface, moved: Surface, max_angle: float) -> tuple[MeshTree, MeshTree]:
-    """Return the trees of both surfaces, in coordinates about the middle of the reference."""
+def make_shells(reference: Surface, moved: Surface, limits: tuple[float, float]) -> tuple[Shell, Shell]:
+    """Return both surfaces made ready, in coordinates about the middle of the reference; `limits` are the search limit
+    [m] and the largest angle [rad] between normals."""
     shift = 0.5 * (reference.vertices.min(axis=0) + reference.vertices.max(axis=0))
-    return build_tree(reference, shift, max_angle), build_tree(moved, shift, max_angle)
+    return make_shell(reference, shift, limits), make_shell(moved, shift, limits)
 
 
-def measure_sides(reference: Surface, moved: Surface, trees: tuple[MeshTree, MeshTree], registration: Registration,
-                  limits: tuple[float, float], left: Registration | None = None) -> tuple[Side, Side]:  # fmt: skip
+def measure_sides(shells: tuple[Shell, Shell], registration: Registration, left: Registration | None = None,
+                  ) -> tuple[Side, Side]:  # fmt: skip
     """Return the sides (reference, compared), measured against each other, with what the registration held stable;
     `left` is the motion that stays in the distances."""
-    on_reference = measure_side(reference, moved, trees, -1.0, limits, registration, left)
-    on_compared = measure_side(moved, reference, (trees[1], trees[0]), 1.0, limits, registration, left)
+    on_reference = measure_side(shells[0], shells[1], -1.0, registration, left)
+    on_compared = measure_side(shells[1], shells[0], 1.0, registration, left)
     on_reference, on_compared = (drop_contradicted(on_reference, on_compared),
                                  drop_contradicted(on_compared, on_reference))  # fmt: skip
-    if registration.is_stable is None or len(registration.is_stable) != len(moved.vertices):
+    if registration.is_stable is None or len(registration.is_stable) != len(on_compared.areas):
         return on_reference, on_compared
     seen = on_reference.is_assessed & registration.is_stable[on_reference.foot_vertices]
     return (dataclasses.replace(on_reference, is_stable=seen),

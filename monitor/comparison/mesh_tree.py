@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import jit, prange
 
-from monitor.comparison.morton import face_order
+from monitor.comparison.morton import Cells, face_order
 from monitor.comparison.stars import corner_of, face_normal, make_mesh, survey_vertices
 from monitor.comparison.triangles import along, dot
 from projects.errors import ComparisonError
@@ -43,18 +43,18 @@ class MeshTree(NamedTuple):  # a named tuple, since kernels take it whole
     is_border: Bools
 
 
-def build_tree(surface: Surface, shift: Floats, max_angle: float) -> MeshTree:
+def build_tree(surface: Surface, shift: Floats, max_angle: float, cells: Cells | None = None) -> MeshTree:
     """Return the tree of a surface; `max_angle` [rad] between a vertex's and a face's normal is built into its cones.
+
+    `cells` are those that its faces are ordered by, of the box of its vertices where left out; see `face_order`.
 
     Raises
     ------
     ComparisonError
         Where the surface has no face with an area.
     """
-    vertices, faces = np.ascontiguousarray(surface.vertices), np.asarray(surface.faces)
-    if not len(faces) or not _are_finite(vertices, faces):
-        raise ComparisonError(f"a surface with {len(faces)} faces of finite vertices cannot be compared; give a mesh")
-    order = face_order(vertices, faces, shift)
+    vertices, faces = require_faces(surface)
+    order = face_order(vertices, faces, shift, cells)
     mesh = make_mesh(vertices, faces[order], shift)
     normals, areas, star_angles, is_border = survey_vertices(mesh)
     n_leaves = -(-len(faces) // FACES_PER_LEAF)
@@ -66,6 +66,14 @@ def build_tree(surface: Surface, shift: Floats, max_angle: float) -> MeshTree:
     _fill_inner(nodes, half_angles)
     nodes[:, 9] = np.where(half_angles + max_angle < np.pi, np.cos(half_angles + max_angle) - 1e-5, -2.0)
     return tree
+
+
+def require_faces(surface: Surface) -> tuple[Floats, Ints]:
+    """Return vertices and faces; raise `ComparisonError` where there is no face, or one that is not finite."""
+    vertices, faces = np.ascontiguousarray(surface.vertices), np.asarray(surface.faces)
+    if not len(faces) or not _are_finite(vertices, faces):
+        raise ComparisonError(f"a surface with {len(faces)} faces of finite vertices cannot be compared; give a mesh")
+    return vertices, faces
 
 
 @jit(nopython=True, cache=True)

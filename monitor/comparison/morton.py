@@ -10,23 +10,28 @@ from numba import jit
 from projects.model import Floats, Ints
 
 BITS = 11  # an axis: 2048 cells along the longest side
+Cells = tuple[Floats, float]  # of a grid: low corner (3,) [m], cells per metre
 DIGIT = 11  # bits sorted by at once; three times make a code
 
 
 def point_order(points: Floats) -> Ints:
     """Return the order (n,) of points (n, 3) along the curve through their box; those of one cell keep their order."""
-    low, scale = _cells_of(points)
+    low, scale = cells_of(points)
     return np.asarray(_sort_codes(_point_codes(points, low, scale)))
 
 
-def face_order(vertices: Floats, faces: Ints, shift: Floats) -> Ints:
-    """Return the order (m,) of faces (m, 3) along the curve, by their centres in coordinates less `shift` (3,)."""
-    low, scale = _cells_of(vertices, shift)
+def face_order(vertices: Floats, faces: Ints, shift: Floats, cells: Cells | None = None) -> Ints:
+    """Return the order (m,) of faces (m, 3) along the curve, by their centres in coordinates less `shift` (3,).
+
+    `cells` are those of the box of the vertices where left out; faces that are part of a surface keep the order that
+    they have among all with those of its box.
+    """
+    low, scale = cells_of(vertices, shift) if cells is None else cells
     return np.asarray(_sort_codes(_face_codes(vertices, faces, shift, low, scale)))
 
 
-def _cells_of(points: Floats, shift: Floats | float = 0.0) -> tuple[Floats, float]:
-    """Return the low corner of the box (3,) and cells per metre."""
+def cells_of(points: Floats, shift: Floats | float = 0.0) -> Cells:
+    """Return the low corner of the box (3,) of points (n, 3) less `shift`, and cells per metre."""
     if not len(points):
         return np.zeros(3), 0.0
     low, high = points.min(axis=0) - shift, points.max(axis=0) - shift

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.comparison.blocks import blocks
-from monitor.comparison.mesh_tree import MeshTree
 from monitor.comparison.quantile import median
 from monitor.comparison.stars import first_sides, free_edges
 from projects.model import Bools, Floats
@@ -15,25 +16,44 @@ FAR_EDGES = 40.0  # a free edge farther than this many edges has no influence
 MOST_CELLS = 100  # of the coarse grid that tells which points have a free edge near, along its longest side
 
 
-def distance_to_rim(tree: MeshTree, points: Floats, limit: float) -> Floats:
+class Rim(NamedTuple):
+    """The free edges of a surface: `points` (k, 3) [m] along them, less `shift` (3,), their `tree`, and how far away
+    [m] they are looked for."""
+
+    points: Floats
+    shift: Floats
+    tree: cKDTree
+    farthest: float
+
+
+def outline(mesh: Any, is_border: Bools, limit: float) -> Rim | None:
+    """Return the free edges of a mesh, None where it has none; `is_border` (n,) of its vertices.
+
+    Long ones are taken in steps of half the median edge. They are looked for up to `limit` [m], or `FAR_EDGES` median
+    edges where that is more.
+    """
+    edges = free_edges(mesh, is_border)
+    if not len(edges):
+        return None
+    step = 0.5 * median(first_sides(mesh))
+    points = _points_along(mesh.vertices[edges[:, 0]] - mesh.shift, mesh.vertices[edges[:, 1]] - mesh.shift, step)
+    return Rim(points, mesh.shift, cKDTree(points), max(limit, 2.0 * FAR_EDGES * step))
+
+
+def distance_to_rim(rim: Rim | None, points: Floats) -> Floats:
     """Return the distance (n,) [m] of points to the free edges of a surface, to a quarter edge.
 
-    It is inf beyond the larger of `limit` [m] and `FAR_EDGES` median edges, and where there is no free edge; NaN for a
-    point that is NaN. Points are in global coordinates; long free edges are taken in steps of half the surface's median
-    edge.
+    It is inf beyond what is looked at, and where there is no free edge; NaN for a point that is NaN. Points are in
+    global coordinates.
     """
-    edges = free_edges(tree, tree.is_border)
     out = np.where(np.isnan(points[:, 0]), np.nan, np.inf)
-    if not len(edges):
+    if rim is None:
         return out
-    step = 0.5 * median(first_sides(tree))
-    rim = _points_along(tree.vertices[edges[:, 0]] - tree.shift, tree.vertices[edges[:, 1]] - tree.shift, step)
-    farthest, rim_tree = max(limit, 2.0 * FAR_EDGES * step), cKDTree(rim)
     for block in blocks(len(points)):
         known = np.flatnonzero(~np.isnan(out[block]))
-        local = points[block][known] - tree.shift
-        near = _is_near(rim, local, farthest)
-        out[block][known[near]] = rim_tree.query(local[near], distance_upper_bound=farthest, workers=-1)[0]
+        local = points[block][known] - rim.shift
+        near = _is_near(rim.points, local, rim.farthest)
+        out[block][known[near]] = rim.tree.query(local[near], distance_upper_bound=rim.farthest, workers=-1)[0]
     return out
 
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.comparison.blocks import blocks
-from monitor.comparison.distances import distances_to_tree, interpolate_at_feet, nearest_corners, unit_normals
-from monitor.comparison.mesh_tree import MeshTree
+from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, nearest_corners, unit_normals
 from monitor.comparison.quantile import median
 from monitor.comparison.rim import distance_to_rim
-from monitor.comparison.stars import Neighbours, gather_neighbours
+from monitor.comparison.shell import Shell
+from monitor.comparison.stars import Neighbours
 from monitor.registration.covariance import propagate
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate
@@ -100,10 +100,9 @@ def _unstated_noise(side: Side) -> float:
     return 1.4826 * median(np.abs(side.distances[side.is_assessed]))
 
 
-def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTree], sign: float,
-                 limits: tuple[float, float], registration: Registration,
+def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Registration,
                  left: Registration | None = None) -> Side:  # fmt: skip
-    """Measure one side against the other, with the trees of both; `sign` is +1 on compared, -1 on reference.
+    """Measure one side against the other; `sign` is +1 on compared, -1 on reference.
 
     `registration` is what the frames of both are held by, `left` the motion that stays in the distances.
 
@@ -111,15 +110,16 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     the floor that the stable areas show. Near a free edge of either surface the surface goes on beyond its samples, so
     nothing is said there.
     """
-    normals = unit_normals(surface, trees[0].vertex_normals)
-    feet = distances_to_tree(surface, normals, trees[1], other, limits)
-    to_rim = np.fmin(feet.to_rim, distance_to_rim(trees[0], surface.vertices, limits[0]))
+    surface, other = shell.surface, other_shell.surface
+    normals = unit_normals(surface, shell.normals)
+    feet = distances_to_shell(surface, normals, other_shell)
+    to_rim = np.fmin(feet.to_rim, distance_to_rim(shell.rim, surface.vertices))
     own = np.zeros(len(normals)) if surface.sigma is None else surface.sigma
     foot = np.zeros(len(normals)) if other.sigma is None else interpolate_at_feet(other.sigma, other, feet)
     sigma = np.hypot(own, foot)
     reasons = feet.reasons.copy()
     reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
-    areas = trees[0].areas
+    areas = shell.areas
     at_rim = to_rim < EXTRAPOLATED * np.sqrt(median(areas))  # False where there is no rim (NaN)
     reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
     reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
@@ -133,7 +133,7 @@ def measure_side(surface: Surface, other: Surface, trees: tuple[MeshTree, MeshTr
     expected = np.zeros(len(normals)) if left is None else _expected_change(surface.vertices, normals, left, sign)
     sigma_expected = motion if left is None else _motion_sigma(left, surface.vertices, normals)
     return Side(
-        surface, other, feet.faces, nearest_corners(feet, other), normals, gather_neighbours(trees[0]), areas,
+        surface, other, feet.faces, nearest_corners(feet, other), normals, shell.neighbours, areas,
         distances, to_rim, sigma, shared, motion, is_stable, reasons, expected, sigma_expected,
     )  # fmt: skip
 

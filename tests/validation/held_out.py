@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from monitor.comparison.detection import CORE_SHARE
-from monitor.comparison.epochs import build_trees, drop_uncertain, measure_sides
+from monitor.comparison.epochs import drop_uncertain, make_shells, measure_sides
 from monitor.comparison.level_of_detection import level_of_detection
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.side import Side
@@ -41,8 +41,7 @@ def measure_again(comparison: Comparison) -> tuple[Side, Side]:
     """Return the sides (reference, compared) as they were before anything was learned from them."""
     reference, moved = comparison.on_reference.surface, comparison.on_compared.surface
     limit, registration = float(comparison.statistics["search_limit_m"]), comparison.registration
-    trees = build_trees(reference, moved, MAX_NORMAL_ANGLE)
-    sides = measure_sides(reference, moved, trees, registration, (limit, MAX_NORMAL_ANGLE))
+    sides = measure_sides(make_shells(reference, moved, (limit, MAX_NORMAL_ANGLE)), registration)
     return keep_assessed(sides[0], comparison, 0, limit), keep_assessed(sides[1], comparison, 1, limit)
 
 

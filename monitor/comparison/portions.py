@@ -1,0 +1,149 @@
+"""Searches on a surface too large for one tree: points in boxes, each with a tree of the faces that lie near.
+
+In: points and a `Shell`. Out: what one tree of all faces would tell, to the last bit. A box is halved until the faces
+near it are few. First faces are taken within a small reach; points that find none within it are asked again with a
+reach four times as long, and in the end with the search limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numba import jit
+
+from monitor.comparison.feet import NO_FOOT, NOTHING_NEAR, find_feet
+from monitor.comparison.mesh_tree import MeshTree, build_tree
+from monitor.comparison.morton import point_order
+from monitor.comparison.offsets import Offsets, signed_offsets
+from monitor.comparison.quantile import median
+from monitor.comparison.shell import Shell
+from projects.model import Floats, Ints, Surface
+
+FIRST_REACH = 1.0 / 16.0  # of the search limit
+LONGER = 4.0
+MOST_FACES = 100  # to each point of a box that is not halved again
+FEWEST_POINTS = 64
+
+
+def search_feet(shell: Shell, points: Floats, normals: Floats) -> tuple[Ints, Floats, Floats, Ints]:
+    """Return face, weights of its corners, signed distance and outcome of each point (n,); see `find_feet`.
+
+    `points` (n, 3) [m] and their unit `normals` (n, 3).
+    """
+    points, normals = np.ascontiguousarray(points), np.ascontiguousarray(normals)
+    limit, cosine = shell.limits[0], float(np.cos(shell.limits[1]))
+    if shell.tree is not None:
+        return find_feet(shell.tree, points, normals, point_order(points), (limit, cosine))
+    n = len(points)
+    faces: Ints = np.full(n, -1, dtype=np.int32)
+    weights: Floats = np.zeros((n, 3))
+    distances: Floats = np.full(n, np.nan)
+    outcome: Ints = np.full(n, NOTHING_NEAR, dtype=np.uint8)
+    weights[:, 0] = 1.0
+
+    def ask(which: Ints, tree: MeshTree, numbers: Ints, reach: float) -> Ints:
+        near = points[which]
+        found = find_feet(tree, near, normals[which], point_order(near), (min(reach, limit), cosine))
+        has_foot = found[0] >= 0
+        faces[which] = np.where(has_foot, numbers[found[0]], -1)
+        weights[which], distances[which], outcome[which] = found[1:]
+        return which[np.isin(found[3], (NO_FOOT, NOTHING_NEAR))]
+
+    _ask_by_portions(shell, points, limit, ask)
+    return faces, weights, distances, outcome
+
+
+def search_offsets(shell: Shell, points: Floats) -> Offsets:
+    """Return the distance of points (n, 3) [m] to the nearest point of all of the surface; see `signed_offsets`."""
+    if shell.tree is not None:
+        return signed_offsets(points, shell.tree, np.inf)
+    n = len(points)
+    out = Offsets(np.full(n, np.nan), np.zeros(n, dtype=np.bool_), np.full(n, -1, dtype=np.int32))
+
+    def ask(which: Ints, tree: MeshTree, numbers: Ints, reach: float) -> Ints:
+        found = signed_offsets(points[which], tree, reach)
+        out.distances[which], out.is_known[which] = found.distances, found.is_known
+        out.faces[which] = np.where(found.faces >= 0, numbers[found.faces], -1)
+        return which[found.faces < 0]
+
+    _ask_by_portions(shell, points, np.inf, ask)
+    return out
+
+
+def _ask_by_portions(
+    shell: Shell, points: Floats, limit: float, ask: Callable[[Ints, MeshTree, Ints, float], Ints]
+) -> None:
+    """Call `ask` with points (their numbers), a tree of all faces within reach of them, the numbers of these, and the
+    reach [m], as long as it returns points that are to be asked again and the reach is below `limit` [m]."""
+    farthest = _largest_gap(shell.surface.vertices, points) if len(points) else 0.0
+    left, reach, is_last = np.arange(len(points), dtype=np.int32), FIRST_REACH * shell.limits[0], False
+    while len(left) and not is_last:
+        is_last = reach >= min(limit, farthest)
+        reach = limit if is_last else reach
+        again = []
+        for which, numbers in _cut(shell, points, left, min(reach, farthest)):
+            again.append(ask(which, _tree_of(shell, numbers), numbers, reach) if len(numbers) else which)
+        left, reach = np.concatenate(again), LONGER * reach
+
+
+def _largest_gap(vertices: Floats, points: Floats) -> float:
+    """Return a distance [m] beyond which nothing of a surface lies from any point."""
+    low = np.minimum(vertices.min(axis=0), points.min(axis=0))
+    return float(np.linalg.norm(np.maximum(vertices.max(axis=0), points.max(axis=0)) - low))
+
+
+def _cut(shell: Shell, points: Floats, which: Ints, reach: float) -> Iterator[tuple[Ints, Ints]]:
+    """Yield the points `which` (k,) box by box, each with the numbers, rising, of all faces within `reach` [m] of it.
+
+    All faces around a foot within reach are among them, so what is told of its edge or vertex is right.
+    """
+    vertices, faces = shell.surface.vertices, np.asarray(shell.surface.faces)
+    margin = reach + 1e-9 * float(np.abs(points).max())  # more than coordinates are rounded by
+    ahead = [(which, np.arange(len(faces), dtype=np.int32))]
+    while ahead:
+        which, among = ahead.pop()
+        low, high = _bounds(points, which)
+        numbers = among[_meet_box(vertices, faces, among, low - margin, high + margin)]
+        axis = int(np.argmax(high - low))
+        few = min(shell.faces_per_tree, MOST_FACES * len(which))
+        if len(numbers) <= few or len(which) <= FEWEST_POINTS or high[axis] - low[axis] <= reach:
+            yield which, numbers
+            continue
+        along = points[which, axis]
+        middle = median(along)
+        is_first = along < middle if middle > low[axis] else along <= middle
+        ahead += [(which[~is_first], numbers), (which[is_first], numbers)]
+
+
+def _tree_of(shell: Shell, numbers: Ints) -> MeshTree:
+    """Return the tree of some faces of the surface, in the order that they have in the tree of all."""
+    faces = np.asarray(shell.surface.faces)[numbers]
+    used = np.zeros(len(shell.surface.vertices), dtype=np.bool_)
+    used[faces] = True
+    new = np.cumsum(used, dtype=np.int32) - 1
+    part = Surface(shell.surface.vertices[used], new[faces])
+    return build_tree(part, shell.shift, shell.limits[1], shell.cells)
+
+
+@jit(nopython=True, cache=True)
+def _bounds(points, which):  # type: ignore[no-untyped-def]
+    """Return the low and high corner (3,) [m] of the box of some points."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in which:
+        for k in range(3):
+            low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
+    return low, high
+
+
+@jit(nopython=True, cache=True)
+def _meet_box(vertices, faces, among, low, high):  # type: ignore[no-untyped-def]
+    """Return which faces of `among` (m,) have a box of their own that meets the one from low to high."""
+    out = np.empty(len(among), dtype=np.bool_)
+    for i in range(len(among)):
+        f, meets = among[i], True
+        for k in range(3):
+            a, b, c = vertices[faces[f, 0], k], vertices[faces[f, 1], k], vertices[faces[f, 2], k]
+            meets = meets and min(min(a, b), c) <= high[k] and max(max(a, b), c) >= low[k]
+        out[i] = meets
+    return out

@@ -1,0 +1,60 @@
+"""A surface made ready to be measured against: what is asked of all of it at once, and its tree where that is small.
+
+A tree holds some 140 octets a vertex, more than the surface and its change together. Of a large surface it is made
+piece by piece where it is asked (`portions`); what is left here grows with the surface and is kept with its side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from monitor.comparison.mesh_tree import MeshTree, build_tree, require_faces
+from monitor.comparison.morton import Cells, cells_of, face_order
+from monitor.comparison.rim import Rim, outline
+from monitor.comparison.stars import Neighbours, gather_neighbours, make_mesh, survey_vertices
+from projects.model import Bools, Floats, Surface
+
+FACES_PER_TREE = 4_000_000  # some 0.3 GiB
+
+
+@dataclass(frozen=True)
+class Shell:
+    """A surface, and of its n vertices `normals` (n, 3), angle-weighted, `areas` [m2], `is_border`, and `neighbours`;
+    its `rim`, None where it is closed.
+
+    `shift` (3,) [m] is what its tree's coordinates are less, `cells` those that its faces are ordered by, `limits` the
+    search limit [m] and the largest angle [rad] between normals. `tree` is None where the surface has more than
+    `faces_per_tree` faces.
+    """
+
+    surface: Surface
+    shift: Floats
+    limits: tuple[float, float]
+    cells: Cells
+    normals: Floats
+    areas: Floats
+    is_border: Bools
+    neighbours: Neighbours
+    rim: Rim | None
+    tree: MeshTree | None
+    faces_per_tree: int
+
+
+def make_shell(
+    surface: Surface, shift: Floats, limits: tuple[float, float], faces_per_tree: int = FACES_PER_TREE
+) -> Shell:
+    """Return a surface made ready; raise `ComparisonError` where it has no face with an area.
+
+    `shift` (3,) [m]; `limits` are the search limit [m] and the largest angle [rad] between normals.
+    """
+    vertices, faces = require_faces(surface)
+    cells, tree = cells_of(vertices, shift), None
+    if len(faces) <= faces_per_tree:
+        tree = build_tree(surface, shift, limits[1], cells)
+        normals, areas, is_border = tree.vertex_normals, tree.areas, tree.is_border
+    else:
+        mesh = make_mesh(vertices, faces[face_order(vertices, faces, shift, cells)], shift)
+        normals, areas, _, is_border = survey_vertices(mesh)
+    ready = mesh if tree is None else tree
+    return Shell(surface, shift, limits, cells, normals, areas, is_border, gather_neighbours(ready),
+                 outline(ready, is_border, limits[0]), tree, faces_per_tree)  # fmt: skip
