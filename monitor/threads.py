@@ -1,4 +1,4 @@
-"""Kernels run over ranges of tasks in threads.
+"""Kernels run over ranges of tasks in threads, and small matrices in one.
 
 In: a compiled kernel that releases the interpreter's lock and works on the tasks `first` to `last`, each of which
 writes what is its own; its other arguments. Numba's `parallel=True` does the same, but compiles a large kernel, with
@@ -7,11 +7,16 @@ all that it calls, twice more: 3 to 4 s each time.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numba
+from threadpoolctl import threadpool_limits
+
+Given = ParamSpec("Given")
+Made = TypeVar("Made")
 
 RANGES_PER_THREAD = 8  # so that threads end at nearly one time though tasks differ
 
@@ -31,3 +36,18 @@ def run_tasks(kernel: Callable[..., Any], n_tasks: int, *arguments: Any) -> None
         waiting = [pool.submit(kernel, bounds[k], bounds[k + 1], *arguments) for k in range(n_ranges)]
         for one in waiting:
             one.result()
+
+
+def with_one_blas_thread(function: Callable[Given, Made]) -> Callable[Given, Made]:
+    """Return a function during which numpy's linear algebra keeps to one thread.
+
+    Its threads wait for each other in busy loops: matrices of 6 to 600 rows take as long with two, and ten times as
+    long where other work wants a processor. The last bit of their results depends on how many there are, too.
+    """
+
+    @functools.wraps(function)
+    def held(*args: Given.args, **kwargs: Given.kwargs) -> Made:
+        with threadpool_limits(1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return held

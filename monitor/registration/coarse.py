@@ -241,7 +241,7 @@ def explained_share(source: Shape, target: Shape, T_target_source: Floats, sigma
     """Return the share of the source's places that lie on the target's surface and look the same way."""
     moved = apply(T_target_source, source.places.points)
     normals = rotate(T_target_source, source.places.normals)
-    distance, nearest = target.side.tree.query(moved, distance_upper_bound=cell, workers=-1)
+    distance, nearest = target.side.tree.query(moved, distance_upper_bound=cell)
     near = np.isfinite(distance)
     there = target.side.normals_of(nearest[near])
     height = np.einsum("ij,ij->i", moved[near] - target.side.points[nearest[near]], there)

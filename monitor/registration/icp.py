@@ -26,6 +26,7 @@ from monitor.registration.sampling import sample_source
 from monitor.registration.self_likeness import Fit
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.stable_areas import doubt_stable, find_stable
+from monitor.threads import with_one_blas_thread
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
 from projects.transforms import apply, perturb
@@ -125,6 +126,7 @@ def into_local(T_target_source: Floats, shift: Floats) -> Floats:
     return local
 
 
+@with_one_blas_thread
 def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, settings: IcpSettings,
                    frames: Frames | None = None) -> Registration:  # fmt: skip
     """Return the registration of two prepared sides, in their local frame."""
@@ -193,7 +195,7 @@ def find_search_radius(samples: Samples, target: Side, T_start: Floats) -> float
     moved = few.points @ T_start[:3, :3].T + T_start[:3, 3]
     sizes = np.ptp(few.points, axis=0), target.tree.maxes - target.tree.mins
     limit = SEARCH_SHARE * float(min(np.linalg.norm(size) for size in sizes))
-    distance, nearest = target.tree.query(moved, workers=-1, distance_upper_bound=limit)
+    distance, nearest = target.tree.query(moved, distance_upper_bound=limit)
     found = np.isfinite(distance)
     if not found.any():
         return limit
@@ -283,8 +285,7 @@ def doubt_majority(stable_share: float) -> str:
 
 def spread_to_vertices(source: Side, grid: PatchGrid, stable_patches: Ints, n_source: int) -> Bools:
     """Return for every point of the source, used or not (then False), whether it lies in a stable patch."""
-    normals = source.normals_of(np.arange(len(source))) if grid.by_direction else None
-    is_inside = np.isin(grid.numbers(source.points, normals), stable_patches)
+    is_inside = np.isin(grid.numbers(source.points, source.own_normals), stable_patches)
     is_stable = np.zeros(n_source, dtype=bool)
     is_vertex = source.index >= 0
     is_stable[source.index[is_vertex]] = is_inside[is_vertex]

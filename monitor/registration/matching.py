@@ -111,7 +111,7 @@ def match(samples: Samples, target: Side, T_target_source: Floats, limits: Match
     """
     moved = apply(T_target_source, samples.points)
     if partners is None:
-        distance, nearest = target.tree.query(moved, workers=-1, distance_upper_bound=limits.distance)
+        distance, nearest = target.tree.query(moved, distance_upper_bound=limits.distance)
     else:
         distance, nearest = partners.find(moved, limits.distance)
     source = np.flatnonzero(np.isfinite(distance))

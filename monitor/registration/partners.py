@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
+from monitor.registration.search_tree import SearchTree
 from projects.model import Floats, Ints
 
 N_KEPT = 8  # nearest of each sample: twice the time of one, and they serve while it moves by less than a spacing
@@ -24,7 +24,7 @@ ROUNDING = 1e-9  # relative, of distances
 class Partners:
     """The nearest points of samples (n) that hardly move any more; of one target and one set of samples."""
 
-    def __init__(self, tree: cKDTree, n_samples: int) -> None:
+    def __init__(self, tree: SearchTree, n_samples: int) -> None:
         self._tree = tree
         self._k = min(N_KEPT, tree.n)
         self._near = np.zeros((n_samples, self._k), dtype=np.int64)
@@ -47,7 +47,7 @@ class Partners:
     def _search(self, rows: Ints, moved: Floats, limit: float) -> None:
         """Keep the nearest points of some samples at their present place."""
         bound = FARTHER * limit
-        distance, near = self._tree.query(moved, k=range(1, self._k + 1), workers=-1, distance_upper_bound=bound)
+        distance, near = self._tree.query(moved, k=range(1, self._k + 1), distance_upper_bound=bound)
         found = np.isfinite(distance)
         self._near[rows] = np.where(found, near, 0)
         self._places[rows] = np.where(found[:, :, None], self._tree.data[self._near[rows]], np.inf)

@@ -63,7 +63,7 @@ def leverage(points: Floats, normals: Floats, probability: Floats) -> Floats:
     rows[:, :3] /= np.sqrt(probability @ np.sum((points - centre) ** 2, axis=1)) + 1e-300
     information = np.einsum("ni,nj->ij", rows * probability[:, None], rows)
     information += 1e-6 * np.trace(information) * np.eye(6)  # a plane has motions that nothing holds
-    return np.einsum("ni,ij,nj->n", rows, np.linalg.inv(information), rows)
+    return np.asarray(np.einsum("ni,ni->n", rows @ np.linalg.inv(information), rows))
 
 
 def draw(probability: Floats, n: int, rng: np.random.Generator) -> Ints:

@@ -134,7 +134,7 @@ def alike_turns(fit: Fit) -> Steps:
     turns = [about_axis(axis, through, angle) for angle in angles]
     moved = np.concatenate([apply(T, places) for T in turns])
     limit = float(np.ptp(places, axis=0).max()) / COARSE_CELLS
-    distance, nearest = fit.target.tree.query(moved, workers=-1, distance_upper_bound=limit)
+    distance, nearest = fit.target.tree.query(moved, distance_upper_bound=limit)
     apart, near = np.full(len(moved), limit), np.isfinite(distance)
     offsets, normals = moved[near] - fit.target.points[nearest[near]], fit.target.normals_of(nearest[near])
     apart[near] = np.abs(np.einsum("ij,ij->i", offsets, normals))

@@ -7,9 +7,11 @@ invented face, or whose sigma cannot be stated are not used.
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.spatial import cKDTree
+from dataclasses import dataclass
 
+import numpy as np
+
+from monitor.registration.search_tree import SearchTree
 from projects.errors import ShapeError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
@@ -44,17 +46,17 @@ class Side:
         self._rim = np.full(len(points), np.nan)
         self.is_oriented = normals is not None
         self._normals = np.full(points.shape, np.nan) if normals is None else normals  # filled only where own
-        self._spacing = np.full(len(points), np.nan)
-        self._relief = np.full(len(points), np.nan)
-        self._tree: cKDTree | None = None
+        self._around = Surroundings.of_none(len(points))
+        self._tree: SearchTree | None = None
 
     def __len__(self) -> int:
         return len(self.points)
 
     def shifted(self, offset: Floats) -> Side:
         """Return the side less `offset` (3,) [m]."""
-        normals = self._normals if self.is_oriented else None
-        return Side(self.points - offset, normals, self.sigma, self.index, self.cosines, self.views, self.shared)
+        return Side(
+            self.points - offset, self.own_normals, self.sigma, self.index, self.cosines, self.views, self.shared
+        )
 
     def take(self, keep: Bools) -> Side:
         """Return the side with the points of a mask (n,) alone."""
@@ -64,11 +66,16 @@ class Side:
         return Side(self.points[keep], normals, sigma, self.index[keep], self.cosines[keep], views, self.shared[keep])
 
     @property
-    def tree(self) -> cKDTree:
+    def tree(self) -> SearchTree:
         """Search tree over the points, built when first asked for."""
         if self._tree is None:
-            self._tree = cKDTree(self.points, leafsize=32, balanced_tree=False, compact_nodes=False)
+            self._tree = SearchTree(self.points)
         return self._tree
+
+    @property
+    def own_normals(self) -> Floats | None:
+        """Unit normals (n, 3) that the points brought along, None where they brought none."""
+        return self._normals if self.is_oriented else None
 
     def normals_of(self, which: Ints) -> Floats:
         """Return unit normals (k, 3); without sign where `is_oriented` is False; NaN where undefined."""
@@ -79,12 +86,8 @@ class Side:
 
     def spacing_of(self, which: Ints) -> Floats:
         """Return the mean distance (k,) [m] to the nearest six other points of this side."""
-        asked = which[np.isnan(self._spacing[which])]
-        unknown = asked[np.sort(np.unique(asked, return_index=True)[1])]  # in the order asked, near to near
-        if len(unknown):
-            distance, _ = self.tree.query(self.points[unknown], k=N_SPACING_NEIGHBOURS + 1, workers=-1)
-            self._spacing[unknown] = np.where(np.isfinite(distance[:, 1:]), distance[:, 1:], 0.0).mean(axis=1)
-        return self._spacing[which]
+        rows = self._rows_around(which)
+        return self._around.spacing[rows]
 
     def relief_of(self, which: Ints) -> Floats:
         """Return one sigma (k,) [m] of what the six nearest other points scatter by along each point's normal.
@@ -92,11 +95,23 @@ class Side:
         It holds noise, and relief too fine for the spacing of the points. The point itself is left out, so that no
         weight goes by the error that it weighs.
         """
-        asked = which[np.isnan(self._relief[which])]
-        unknown = asked[np.sort(np.unique(asked, return_index=True)[1])]
-        if len(unknown):
-            self._relief[unknown] = scatter_around(self.tree, unknown, self.normals_of(unknown))
-        return self._relief[which]
+        rows = self._rows_around(which)
+        around = self._around
+        unknown = np.isnan(around.relief[rows])
+        if unknown.any():
+            new, first = np.unique(rows[unknown], return_index=True)
+            numbers = which[unknown][first]
+            near, normals = around.near[new], self.normals_of(numbers)
+            around.relief[new] = scatter_along(self.points[near] - self.points[numbers][:, None], normals)
+        return around.relief[rows]
+
+    def _rows_around(self, which: Ints) -> Ints:
+        """Return where in `Surroundings` the points (k,) are, looked around first where that was not done before."""
+        asked = which[self._around.row[which] < 0]
+        if len(asked):
+            unknown = asked[np.sort(np.unique(asked, return_index=True)[1])]  # in the order asked, near to near
+            self._around = self._around.with_more(unknown, *look_around(self.tree, unknown))
+        return self._around.row[which]
 
     def frontality_of(self, which: Ints) -> Floats:
         """Return how frontally points (k,) were seen: the cosine of the incidence, 0 at a rim of what a scan saw."""
@@ -108,32 +123,64 @@ class Side:
         return np.where(self._rim[which] > 0.0, 0.0, self.cosines[which])
 
 
-def scatter_around(tree: cKDTree, which: Ints, normals: Floats) -> Floats:
-    """Return the standard deviation (k,) [m], along `normals` (k, 3), of the points nearest to each of some points."""
+@dataclass(frozen=True)
+class Surroundings:
+    """What lies around those points of a side (n) that were looked around: `row` (n,) in the arrays that follow, -1 of
+    the others; the numbers of the `near`est six (m, 6), their mean distance, `spacing` (m,) [m], and what they scatter
+    by along the normal, `relief` (m,) [m], NaN until it is asked for."""
+
+    row: Ints
+    near: Ints
+    spacing: Floats
+    relief: Floats
+
+    @classmethod
+    def of_none(cls, n: int) -> Surroundings:
+        """Return that of no point of a side with n points."""
+        return cls(np.full(n, -1, dtype=np.int32), np.empty((0, 0), dtype=np.int64), np.empty(0), np.empty(0))
+
+    def with_more(self, which: Ints, near: Ints, spacing: Floats) -> Surroundings:
+        """Return this with what lies around points `which` (k,) besides."""
+        n = len(self.spacing)
+        row = self.row.copy()
+        row[which] = np.arange(n, n + len(which))
+        near = np.concatenate([self.near, near]) if n else near
+        unknown = np.full(len(which), np.nan)
+        return Surroundings(row, near, np.append(self.spacing, spacing), np.append(self.relief, unknown))
+
+
+def look_around(tree: SearchTree, which: Ints) -> tuple[Ints, Floats]:
+    """Return the numbers (k, 6) of the nearest other points of some points, fewer where there are fewer, and their mean
+    distance (k,) [m]."""
     k = min(N_SPACING_NEIGHBOURS + 1, tree.n)
-    near = tree.query(tree.data[which], k=k, workers=-1)[1][:, 1:]
-    heights = np.einsum("nki,ni->nk", tree.data[near] - tree.data[which][:, None], normals)
+    distance, near = tree.query(tree.data[which], k=range(1, k + 1))
+    return near[:, 1:], distance[:, 1:].sum(axis=1) / N_SPACING_NEIGHBOURS
+
+
+def scatter_along(offsets: Floats, normals: Floats) -> Floats:
+    """Return the standard deviation (k,) [m], along `normals` (k, 3), of points (k, m, 3) [m] around each of k."""
+    heights = np.einsum("nki,ni->nk", offsets, normals)
     heights -= heights.mean(axis=1, keepdims=True)
-    return np.asarray(np.sqrt(np.einsum("nk,nk->n", heights, heights) / max(k - 2, 1)))
+    return np.asarray(np.sqrt(np.einsum("nk,nk->n", heights, heights) / max(heights.shape[1] - 1, 1)))
 
 
-def at_rim(tree: cKDTree, which: Ints, views: Floats) -> Bools:
+def at_rim(tree: SearchTree, which: Ints, views: Floats) -> Bools:
     """Return the points (k,) that have all neighbours to one side, seen along `views` (k, 3).
 
     There a surface ends or turns away, and part of the spot misses it. The middle of the neighbours of a point on a
     straight rim lies 0.64 of their mean distance away from it, that of one in a field without end 0.16 on average.
     """
     k = min(N_RIM_NEIGHBOURS + 1, tree.n)
-    offsets = tree.data[tree.query(tree.data[which], k=k, workers=-1)[1][:, 1:]] - tree.data[which][:, None]
+    offsets = tree.data[tree.query(tree.data[which], k=k)[1][:, 1:]] - tree.data[which][:, None]
     offsets -= np.einsum("nki,ni->nk", offsets, views)[:, :, None] * views[:, None]
     reach = np.linalg.norm(offsets, axis=2).mean(axis=1)
     return np.asarray(np.linalg.norm(offsets.mean(axis=1), axis=1) > RIM_OFFSET * reach)
 
 
-def fit_normals(tree: cKDTree, which: Ints) -> Floats:
+def fit_normals(tree: SearchTree, which: Ints) -> Floats:
     """Return the unit normals (k, 3), without sign, of planes fitted to the neighbourhoods of points `which`."""
     k = min(N_NORMAL_NEIGHBOURS, tree.n)
-    _, neighbours = tree.query(tree.data[which], k=k, workers=-1)
+    _, neighbours = tree.query(tree.data[which], k=k)
     patches = tree.data[neighbours]
     patches = patches - patches.mean(axis=1, keepdims=True)
     moments = np.einsum("nki,nkj->nij", patches, patches)
@@ -152,7 +199,7 @@ def prepare_side(nouns: Surface | PointCloud, shift: Floats) -> Side:
         points, normals, sigma, index = nouns.points, nouns.normals, nouns.sigma, np.arange(len(nouns.points))
     else:
         raise ShapeError(f"a {type(nouns).__name__} cannot be registered; give a Surface or a PointCloud")
-    usable = np.isfinite(points).all(axis=1)
+    usable = np.isfinite(np.einsum("ij->i", points))
     shared = _shared_sigma(nouns, index)
     if normals is not None:
         usable &= np.abs(np.einsum("ij,ij->i", normals, normals) - 1.0) < 1e-3
@@ -179,10 +226,9 @@ def _seen(cloud: PointCloud) -> tuple[Floats, Floats | None]:
     """Return the cosine (n,) of each point's incidence and the direction (n, 3) to look along at rims: the beam's,
     or the normal where it is not known where the scanner stood; None without either."""
     cosines = cloud.incidence_cosines()
-    if cloud.normals is None:
-        return cosines, None
-    origins = np.full((1, 3), np.nan) if cloud.origins is None else np.atleast_2d(cloud.origins)
-    beams = origins - cloud.points
+    if cloud.normals is None or cloud.origins is None:
+        return cosines, cloud.normals
+    beams = np.atleast_2d(cloud.origins) - cloud.points
     beams = beams / np.linalg.norm(beams, axis=1, keepdims=True)
     return cosines, np.where(np.isfinite(beams), beams, cloud.normals)
 

@@ -58,12 +58,14 @@ def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
     deviation = (matches.residuals - mean[member]) * np.sqrt(count / np.maximum(count - 1.0, 1.0))[member]
     sigma = residual_sigma(deviation, matches.causes, count[member] > 1)
     weighted = rows / sigma[:, None] ** 2
-    products = (weighted[:, :, None] * rows[:, None, :]).reshape(-1, 36)
+    one, other = np.triu_indices(6)
+    information = np.empty((n, 6, 6))
+    information[:, one, other] = information[:, other, one] = total(weighted[:, one] * rows[:, other])
     return Patches(
         count=count,
         mean=mean,
         row=total(rows) / count[:, None],
-        information=total(products).reshape(-1, 6, 6),
+        information=information,
         right=-total(weighted * matches.residuals[:, None]),
         member=member,
         shared2=np.bincount(member, matches.shared**2, n) / count,
@@ -121,7 +123,16 @@ def start_motion(patches: Patches, rng: np.random.Generator) -> Floats:
     trials = scale * np.einsum("nij,nj->ni", inverse, scale * right)
     trials = np.vstack([np.zeros(6), trials])
     left = np.abs(patches.mean + trials @ patches.row.T)
-    return trials[np.argmin([weighted_median(row, patches.count) for row in left])]
+    return trials[least_median(left, patches.count)]
+
+
+def least_median(values: Floats, weights: Floats) -> int:
+    """Return the number of the row (m, n) whose value at half of the weights is least, the first of equal ones."""
+    best, least, half = 0, weighted_median(values[0], weights), 0.5 * weights.sum()
+    for number in range(1, len(values)):  # sorted only where half of the weights lie below the least so far
+        if weights @ (values[number] < least) >= half:
+            best, least = number, weighted_median(values[number], weights)
+    return best
 
 
 def weighted_median(values: Floats, weights: Floats) -> float:
@@ -167,10 +178,10 @@ def doubt_stable(stable: Matches, numbers: Ints) -> str:
     measured ones. That can be told only where the surfaces state what whole neighbourhoods are off by: where of twenty
     pieces of a bare cloud fourteen moved each its own way, they go unnoticed; twelve are refused, lacking a majority.
     """
+    if not np.any(stable.shared > 0.0):
+        return ""
     patches = sum_patches(stable, numbers, np.zeros(3))
     stated2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2 / patches.count + patches.shared2
-    if not np.any(patches.shared2 > 0.0):
-        return ""
     scatter, stated = robust_scale(patches.mean), float(np.sqrt(np.median(stated2)))
     if scatter <= DOUBTFUL * stated:
         return ""

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from monitor.registration.partners import Partners
+from monitor.registration.search_tree import SearchTree
 
 
 class CountingTree:
@@ -38,10 +39,27 @@ def test_kept_partners_are_those_of_a_new_search(rng: np.random.Generator, step:
 
 def test_a_target_of_few_points_is_searched_as_a_whole(rng: np.random.Generator) -> None:
     target = rng.uniform(size=(3, 3))
-    partners = Partners(cKDTree(target), 10)
+    partners = Partners(SearchTree(target), 10)
     for _ in range(3):
         samples = rng.uniform(size=(10, 3))
         distance, nearest = partners.find(samples, 5.0)
         truth, which = cKDTree(target).query(samples)
         assert np.array_equal(nearest, which)
         assert distance == pytest.approx(truth)
+
+
+@pytest.mark.parametrize("shape", ["ball", "plane", "line", "one place", "far off and crowded"])
+def test_the_tree_finds_what_comparing_all_points_finds(rng: np.random.Generator, shape: str) -> None:
+    points = rng.normal(size=(700, 3)) * {"plane": [1, 0, 2], "line": [0, 3, 0], "one place": [0, 0, 0]}.get(shape, 1)
+    if shape == "far off and crowded":
+        points = 1e6 + points * np.where(np.arange(700)[:, None] % 2, 1e-3, 10.0)
+    places = points[:80] + rng.normal(0, 0.1, (80, 3))
+    tree, every = SearchTree(points), np.linalg.norm(places[:, None] - points, axis=2)
+    distance, near = tree.query(places, k=3)
+    assert distance == pytest.approx(np.sort(every, axis=1)[:, :3], rel=1e-12)
+    assert np.take_along_axis(every, near, axis=1) == pytest.approx(distance, rel=1e-12)  # numbered as given
+    bound = float(np.median(distance[:, 0]))
+    distance, near = tree.query(places, distance_upper_bound=bound)
+    assert np.array_equal(near == tree.n, every.min(axis=1) >= bound)
+    assert np.array_equal(np.isinf(distance), near == tree.n)
+    assert np.array_equal([tree.mins, tree.maxes], [points.min(axis=0), points.max(axis=0)])

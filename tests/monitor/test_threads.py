@@ -2,8 +2,10 @@
 
 import numba
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from monitor.threads import run_tasks
+from monitor.registration.icp import register_sides
+from monitor.threads import run_tasks, with_one_blas_thread
 
 
 @pytest.mark.parametrize("n_tasks", [0, 1, 5, 1000])
@@ -29,3 +31,18 @@ def test_error_in_a_range_is_raised(monkeypatch):
 
     with pytest.raises(ValueError, match="seven"):
         run_tasks(work, 100)
+
+
+def test_linear_algebra_keeps_to_one_thread_while_a_function_runs_and_is_let_go_after_an_error():
+    def blas_threads():
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    @with_one_blas_thread
+    def fail():
+        raise ValueError(str(blas_threads()))
+
+    with threadpool_limits(2, user_api="blas"):
+        with pytest.raises(ValueError, match=r"^\{1\}$"):
+            fail()
+        assert blas_threads() == {2}
+    assert hasattr(register_sides, "__wrapped__")  # registration is one of them
