@@ -16,9 +16,10 @@ from functools import partial
 import numpy as np
 from numba import jit
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.connected import connect_like
 from monitor.comparison.level_of_detection import Z95, level_of_detection
-from monitor.comparison.noise import Masks, Noise, learn_noise
+from monitor.comparison.noise import Masks, Noise, learn_noise, stratum_of
 from monitor.comparison.patches import (
     Layout,
     PatchErrors,
@@ -32,6 +33,7 @@ from monitor.comparison.patches import (
 )
 from monitor.comparison.quantile import quantile
 from monitor.comparison.reaches import Reaches, least_of_patches
+from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
 from monitor.comparison.smoothing import smooth_distances
 from monitor.comparison.stars import Neighbours
@@ -204,28 +206,38 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
     Beyond a level is a vertex whose own change exceeds its lod95, or whose smoothed change exceeds what that of calm
     vertices does in 5 %; `own` is the side without the motion of the whole, the same where none is left.
     """
-    lod95 = level_of_detection(noise.scale_of(side) * side.sigma_surfaces, noise.common_of(side), noise.floor_of(side))
+    lod95 = level_at(side, noise)
     reach = 0.5 * min(noise.correlation.length, test.size)
-    smooth = smooth_distances(side, reach, lod95)
+    smooth = keep_on_disk(smooth_distances(side, reach, lod95))
     error = smooth if own is side else smooth_distances(own, reach, lod95)
     ratio = np.abs(error[calm]) / lod95[calm]
     kept = min(quantile(ratio, 0.95), 1.0) if len(ratio) else 1.0
-    smooth_lod95 = np.maximum(kept * lod95, Z95 * side.sigma_common)
-    sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int64)
+    del error
+    smooth_lod95 = keep_on_disk(np.maximum(kept * lod95, Z95 * side.sigma_common))
+    sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int8)
     own = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
     beyond = side.is_assessed & (own | (np.abs(smooth) > smooth_lod95))
     number = test.units[which].number
-    p_value = np.where(sign > 0, np.append(test.p_gained[which], 1.0)[number],
-                       np.append(test.p_lost[which], 1.0)[number])  # fmt: skip
-    p_value = np.where(beyond, p_value, 1.0)
-    is_changed = _grow(p_value <= test.limit, beyond, sign, side.neighbours)
-    mean = smooth_distances(side, reach)
+    is_seed = beyond & np.where(sign > 0, np.append(test.p_gained[which] <= test.limit, False)[number],
+                                np.append(test.p_lost[which] <= test.limit, False)[number])  # fmt: skip
+    is_changed = _grow(is_seed, beyond, sign, side.neighbours)
+    mean = keep_on_disk(smooth_distances(side, reach))
     return Detection(lod95, mean, smooth, smooth_lod95, is_changed)
+
+
+def level_at(side: Side, noise: Noise) -> Floats:
+    """Return lod95 (n,) [m] of each vertex."""
+    out = np.empty(len(side.distances))
+    for block in blocks(len(out)):
+        stratum = stratum_of(side, noise.spacing, block)
+        out[block] = level_of_detection(noise.scales[stratum] * side.sigma_surfaces[block],
+                                        noise.common_of(side, block), noise.floors[stratum])  # fmt: skip
+    return keep_on_disk(out)
 
 
 def _grow(seeds: Bools, beyond: Bools, sign: Ints, neighbours: Neighbours) -> Bools:
     """Return the vertices of `beyond` that hang together with a seed of their sign."""
-    part = connect_like(np.where(beyond, sign + 1, -1), [neighbours])
+    part = connect_like(np.where(beyond, sign + np.int8(1), np.int8(-1)), [neighbours])
     has_seed = np.zeros(int(part.max(initial=-1)) + 2, dtype=np.bool_)
     has_seed[part[seeds]] = True
     return beyond & has_seed[part]

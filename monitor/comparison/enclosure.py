@@ -20,6 +20,7 @@ from monitor.comparison.noise import Noise
 from monitor.comparison.offsets import Offsets
 from monitor.comparison.portions import search_offsets
 from monitor.comparison.quantile import median
+from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
 from monitor.comparison.side import Side
 from monitor.comparison.spreading import spread_along
@@ -70,11 +71,11 @@ def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: fl
         found = search_offsets(shells[1 - k], side.surface.vertices[which])
         here = np.full(len(side.areas), np.nan)
         here[which] = np.where(found.is_known & (np.abs(found.distances) <= limit), SIGNS[k] * found.distances, np.nan)
-        change.append(here)
+        change.append(keep_on_disk(here))
         gap = np.full(len(side.areas), np.nan)
         gap[which] = np.abs(found.distances)
-        gaps.append(gap)
-        nearest.append(_nearest_vertices(side, which, found))
+        gaps.append(keep_on_disk(gap))
+        nearest.append(keep_on_disk(_nearest_vertices(side, which, found)))
     none = (np.zeros(len(change[0]), dtype=np.bool_), np.zeros(len(change[1]), dtype=np.bool_))
     is_free = (shells[0].is_border, shells[1].is_border)
     return Beyond((change[0], change[1]), (gaps[0], gaps[1]), (nearest[0], nearest[1]), is_free, limit, none)

@@ -204,8 +204,7 @@ def drop_uncertain(side: Side, largest: float) -> Side:
     """Return the side without the vertices whose level of detection exceeds `largest` [m] before any floor."""
     sigma = np.hypot(side.sigma_surfaces, side.sigma_common)
     too_uncertain = side.is_assessed & ~(1.96 * sigma <= largest)
-    reasons = np.where(too_uncertain, NotAssessed.TOO_UNCERTAIN, side.reasons).astype(np.uint8)
-    return dataclasses.replace(side, reasons=reasons, distances=np.where(too_uncertain, np.nan, side.distances))
+    return side.without(too_uncertain, NotAssessed.TOO_UNCERTAIN)
 
 
 def finish_side(side: Side, found: Detection, region: Ints, change_beyond: Floats) -> ComparedSurface:

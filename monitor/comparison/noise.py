@@ -19,9 +19,11 @@ from numba import jit
 from scipy.spatial.distance import pdist
 from scipy.stats import norm
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.correlation import Correlation, estimate_correlation
-from monitor.comparison.level_of_detection import estimate_floor, least_floor
+from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor, least_floor
 from monitor.comparison.quantile import median, quantile
+from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints
 
@@ -58,6 +60,13 @@ class Noise:
         """Return the scale (n,) of what is stated at each vertex."""
         return self.scales[stratum_of(side, self.spacing)]
 
+    def sigma_of(self, side: Side) -> Floats:
+        """Return one sigma (n,) [m] of the change of each vertex, with what is common to many."""
+        out = np.empty(len(side.distances))
+        for block in blocks(len(out)):
+            out[block] = np.sqrt(self.variance_of(side, block) + self.common_of(side, block) ** 2)
+        return out
+
     def is_at_rim(self, side: Side) -> Bools:
         """Return whether each vertex (n,) lies in the two strata beside a free edge."""
         return stratum_of(side, self.spacing) < 3 * 2
@@ -68,10 +77,11 @@ class Noise:
         stratum = stratum_of(side, self.spacing, which)
         return np.asarray((self.scales[stratum] * side.sigma_surfaces[which]) ** 2 + (self.floors**2)[stratum])
 
-    def common_of(self, side: Side) -> Floats:
+    def common_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
-        registration."""
-        return np.hypot(self.scale_of(side) * side.sigma_shared, side.sigma_motion)
+        registration; of each vertex or of those in `which`."""
+        scale = self.scales[stratum_of(side, self.spacing, which)]
+        return np.hypot(scale * side.sigma_shared[which], side.sigma_motion[which])
 
 
 def stratum_of(side: Side, spacing: float, which: Ints | slice = slice(None)) -> Ints:
@@ -106,8 +116,9 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     noise = Noise(floors, scales, Correlation(np.zeros(1), np.ones(1)), spacing)
     lead = int(calm[1].sum() > calm[0].sum())
     side, which = sides[lead], calm[lead]
-    errors = side.distances / np.sqrt(noise.variance_of(side) + noise.common_of(side) ** 2)
-    correlation = estimate_correlation(side.surface.vertices, np.where(which, errors, np.nan), side.areas, rng)
+    errors = side.distances / noise.sigma_of(side)
+    errors[~which] = np.nan
+    correlation = estimate_correlation(side.surface.vertices, errors, side.areas, rng)
     return replace(noise, correlation=correlation)
 
 
@@ -125,10 +136,13 @@ class CalmVertices(NamedTuple):
 
 def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     """Return the calm vertices of a side."""
-    own = np.hypot(side.sigma_surfaces, side.sigma_shared)[calm]
-    stratum = stratum_of(side, spacing)[calm]
     places = np.flatnonzero(calm).astype(np.int32)
-    return CalmVertices(side.surface.vertices, places, side.distances[calm], own, side.sigma_motion[calm], stratum)
+    own = np.empty(len(places))
+    for block in blocks(len(own)):
+        own[block] = np.hypot(side.sigma_surfaces[places[block]], side.sigma_shared[places[block]])
+    stratum = stratum_of(side, spacing)[calm]
+    return CalmVertices(side.surface.vertices, places, keep_on_disk(side.distances[calm]), own,
+                        keep_on_disk(side.sigma_motion[calm]), stratum)  # fmt: skip
 
 
 def learn_sizes(
@@ -140,14 +154,24 @@ def learn_sizes(
     what the groups before have shown: all; roughness classes; distances from the rim; single strata; and classes and
     all again, whose factors the others have moved. A factor is believed as far as the group's witnesses go.
     """
-    floor = estimate_floor(np.concatenate([c.distances for c in calm]),
-                           np.concatenate([np.hypot(c.own, c.motion) for c in calm]), share)  # fmt: skip
-    calm, factors = [c._replace(own=np.hypot(c.own, floor)) for c in calm], np.ones(N_STRATA)
+    floor = estimate_floor(*_draw_evenly(calm), share)
+    calm, factors = [c._replace(own=keep_on_disk(np.hypot(c.own, floor))) for c in calm], np.ones(N_STRATA)
     for group in GROUPS:
         n_witnesses = _count(calm, group, known, rng)
         if n_witnesses >= FEWEST_WITNESSES:
             factors[group] *= believe(asked_scale(calm, group, factors, share), n_witnesses)
     return factors * floor, factors
+
+
+def _draw_evenly(calm: Sequence[CalmVertices]) -> tuple[Floats, Floats]:
+    """Return distances and sigma [m] of as many calm vertices as a floor is estimated from, at even steps."""
+    step, first, distances, sigma = max(sum(len(c.stratum) for c in calm) // N_FLOOR, 1), 0, [], []
+    for c in calm:
+        some = slice(-first % step, None, step)
+        distances.append(c.distances[some])
+        sigma.append(np.hypot(c.own[some], c.motion[some]))
+        first += len(c.stratum)
+    return np.concatenate(distances), np.concatenate(sigma)
 
 
 def believe(asked: float, n_witnesses: float) -> float:
@@ -203,22 +227,24 @@ def asked_scale(calm: Sequence[CalmVertices], members: Ints, factors: Floats, sh
     """
     asked = np.full(N_STRATA, np.nan)
     asked[members] = factors[members]
-    n = sum(len(c.stratum) for c in calm)
-    without, within, used = np.empty(n), np.empty(n), 0
-    for c in calm:
-        used = _add_ratios(c, asked, float(norm.ppf(0.5 + 0.5 * share)), without, within, used)
-    return float(np.sqrt(max(quantile(without[:used], share), 0.5 * quantile(within[:used], share))))
+    ratios, z, found = np.empty(sum(len(c.stratum) for c in calm)), float(norm.ppf(0.5 + 0.5 * share)), []
+    for is_within in (False, True):
+        used = 0
+        for c in calm:
+            used = _add_ratios(c, asked, z, is_within, ratios, used)
+        found.append(quantile(ratios[:used], share))
+    return float(np.sqrt(max(found[0], 0.5 * found[1])))
 
 
 @jit(nopython=True, cache=True)
-def _add_ratios(calm, factors, z, without, within, used):  # type: ignore[no-untyped-def]
-    """Write (d^2 / z^2 - motion^2) / own^2 and d^2 / z^2 / (own^2 + motion^2) from `used` on, of the vertices whose
-    stratum has a factor (not NaN); return how many are used then."""
+def _add_ratios(calm, factors, z, is_within, ratios, used):  # type: ignore[no-untyped-def]
+    """Write (d^2 / z^2 - motion^2) / own^2, or d^2 / z^2 / (own^2 + motion^2) where `is_within`, from `used` on, of the
+    vertices whose stratum has a factor (not NaN); return how many are used then."""
     for i in range(len(calm.stratum)):
         factor = factors[calm.stratum[i]]
         if not np.isnan(factor):
             d, own = calm.distances[i] / z, factor * calm.own[i]
             own2, motion2 = max(own * own, 1e-300), calm.motion[i] * calm.motion[i]
-            without[used], within[used] = (d * d - motion2) / own2, d * d / (own2 + motion2)
+            ratios[used] = d * d / (own2 + motion2) if is_within else (d * d - motion2) / own2
             used += 1
     return used

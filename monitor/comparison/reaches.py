@@ -12,6 +12,7 @@ import numpy as np
 from numba import jit, prange
 from scipy.sparse import csr_matrix
 
+from monitor.comparison.scratch import keep_on_disk
 from projects.model import Floats, Ints
 
 COSINE = 0.5  # units that look more than 60 degrees apart do not belong together
@@ -50,7 +51,8 @@ def gather_reaches(centres: Floats, normals: Floats, radii: list[float]) -> Reac
     counts = np.zeros(len(centres) + 1, dtype=np.int64)
     _count_near(sorted_units, counts)
     starts = np.cumsum(counts)
-    return Reaches(starts, *_turn_around(starts, *_list_near(sorted_units, starts)))
+    rising, sizes = _turn_around(starts, *_list_near(sorted_units, starts))
+    return Reaches(starts, keep_on_disk(rising), keep_on_disk(sizes))
 
 
 def _sort_units(centres: Floats, normals: Floats, radii: list[float]) -> _Sorted:

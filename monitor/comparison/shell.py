@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from monitor.comparison.mesh_tree import MeshTree, build_tree, require_faces
 from monitor.comparison.morton import Cells, cells_of, face_order
 from monitor.comparison.rim import Rim, outline
+from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.stars import Neighbours, gather_neighbours, make_mesh, survey_vertices
 from projects.model import Bools, Floats, Surface
 
@@ -55,6 +56,9 @@ def make_shell(
     else:
         mesh = make_mesh(vertices, faces[face_order(vertices, faces, shift, cells)], shift)
         normals, areas, _, is_border = survey_vertices(mesh)
+        normals, areas = keep_on_disk(normals), keep_on_disk(areas)
     ready = mesh if tree is None else tree
-    return Shell(surface, shift, limits, cells, normals, areas, is_border, gather_neighbours(ready),
+    starts, near = gather_neighbours(ready)
+    neighbours = Neighbours(keep_on_disk(starts), keep_on_disk(near))
+    return Shell(surface, shift, limits, cells, normals, areas, is_border, neighbours,
                  outline(ready, is_border, limits[0]), tree, faces_per_tree)  # fmt: skip

@@ -13,6 +13,7 @@ from monitor.comparison.blocks import blocks
 from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, nearest_corners, unit_normals
 from monitor.comparison.quantile import median
 from monitor.comparison.rim import distance_to_rim
+from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
 from monitor.comparison.stars import Neighbours
 from monitor.registration.covariance import propagate
@@ -68,6 +69,11 @@ class Side:
         """Whether both surfaces state the noise of their vertices; a finished mesh does not."""
         return self.surface.sigma is not None and self.other.sigma is not None
 
+    def without(self, which: Bools, reason: NotAssessed) -> Side:
+        """Return the side whose vertices in `which` (n,) are not assessable for this reason."""
+        reasons = np.where(which, reason, self.reasons).astype(self.reasons.dtype)
+        return replace(self, reasons=reasons, distances=keep_on_disk(np.where(which, np.nan, self.distances)))
+
     def without_motion(self) -> Side:
         """Return the side with the motion of the whole taken off: what is left is error where nothing else changed."""
         return replace(self, distances=self.distances - self.expected, sigma_motion=self.sigma_expected,
@@ -77,7 +83,8 @@ class Side:
 def move_surface(surface: Surface, T_target_source: Floats) -> Surface:
     """Return the surface in the target's coordinates."""
     normals = None if surface.normals is None else rotate(T_target_source, surface.normals)
-    return replace(surface, vertices=apply(T_target_source, surface.vertices), normals=normals)
+    vertices = keep_on_disk(apply(T_target_source, surface.vertices))
+    return replace(surface, vertices=vertices, normals=None if normals is None else keep_on_disk(normals))
 
 
 def drop_contradicted(side: Side, back: Side) -> Side:
@@ -89,8 +96,7 @@ def drop_contradicted(side: Side, back: Side) -> Side:
     sigma = np.hypot(np.hypot(side.sigma_surfaces, side.sigma_common), _unstated_noise(side))
     seen_back = np.where(back.is_assessed, back.distances, np.nan)[side.foot_vertices]
     contradicted = side.is_assessed & (np.abs(side.distances) > 2.0 * np.abs(seen_back) + 4.0 * sigma)
-    reasons = np.where(contradicted, NotAssessed.SHEET_BETWEEN, side.reasons).astype(side.reasons.dtype)
-    return replace(side, reasons=reasons, distances=np.where(contradicted, np.nan, side.distances))
+    return side.without(contradicted, NotAssessed.SHEET_BETWEEN)
 
 
 def _unstated_noise(side: Side) -> float:
@@ -124,17 +130,19 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
     reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
     distances = np.where(reasons == NotAssessed.ASSESSED, sign * feet.distances, np.nan)
-    motion = _motion_sigma(registration, surface.vertices, normals)
+    motion = keep_on_disk(_motion_sigma(registration, surface.vertices, normals))
     is_stable = np.zeros(len(normals), dtype=np.bool_)
     shared = np.zeros(len(normals))
     if surface.sigma_shared is not None or other.sigma_shared is not None:
         shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
         shared[~np.isfinite(shared)] = 0.0
+        shared = keep_on_disk(shared)
     expected = np.zeros(len(normals)) if left is None else _expected_change(surface.vertices, normals, left, sign)
     sigma_expected = motion if left is None else _motion_sigma(left, surface.vertices, normals)
     return Side(
-        surface, other, feet.faces, nearest_corners(feet, other), normals, shell.neighbours, areas,
-        distances, to_rim, sigma, shared, motion, is_stable, reasons, expected, sigma_expected,
+        surface, other, keep_on_disk(feet.faces), keep_on_disk(nearest_corners(feet, other)), normals, shell.neighbours,
+        areas, keep_on_disk(distances), keep_on_disk(to_rim), keep_on_disk(sigma), shared, motion, is_stable, reasons,
+        expected, sigma_expected,
     )  # fmt: skip
 
 

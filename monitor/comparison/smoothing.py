@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import jit, prange
 
+from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
 from projects.model import Floats
 
@@ -25,7 +26,7 @@ def smooth_distances(side: Side, radius: float, lod95: Floats | None = None) -> 
     measured.
     """
     neighbours, is_assessed = side.neighbours, side.is_assessed
-    shares = _share_out(neighbours, side.distances, np.zeros(0) if lod95 is None else lod95)
+    shares = keep_on_disk(_share_out(neighbours, side.distances, np.zeros(0) if lod95 is None else lod95))
     stride2 = 6.0 / 7.0 * _mean_length2(side.surface.vertices, neighbours)  # six neighbours and the vertex itself
     n_steps = min(max(round(0.5 * radius**2 / max(stride2, 1e-300)), 1), MOST_STEPS)  # E r^2 = 2 s^2, R^2 = 4 s^2
     mass = np.where(is_assessed, side.areas, 0.0)

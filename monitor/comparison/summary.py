@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from monitor.comparison.detection import Detected
+from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
 from monitor.registration.significance import motion_significance
-from projects.model import Assessment, ComparedSurface, Ints, NotAssessed, Registration
+from projects.model import Assessment, ComparedSurface, Floats, Ints, NotAssessed, Registration
 
 
 def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registration: Registration,
@@ -26,14 +27,14 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
     figures = {
         "stable_share": float(registration.stable_share),
         "bias_m": _or_nan(np.mean, calm),
-        "nmad_m": _or_nan(lambda v: 1.4826 * np.median(np.abs(v - np.median(v))), calm),
+        "nmad_m": _or_nan(_nmad, calm),
         "rmse_m": _or_nan(lambda v: np.sqrt(np.mean(v**2)), calm),
-        "lod95_median_m": _or_nan(np.median, lod),
+        "lod95_median_m": _or_nan(median, lod),
         "n_vertices": len(state),
         "n_not_assessable": int((state == Assessment.NOT_ASSESSABLE).sum()),
         "n_unchanged": int((state == Assessment.UNCHANGED).sum()),
         "n_changed": int((state == Assessment.CHANGED).sum()),
-        "share_above_lod95": _or_nan(np.mean, (np.abs(d) > lod).astype(float)),
+        "share_above_lod95": _or_nan(np.mean, np.abs(d) > lod),
         "motion_significance": float(1.0 - motion.probability_unmoved),
         "motion_displacement_m": motion.displacement,
         "motion_angle_rad": motion.angle,
@@ -52,13 +53,19 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
     }
     if tolerance is not None:
         figures["tolerance_m"] = float(tolerance)
-        figures["share_beyond_tolerance"] = _or_nan(np.mean, (np.abs(d) > tolerance).astype(float))
+        figures["share_beyond_tolerance"] = _or_nan(np.mean, np.abs(d) > tolerance)
     return figures
 
 
 def count_reasons(reasons: Ints) -> dict[str, int]:
     """Return how many vertices are not assessable for each reason."""
     return {r.name.lower(): int((reasons == r).sum()) for r in NotAssessed if r}
+
+
+def _nmad(values: Floats) -> float:
+    """Return 1.4826 times the median distance from the median."""
+    away = values - median(values)
+    return 1.4826 * median(np.abs(away, out=away))
 
 
 def _or_nan(figure: Any, values: np.ndarray) -> float:

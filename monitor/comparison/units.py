@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import jit
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.connected import connect_like
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.noise import Noise
@@ -120,8 +121,11 @@ def summarize_units(side: Side, number: Ints, registration: Registration) -> Uni
 
 def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
     """Return the units with what the noise says of their vertices, and how much of them is in `calm` (n,)."""
+    variance = np.empty(len(calm))
+    for block in blocks(len(variance)):
+        variance[block] = noise.variance_of(side, block)
     variances, calm_shares = (_average(units.number, side.areas, units.areas, f[:, None])[:, 0]
-                              for f in (noise.variance_of(side), calm))  # fmt: skip
+                              for f in (variance, calm))  # fmt: skip
     return replace(units, variances=variances, calm_shares=calm_shares)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import mmap
 from functools import partial
 
 import numpy as np
 import pytest
 import trimesh
 
-from monitor.comparison import compare, epochs
+from monitor.comparison import compare, epochs, scratch
 from monitor.comparison.portions import search_feet, search_offsets
 from monitor.comparison.shell import Shell, make_shell
 from projects.model import Comparison, Floats, Registration, Surface
@@ -75,7 +76,9 @@ def test_of_points_equally_near_two_faces_pieces_take_the_one_that_one_tree_take
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_comparison_by_pieces_is_that_by_one_tree(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_comparison_by_pieces_and_on_disk_is_that_by_one_tree_in_memory(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     reference = crumpled(rng)
     depth = 0.1 * np.exp(-((np.linalg.norm(reference.vertices - [1001.0, 2000.0, 0.0], axis=1) / 0.3) ** 2))
     moved = reference.vertices - depth[:, None] * [1.0, 0.0, 0.0] + rng.normal(0.0, 1e-4, reference.vertices.shape)
@@ -83,7 +86,29 @@ def test_a_comparison_by_pieces_is_that_by_one_tree(rng: np.random.Generator, mo
     registration = Registration(np.eye(4), np.eye(6) * 1e-12, reference.vertices.mean(axis=0), True)
     whole = compare(reference, compared, registration)
     monkeypatch.setattr(epochs, "make_shell", partial(make_shell, faces_per_tree=100))
+    monkeypatch.setattr(scratch, "LEAST", 1)
     assert_same_bits(compare(reference, compared, registration), whole)
+
+
+def test_what_is_kept_on_disk_stays_as_it_is_and_can_be_written(rng: np.random.Generator) -> None:
+    values = rng.normal(size=(scratch.LEAST // 24 + 1, 3))[:, ::-1]
+    kept = scratch.keep_on_disk(values)
+    assert isinstance(kept.base.base.obj, mmap.mmap)
+    np.testing.assert_array_equal(kept, values)
+    assert kept.flags.c_contiguous
+    kept[0] = 7.0
+    assert values[0, 0] != 7.0
+    assert scratch.keep_on_disk(values[:5]).base is values.base
+
+
+def test_where_the_disk_is_full_numbers_stay_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(scratch, "LEAST", 1)
+    monkeypatch.setattr(scratch.tempfile, "TemporaryFile", refuse)
+    values = np.arange(9.0)
+    assert scratch.keep_on_disk(values) is values
 
 
 def assert_same_bits(one: Comparison, other: Comparison) -> None:

@@ -10,9 +10,8 @@ import math
 
 import numpy as np
 
-from monitor.comparison.detection import CORE_SHARE
+from monitor.comparison.detection import CORE_SHARE, level_at
 from monitor.comparison.epochs import drop_uncertain, make_shells, measure_sides
-from monitor.comparison.level_of_detection import level_of_detection
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.side import Side
 from projects.model import Assessment, Bools, Comparison, Floats
@@ -65,8 +64,3 @@ def learn_half(sides: tuple[Side, Side], calm: Masks) -> Noise:
     rng = np.random.default_rng(0)
     first = learn_noise(sides, calm, CORE_SHARE, rng)
     return learn_noise(sides, calm, 0.95, rng, first.correlation)
-
-
-def level_at(side: Side, noise: Noise) -> Floats:
-    """Return lod95 (n,) [m], as the comparison states it."""
-    return level_of_detection(noise.scale_of(side) * side.sigma_surfaces, noise.common_of(side), noise.floor_of(side))
