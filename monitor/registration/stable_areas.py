@@ -175,17 +175,15 @@ def doubt_stable(stable: Matches, numbers: Ints) -> str:
     """Return in words that patches held to be stable scatter by far more than is stated of them, else "".
 
     Where every piece of an object moved, the motion in their midst is nobody's, and the patches about it pass for badly
-    measured ones. That can be told only where the surfaces state what whole neighbourhoods are off by: where of twenty
-    pieces of a bare cloud fourteen moved each its own way, they go unnoticed; twelve are refused, lacking a majority.
+    measured ones. Surfaces state what whole neighbourhoods are off by; of bare clouds nothing does, and pieces that
+    moved look the same there as scans that err over as far as a piece.
     """
-    if not np.any(stable.shared > 0.0):
-        return ""
     patches = sum_patches(stable, numbers, np.zeros(3))
     stated2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2 / patches.count + patches.shared2
     scatter, stated = robust_scale(patches.mean), float(np.sqrt(np.median(stated2)))
     if scatter <= DOUBTFUL * stated:
         return ""
-    return (
-        f"the stable areas lie {1e3 * scatter:.1f} mm off each other, {scatter / stated:.0f} times what their scans "
-        "state: perhaps all of it moved, in pieces"
-    )
+    off = f"the stable areas lie {1e3 * scatter:.1f} mm off each other, {scatter / stated:.0f} times what"
+    if np.any(patches.shared2 > 0.0):
+        return f"{off} their scans state: perhaps all of it moved, in pieces"
+    return f"{off} the noise of their points explains: errors of the scans, or all of it moved, in pieces"

@@ -50,6 +50,7 @@ def found() -> tuple[MovedParts, dict[int, Floats], Ints]:
     after, motions = move_pieces(after, piece)
     registration = register(after, before)
     assert registration.converged, registration.reason
+    assert not registration.doubt
     return find_parts(after, before, registration), motions, piece
 
 
@@ -96,6 +97,16 @@ def test_where_most_pieces_moved_the_motion_is_that_of_where_the_user_says_nothi
 def test_without_a_majority_no_motion_is_that_of_the_stable_areas() -> None:
     assert doubt_majority(0.55) == ""
     assert "only 41 % of the surface follows one motion" in doubt_majority(0.41)
+
+
+@pytest.mark.parametrize("n_moved", [13, 20])
+def test_where_most_pieces_moved_each_its_own_way_the_motion_found_is_doubted(
+    rng: np.random.Generator, n_moved: int
+) -> None:
+    before, _ = scan_stove(rng)
+    after, piece = scan_stove(rng)
+    found = register(move_pieces(after, piece, np.random.default_rng(n_moved).permutation(20)[:n_moved])[0], before)
+    assert not found.converged or "or all of it moved, in pieces" in found.doubt
 
 
 def test_what_most_pieces_do_alike_is_the_motion_of_the_whole(rng: np.random.Generator) -> None:
