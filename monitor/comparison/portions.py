@@ -23,7 +23,6 @@ from projects.model import Floats, Ints, Surface
 FIRST_REACH = 1.0 / 16.0  # of the search limit
 LONGER = 4.0
 MOST_FACES = 100  # to each point of a box that is not halved again
-FEWEST_POINTS = 64
 
 
 def search_feet(shell: Shell, points: Floats, normals: Floats) -> tuple[Ints, Floats, Floats, Ints]:
@@ -78,12 +77,13 @@ def _ask_by_portions(
     reach [m], as long as it returns points that are to be asked again and the reach is below `limit` [m]."""
     farthest = _largest_gap(shell.surface.vertices, points) if len(points) else 0.0
     left, reach, is_last = np.arange(len(points), dtype=np.int32), FIRST_REACH * shell.limits[0], False
+    new = np.full(len(shell.surface.vertices), -1, dtype=np.int32)
     while len(left) and not is_last:
         is_last = reach >= min(limit, farthest)
         reach = limit if is_last else reach
         again = []
         for which, numbers in _cut(shell, points, left, min(reach, farthest)):
-            again.append(ask(which, _tree_of(shell, numbers), numbers, reach) if len(numbers) else which)
+            again.append(ask(which, _tree_of(shell, numbers, new), numbers, reach) if len(numbers) else which)
         left, reach = np.concatenate(again), LONGER * reach
 
 
@@ -107,7 +107,7 @@ def _cut(shell: Shell, points: Floats, which: Ints, reach: float) -> Iterator[tu
         numbers = among[_meet_box(vertices, faces, among, low - margin, high + margin)]
         axis = int(np.argmax(high - low))
         few = min(shell.faces_per_tree, MOST_FACES * len(which))
-        if len(numbers) <= few or len(which) <= FEWEST_POINTS or high[axis] - low[axis] <= reach:
+        if len(numbers) <= few or high[axis] - low[axis] <= reach:
             yield which, numbers
             continue
         along = points[which, axis]
@@ -116,14 +116,27 @@ def _cut(shell: Shell, points: Floats, which: Ints, reach: float) -> Iterator[tu
         ahead += [(which[~is_first], numbers), (which[is_first], numbers)]
 
 
-def _tree_of(shell: Shell, numbers: Ints) -> MeshTree:
-    """Return the tree of some faces of the surface, in the order that they have in the tree of all."""
-    faces = np.asarray(shell.surface.faces)[numbers]
-    used = np.zeros(len(shell.surface.vertices), dtype=np.bool_)
-    used[faces] = True
-    new = np.cumsum(used, dtype=np.int32) - 1
-    part = Surface(shell.surface.vertices[used], new[faces])
-    return build_tree(part, shell.shift, shell.limits[1], shell.cells)
+def _tree_of(shell: Shell, numbers: Ints, new: Ints) -> MeshTree:
+    """Return the tree of some faces of the surface, in the order that they have in the tree of all; `new` (n,) is -1
+    for each of its vertices, before and after."""
+    used, faces = _pick_faces(np.asarray(shell.surface.faces), numbers, new)
+    return build_tree(Surface(shell.surface.vertices[used], faces), shell.shift, shell.limits[1], shell.cells)
+
+
+@jit(nopython=True, cache=True)
+def _pick_faces(faces, numbers, new):  # type: ignore[no-untyped-def]
+    """Return the vertices that some faces use, and these faces with their vertices numbered among them."""
+    used, out, n = np.empty(3 * len(numbers), dtype=np.int32), np.empty((len(numbers), 3), dtype=np.int32), 0
+    for i in range(len(numbers)):
+        for k in range(3):
+            v = faces[numbers[i], k]
+            if new[v] < 0:
+                new[v], used[n] = n, v
+                n += 1
+            out[i, k] = new[v]
+    for v in used[:n]:
+        new[v] = -1
+    return used[:n].copy(), out
 
 
 @jit(nopython=True, cache=True)
