@@ -3,12 +3,19 @@
 In: points and unit normals. Out: a `Level` for each radius: groups of points of one cell that look the same way, each
 with its count, mean place, mean normal and the spread of its points; where cells would hold hardly more than one
 point, the points themselves. Means and spreads are exact, so that a patch of second degree fitted to groups is
-unbiased as one fitted to their points. Groups are sorted into buckets, for kernels to find all within a radius. No
-sum depends on threads: points are added in the order of their cells, and within a cell in that of the input.
+unbiased as one fitted to their points.
+
+A cell is a column along that of 13 directions which its points look along most: no border cuts it but a gap that
+neither noise nor bend explains. Cubes cut the noise of a surface that lies on their border into an upper and a lower
+group, and of these the smaller one, far from the mean with all its points, passes for outliers.
+
+Groups are sorted into buckets, for kernels to find all within a radius. No sum depends on threads: points are added in
+the order of their cells, and within a cell upwards.
 """
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +23,23 @@ from numba import jit
 
 from projects.model import Floats, Ints
 
+
+def frames_of_columns() -> Floats:
+    """Return right-handed frames (13, 3, 3) along the edges, face diagonals and diagonals of a cube, one way each.
+
+    No direction is farther than 26 degrees from the nearest of them: columns are hardly wider across their surface.
+    """
+    ways = [d for d in product((-1.0, 0.0, 1.0), repeat=3) if d > (0.0, 0.0, 0.0)]
+    along = np.array(ways) / np.linalg.norm(ways, axis=1)[:, None]
+    first = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(along, first), along], axis=1)
+
+
 COS_ONE_WAY = 0.5  # points of a cell whose normals are within 60 degrees are one group: thin sheets stay apart
 CELLS_PER_RADIUS = 5.0  # kernel and fourth order change little within a cell: below 1 % of a standard error
+GAP_SIGMAS, GAP_CELLS = 3.0, 0.1  # along a column, in noise and for bend: points farther apart are two groups
+FRAMES = frames_of_columns()  # (13, 3, 3): two rows across and one along the column
 POINTS_PER_GROUP = 2.0  # fewer, and the points themselves are as quick
 BUCKETS_PER_RADIUS = 2.0
 
@@ -42,13 +64,13 @@ def level_of_points(points: Floats, normals: Floats, radius: float) -> Level:
     return sort_groups(*groups, radius / BUCKETS_PER_RADIUS)
 
 
-def build_levels(points: Floats, normals: Floats, radii: Floats) -> list[Level]:
-    """Return a level for each of `radii` (m, ascending), each made from a finer one."""
+def build_levels(points: Floats, normals: Floats, radii: Floats, noise: float) -> list[Level]:
+    """Return a level for each of `radii` (m, ascending), each made from a finer one; `noise` (m) is one sigma."""
     levels = [level_of_points(points, normals, float(radii[0]))]
     is_grouped = [False]
     for k in range(1, len(radii)):
         finer = levels[max(k - 2, 0)]
-        groups = group(finer, float(radii[k]) / CELLS_PER_RADIUS)
+        groups = group(finer, float(radii[k]) / CELLS_PER_RADIUS, noise)
         is_grouped.append(is_grouped[-1] or len(points) > POINTS_PER_GROUP * len(groups[0]))
         if not is_grouped[-1]:
             groups = finer.counts, finer.places, finer.normals, finer.spreads
@@ -88,55 +110,92 @@ def cell_keys(places: Floats, low: Floats, cell: float) -> Any:
     return key, shape
 
 
-def group(finer: Level, cell: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return counts, places, normals and spreads of the groups of `finer` merged in cubes of edge `cell` (m)."""
-    order, _, starts, _, _ = sort_by_cell(finer.places, cell)
-    counts, places, normals, spreads = merge_cells(
-        finer.counts, finer.places, finer.normals, finer.spreads, order, starts
-    )
+def group(finer: Level, cell: float, noise: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return counts, places, normals and spreads of the groups of `finer` merged in columns of edge `cell` (m)."""
+    columns, heights = column_keys(finer.places, finer.normals, cell, FRAMES)
+    order = np.lexsort((heights, columns))
+    columns = columns[order]
+    starts = np.append(np.flatnonzero(np.r_[True, columns[1:] != columns[:-1]]), len(columns)).astype(np.int64)
+    gap = GAP_SIGMAS * noise + GAP_CELLS * cell
+    counts, places, normals, spreads = merge_columns(finer, heights, order, starts, gap)
     return counts, places, normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None], spreads
 
 
 @jit(nopython=True, cache=True)
-def merge_cells(counts: Floats, places: Floats, normals: Floats, spreads: Floats, order: Ints, starts: Ints) -> Any:
-    """Merge, cell by cell, each group into the first of its cell that looks its way."""
+def column_keys(places: Floats, normals: Floats, cell: float, frames: Floats) -> Any:
+    """Key (n,) of the column of each place, and its height over the column's foot.
+
+    The height is that at which the plane through the place meets the middle of the column, so that places of one
+    surface are at one height however it slopes.
+    """
+    keys, heights = np.empty(len(places), np.int64), np.empty(len(places))
+    low = -np.sqrt((places**2).sum(axis=1).max()) - cell
+    widest = np.int64(-2.0 * low / cell) + 2
+    for p in range(len(places)):
+        x, y, z = places[p, 0], places[p, 1], places[p, 2]
+        nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
+        most, key = 0.0, np.int64(0)
+        for d in range(len(frames)):
+            along = nx * frames[d, 2, 0] + ny * frames[d, 2, 1] + nz * frames[d, 2, 2]
+            if abs(along) > abs(most):
+                most, key = along, np.int64(d)
+        f = frames[key]
+        height = x * f[2, 0] + y * f[2, 1] + z * f[2, 2]
+        key = 2 * key + np.int64(most > 0.0)
+        for a in range(2):
+            across = (x * f[a, 0] + y * f[a, 1] + z * f[a, 2] - low) / cell
+            slope = (nx * f[a, 0] + ny * f[a, 1] + nz * f[a, 2]) / most
+            key = key * widest + np.int64(across)
+            height += slope * cell * (across - np.floor(across) - 0.5)
+        keys[p], heights[p] = key, height
+    return keys, heights
+
+
+@jit(nopython=True, cache=True)
+def merge_columns(finer: Any, heights: Floats, order: Ints, starts: Ints, gap: float) -> Any:
+    """Merge, column by column and upwards, each group into the first that looks its way and ends within `gap` (m)."""
     n = len(order)
-    out_counts, out_places = np.zeros(n), np.zeros((n, 3))
-    out_normals, out_spreads = np.zeros((n, 3)), np.zeros((n, 6))
-    has_spread = len(spreads) > 0
+    counts, places, normals, spreads = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6))
+    tops = np.zeros(n)
     m = 0
-    for cell in range(len(starts) - 1):
+    for column in range(len(starts) - 1):
         begin = m
-        for q in range(starts[cell], starts[cell + 1]):
+        for q in range(starts[column], starts[column + 1]):
             p = order[q]
             g = begin
-            while g < m and not looks_alike(out_normals[g], normals[p]):
+            while g < m and not (heights[p] - tops[g] <= gap and looks_alike(normals[g], finer.normals[p])):
                 g += 1
             m = max(m, g + 1)
-            before, weight = out_counts[g], counts[p]
-            total = before + weight
-            dx, dy, dz = (places[p, 0] - out_places[g, 0], places[p, 1] - out_places[g, 1],
-                          places[p, 2] - out_places[g, 2])  # fmt: skip
-            share = weight / total
-            keep = 1.0 - share
-            cross = share * keep
-            for a in range(6):
-                out_spreads[g, a] *= keep
-                if has_spread:
-                    out_spreads[g, a] += share * spreads[p, a]
-            out_spreads[g, 0] += cross * dx * dx
-            out_spreads[g, 1] += cross * dx * dy
-            out_spreads[g, 2] += cross * dx * dz
-            out_spreads[g, 3] += cross * dy * dy
-            out_spreads[g, 4] += cross * dy * dz
-            out_spreads[g, 5] += cross * dz * dz
-            out_places[g, 0] += share * dx
-            out_places[g, 1] += share * dy
-            out_places[g, 2] += share * dz
-            for a in range(3):
-                out_normals[g, a] += weight * normals[p, a]
-            out_counts[g] = total
-    return out_counts[:m].copy(), out_places[:m].copy(), out_normals[:m].copy(), out_spreads[:m].copy()
+            tops[g] = heights[p]
+            add_group(finer, p, counts, places, normals, spreads, g)
+    return counts[:m].copy(), places[:m].copy(), normals[:m].copy(), spreads[:m].copy()
+
+
+@jit(nopython=True, cache=True)
+def add_group(finer: Any, p: int, counts: Floats, places: Floats, normals: Floats, spreads: Floats, g: int) -> None:
+    """Add group p of `finer` to group g, whose count, mean place, sum of normals and spread are given."""
+    weight, before = finer.counts[p], counts[g]
+    share = weight / (before + weight)
+    keep = 1.0 - share
+    cross = share * keep
+    dx, dy, dz = (finer.places[p, 0] - places[g, 0], finer.places[p, 1] - places[g, 1],
+                  finer.places[p, 2] - places[g, 2])  # fmt: skip
+    for a in range(6):
+        spreads[g, a] *= keep
+        if len(finer.spreads) > 0:
+            spreads[g, a] += share * finer.spreads[p, a]
+    spreads[g, 0] += cross * dx * dx
+    spreads[g, 1] += cross * dx * dy
+    spreads[g, 2] += cross * dx * dz
+    spreads[g, 3] += cross * dy * dy
+    spreads[g, 4] += cross * dy * dz
+    spreads[g, 5] += cross * dz * dz
+    places[g, 0] += share * dx
+    places[g, 1] += share * dy
+    places[g, 2] += share * dz
+    for a in range(3):
+        normals[g, a] += weight * finer.normals[p, a]
+    counts[g] = before + weight
 
 
 @jit(nopython=True, cache=True)

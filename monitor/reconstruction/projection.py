@@ -84,7 +84,7 @@ class Samples(NamedTuple):
 
 def sum_up_samples(points: Floats, normals: Floats, radii: Floats, noise: float) -> Samples:
     """Return points (n, 3) m with unit normals, summed up in cells for fits within each of `radii`."""
-    return Samples(build_levels(points, normals, radii), radii, float(noise))
+    return Samples(build_levels(points, normals, radii, noise), radii, float(noise))
 
 
 def samples_at(points: Floats, normals: Floats, radius: float, noise: float) -> Samples:

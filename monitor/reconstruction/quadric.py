@@ -92,7 +92,9 @@ def mean_squares(patch: Floats, n: int, c: Floats, heights: Floats, squares: Flo
 def place_weights(patch: Floats, n: int, per2: float, weights: Floats) -> None:
     """Weights (2, n) by place: points of each group times the mean of max(1 - t^2, 0), and how that follows 1 - t^2.
 
-    The square t^2 is that of the distance over the span. At the rim a group is taken to lie evenly across it.
+    The square t^2 is that of the distance over the span. At the rim a group is taken to lie evenly across it: with the
+    share s inside, max(1 - t^2, 0) has the mean s^2 times half the group's width, and s^2 (3 - 2 s) of the covariance
+    with place that it would have all inside.
     """
     for i in range(np.uint64(n)):
         count, u, v = patch[COUNT, i], patch[U, i], patch[V, i]
@@ -102,7 +104,7 @@ def place_weights(patch: Floats, n: int, per2: float, weights: Floats) -> None:
         half = np.sqrt(max(12.0 * (pu * pu * suu + 2.0 * pu * qv * suv + qv * qv * svv), 0.0)) + 1e-12
         share = min(max((inside + half) / (2.0 * half), 0.0), 1.0)
         weights[0, i] = count * (inside if inside > half else share * share * half)
-        weights[1, i] = count * share
+        weights[1, i] = count * share * share * (3.0 - 2.0 * share)
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")

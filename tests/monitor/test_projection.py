@@ -98,7 +98,7 @@ def test_buckets_hold_the_same_points_as_a_search_through_all_finds(rng):
 def test_groups_keep_count_mean_and_spread_of_their_points_and_part_by_the_way_they_look(rng):
     points = rng.uniform(0, 0.02, size=(4000, 3))
     normals = np.where(rng.uniform(size=(4000, 1)) < 0.3, [0.0, 0.0, 1.0], [0.0, 0.6, -0.8])
-    level = build_levels(points, normals, np.array([0.01, 0.014, 0.02]))[-1]
+    level = build_levels(points, normals, np.array([0.01, 0.014, 0.02]), 0.001)[-1]
     assert len(level.counts) < 400
     assert level.counts.sum() == 4000
     assert np.abs(level.normals[:, 2] - 1.0).min() < 1e-12
@@ -131,6 +131,20 @@ def test_a_fit_to_groups_is_that_to_their_points(rng):
     assert np.std(height - truth) < 0.015e-3
     assert moved[0].sigma == pytest.approx(moved[1].sigma, rel=0.08)
     assert moved[0].scatter == pytest.approx(moved[1].scatter, rel=0.03)
+
+
+def test_noise_that_reaches_over_the_borders_of_cells_is_no_outlier(rng):
+    g, noise, radius = 0.001 * (np.arange(80) - 39.5), 0.003, 0.05
+    x, y = (a.ravel() for a in np.meshgrid(g, g))
+    up, flat = np.tile([0.0, 0.0, 1.0], (6400, 1)), Reach(*np.zeros((2, 1), int), np.ones(1, bool), np.zeros(1))
+    moved = []
+    for _ in range(60):
+        points = np.column_stack([x, y, noise * rng.normal(size=6400)])
+        samples = sum_up_samples(points, up, radius * 1.4 ** np.arange(-2.0, 1.0), noise)
+        moved.append(project_vertices(np.zeros((1, 3)), up[:1], samples, flat._replace(flat=np.array([2])), 0.01))
+    ratio = [p.vertices[0, 2] / p.sigma[0] for p in moved]
+    # Groups cut into an upper and a lower part, the smaller of which passes for outliers, make it 1.7 and more.
+    assert 0.75 < np.std(ratio) < 1.25
 
 
 def test_vertices_of_a_thin_plate_rest_on_their_own_side_only(rng):
