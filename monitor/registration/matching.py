@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from monitor.filtering.orientation import consistent_signs
 from monitor.registration.partners import Partners
 from monitor.registration.sides import Side
 from projects.model import Bools, Floats, Ints
@@ -92,9 +93,15 @@ class MatchLimits:
 
 
 def make_samples(side: Side, which: Ints) -> Samples:
-    """Return the samples `which` of a side."""
+    """Return the samples `which` of a side; fitted normals, whose sign is anybody's, look the same way as those around.
+
+    Residuals are along normals: where signs changed from point to point, a place that moved would show a mean of zero.
+    """
     sigma = np.zeros(len(which)) if side.sigma is None else side.sigma[which]
-    return Samples(side.points[which], side.normals_of(which), sigma, which, side.shared[which],
+    points, normals = side.points[which], side.normals_of(which)
+    if not side.is_oriented and len(which):
+        normals = normals * consistent_signs(points, normals)[:, None]
+    return Samples(points, normals, sigma, which, side.shared[which],
                    side.cosines[which], np.zeros(len(which)))  # fmt: skip
 
 
@@ -120,7 +127,8 @@ def match(samples: Samples, target: Side, T_target_source: Floats, limits: Match
     n_target = target.normals_of(nearest)
     agreement = np.einsum("ij,ij->i", n_source, n_target)
     if not both_oriented:
-        n_source = n_source * np.where(agreement < 0, -1.0, 1.0)[:, None]
+        turned = np.where(agreement < 0, -1.0, 1.0)[:, None]
+        n_source, n_target = (n_source * turned, n_target) if target.is_oriented else (n_source, n_target * turned)
         agreement = np.abs(agreement)
     normals = n_source + n_target
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

@@ -23,9 +23,29 @@ def motion_rows(points: Floats, normals: Floats, centre: Floats) -> Floats:
 
 def cell_numbers(points: Floats, cell: float) -> Ints:
     """Return one number (n,) per point that is equal for points in the same cube of edge `cell` [m]."""
+    return number_cells(points, cell)[0]
+
+
+def number_cells(points: Floats, cell: float) -> tuple[Ints, tuple[int, int]]:
+    """Return `cell_numbers` (n,) and by how much they grow from a cube to the next along x and y; along z by one.
+
+    Beyond the last cube along y and z two more are counted, so that the numbers of neighbours are nobody else's.
+    """
     steps = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-    sizes = steps.max(axis=0) + 1
-    return (steps[:, 0] * sizes[1] + steps[:, 1]) * sizes[2] + steps[:, 2]
+    along_y = int(steps[:, 2].max()) + 3
+    along_x = along_y * (int(steps[:, 1].max()) + 3)
+    return steps @ np.array([along_x, along_y, 1]), (along_x, along_y)
+
+
+def crowd_around(cells: Ints, count: Ints, along: tuple[int, int]) -> Ints:
+    """Return how many points lie in each cube (c,) and the 26 around it, from the `count` in each; numbers rise."""
+    total = np.append(0, np.cumsum(count))
+    crowd = np.zeros(len(cells), dtype=np.int64)
+    for x in (-along[0], 0, along[0]):
+        for y in (-along[1], 0, along[1]):
+            row = cells + x + y
+            crowd += total[np.searchsorted(cells, row + 1, "right")] - total[np.searchsorted(cells, row - 1, "left")]
+    return crowd
 
 
 def sample_source(side: Side, n_samples: int, rng: np.random.Generator) -> Ints:
@@ -48,11 +68,16 @@ def in_space_order(points: Floats, which: Ints) -> Ints:
 
 
 def even_probability(points: Floats, n_samples: int) -> Floats:
-    """Return probabilities (n,) under which a drawn sample is even over the surface: one over the crowd in the cell."""
+    """Return probabilities (n,) under which a drawn sample is even over the surface: one over the crowd around.
+
+    The crowd is that of a point's cell and of the 26 around it. In the cell alone, points whose noise carries them
+    beyond a face would be lonely and drawn the more, and the sample would lie beside the surface.
+    """
     spread = np.sort(np.ptp(points, axis=0))
-    cell = np.sqrt(max(spread[2] * spread[1], 1e-12 * spread[2] ** 2) / n_samples) * 2.0
-    _, which, crowd = np.unique(cell_numbers(points, max(cell, 1e-12)), return_inverse=True, return_counts=True)
-    probability = 1.0 / crowd[which]
+    cell = np.sqrt(max(spread[2] * spread[1], 1e-12 * spread[2] ** 2) / n_samples) * 2.0 / 3.0
+    numbers, along = number_cells(points, max(cell, 1e-12))
+    cells, which, count = np.unique(numbers, return_inverse=True, return_counts=True)
+    probability = 1.0 / crowd_around(cells, count, along)[which]
     return probability / probability.sum()
 
 

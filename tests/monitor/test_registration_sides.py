@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import trimesh
-from bumpy_body import noisy_cloud
+from bumpy_body import bumpy_points, noisy_cloud
 
 from monitor.registration import register
 from monitor.registration.matching import MatchLimits, make_samples, match
 from monitor.registration.sampling import even_probability, leverage, sample_source
-from monitor.registration.sides import on_free_edge, prepare_side, vertex_normals
+from monitor.registration.sides import Side, on_free_edge, prepare_side, vertex_normals
 from projects.errors import ShapeError
 from projects.model import PointCloud, Surface
 from projects.transforms import apply, perturb
@@ -146,3 +146,22 @@ def test_an_even_sample_does_not_follow_the_crowd(rng: np.random.Generator) -> N
 def test_other_things_are_refused_by_name() -> None:
     with pytest.raises(ShapeError, match="a ndarray cannot be registered"):
         prepare_side(np.zeros((3, 3)), np.zeros(3))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3, 0.7])
+def test_a_sample_lies_where_all_points_lie_however_the_cells_cut_their_noise(
+    rng: np.random.Generator, offset: float
+) -> None:
+    noise, n = 0.002, 100_000  # m; cells of the sample are 10 mm wide
+    points = np.column_stack([rng.uniform(0, 1.0, (n, 2)), rng.normal(0, noise, n)])
+    points[0] = [0.0, 0.0, -0.05 - 0.01 * offset]  # the corner that the cells start from
+    side = Side(points, np.tile([0.0, 0.0, 1.0], (n, 1)), None, np.arange(n))
+    chosen = sample_source(side, 40_000, rng)
+    assert abs(points[chosen, 2].mean() - points[:, 2].mean()) < 4.0 * noise / np.sqrt(len(chosen))
+
+
+def test_fitted_normals_of_samples_look_the_same_way_as_those_around(rng: np.random.Generator) -> None:
+    points, normals = bumpy_points(8_000, rng)
+    side = Side(points, None, None, np.arange(len(points)))
+    samples = make_samples(side, np.arange(0, len(points), 2))
+    assert abs(np.sum(np.sign(np.sum(samples.normals * normals[::2], axis=1)))) > 0.999 * len(samples.points)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from bumpy_body import move, noisy_cloud, unit
@@ -133,7 +135,7 @@ def test_a_scan_that_came_to_lie_a_step_off_is_refused_with_its_reason(rng: np.r
     found = adjust_scans(two_scans(rng, 0.6))
     assert not found.converged
     assert not found.applied
-    assert "scan 2 fits the others as well elsewhere" in found.reason
+    assert re.match("scan [12] fits the others as well elsewhere", found.reason)  # of two, either may have moved
     assert "328 mm off, by a slide along (0.85, 0.00, 0.52)" in found.reason
 
 
