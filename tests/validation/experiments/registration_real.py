@@ -166,7 +166,16 @@ def epoch_row(folder: Path, epoch: int) -> Row:
     turn = float(np.degrees(Rotation.from_matrix(found.T_target_source[:3, :3] @ (u @ vt).T).magnitude()))
     shift = float(np.linalg.norm(way))
     sigma = float(np.sqrt(np.trace(found.covariance[3:, 3:])))
+    u_vt = np.eye(4)
+    u_vt[:3, :3], u_vt[:3, 3] = u @ vt, T_truth[:3, :3] @ centroid + T_truth[:3, 3] - u @ vt @ centroid
+    error = motion_about(found.T_target_source @ invert(u_vt), found.centre)
+    squared = float(error @ np.linalg.solve(found.covariance, error))
     return Row(what, f"{1e3 * shift:.2f} mm, {turn:.3f} degrees", judge(shift < 0.001 and turn < 0.05),
                asked="1 mm, 0.05 degrees", value=shift,
-               others={"stated sigma, mm": f"{1e3 * sigma:.2f}",
+               others={"stated sigma, mm": f"{1e3 * sigma:.2f}", "chi2 of 6": f"{squared:.0f}",
                        "stable": f"{100 * found.stable_share:.0f} %"})  # fmt: skip
+
+
+def motion_about(T: Floats, centre: Floats) -> Floats:
+    """Return (w, t) [rad, m] of a motion (4, 4) about a point (3,) [m] of the frame that it leads to."""
+    return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), centre - apply(invert(T), centre)])
