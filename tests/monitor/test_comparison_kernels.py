@@ -28,6 +28,12 @@ def test_quantiles_are_those_of_numpy_to_the_last_bit(rng: np.random.Generator, 
     assert median(values) == np.median(values)
 
 
+def test_between_two_numbers_quantiles_are_rounded_as_numpy_rounds_them(rng: np.random.Generator) -> None:
+    values = rng.normal(size=100)
+    for share in rng.uniform(size=500):
+        assert quantile(values, share) == np.quantile(values, share)
+
+
 @pytest.fixture
 def ball(rng: np.random.Generator) -> tuple[trimesh.Trimesh, SimpleNamespace]:
     """Return a rough ball and as much of a side as its ways ask for."""
