@@ -23,7 +23,7 @@ METHOD = {
     "targets": 1,
     "network": 8,
     "filtered": 4,
-    "surface": 9,
+    "surface": 10,
     "mesh": 5,
     "quality": 1,
     "comparison": 10,

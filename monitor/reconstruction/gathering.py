@@ -64,6 +64,7 @@ class Room(NamedTuple):
     fit: Floats
     place: Floats
     picked: Ints  # (n,)
+    wider: Floats  # (n,) influences of a second fit
 
 
 def block_sites(vertices: Floats, normals: Floats, which: Ints, radius: float) -> Sites:
@@ -100,7 +101,9 @@ def near_room(n: int) -> Any:
 @jit(nopython=True, cache=True)
 def patch_room(n: int) -> Any:
     """Room for a patch of up to n groups and its fit."""
-    return Room(np.empty((10, n)), fit_room(n), np.empty(n), np.empty(7), np.empty(3), np.empty(n, np.int64))
+    return Room(
+        np.empty((10, n)), fit_room(n), np.empty(n), np.empty(7), np.empty(3), np.empty(n, np.int64), np.empty(n)
+    )
 
 
 @jit(nopython=True, cache=True)

@@ -28,6 +28,8 @@ from monitor.reconstruction.gathering import (
 )
 from monitor.reconstruction.moments import Level, build_levels, level_of_points
 from monitor.reconstruction.quadric import (
+    COUNT,
+    CURVED,
     EFFECTIVE,
     HEIGHT,
     SIGMA,
@@ -39,6 +41,8 @@ from monitor.reconstruction.quadric import (
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
+LADDER_RATIO = 1.4  # of one radius to the next
+BIAS_POWER = 4  # of the radius, with which the bias of a curved patch grows
 MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch at the rim of its points exceeds it
 N_WIDENED = 3  # radii of the ladder for a plane: its own and the next wider, where too few points lie within it
 MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees
@@ -50,12 +54,14 @@ class Reach(NamedTuple):
     """How the points around each vertex are fitted, one value a vertex.
 
     `curved` and `flat` are the rungs of the ladder for a curved patch and for a plane, `is_flat` says which to take
-    where the points allow both, and `misfit` (m) is what the surface was seen to depart from such a fit at its middle.
+    where the points allow both, `is_fourth` where a curved patch errs by its fourth order and is to be rid of it (see
+    `fit_fourth`), and `misfit` (m) is what the surface was seen to depart from such a fit at its middle.
     """
 
     curved: Ints
     flat: Ints
     is_flat: Bools
+    is_fourth: Bools
     misfit: Floats
 
 
@@ -100,8 +106,11 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
     is not about this vertex: it is refused.
     """
     out = np.zeros((len(vertices), 9))
-    _project_all(vertices, normals, samples, 2, reach.curved, np.flatnonzero(~reach.is_flat), max_shift, out)
     last = len(samples.radii) - 1
+    fourth = np.flatnonzero(reach.is_fourth & ~reach.is_flat & (reach.curved < last))
+    _project_all(vertices, normals, samples, 4, np.minimum(reach.curved + 1, last), fourth, max_shift, out)
+    curved = np.flatnonzero(~reach.is_flat & (out[:, OUT_SUPPORT] == 0.0))
+    _project_all(vertices, normals, samples, 2, reach.curved, curved, max_shift, out)
     for wider in range(N_WIDENED):
         waiting = np.flatnonzero(out[:, OUT_SUPPORT] == 0.0)
         _project_all(vertices, normals, samples, 1, np.minimum(reach.flat + wider, last), waiting, max_shift, out)
@@ -147,9 +156,12 @@ def project_one(
     slope2, n_points = 0.0, 0.0
     for _ in range(MOST_TURNS):
         n, n_points = gather_patch(level, near, n_near, place, own, radius, gate, room.patch, room.picked)
-        if not fit_patch(room.patch, n, radius, 1.0, degree, room.work, fit, room.influence):
+        if degree == 4:
+            if not fit_fourth(room, n, radius):
+                return
+        elif not fit_patch(room.patch, n, radius, 1.0, degree, room.work, fit, room.influence):
             return
-        if degree == 2 and not fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED:
+        if degree > 1 and not fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED:
             return
         slope2 = fit[SLOPE_U] ** 2 + fit[SLOPE_V] ** 2
         if slope2 > STEEPEST2:
@@ -164,6 +176,30 @@ def project_one(
         row[PLACE] = place
         row[OUT_SIGMA], row[OUT_SCATTER] = fit[UNIT_ERROR] * fit[SIGMA] / np.sqrt(1.0 + slope2), fit[SIGMA]
         row[OUT_SUPPORT] = n_points
+
+
+@jit(nopython=True, cache=True)
+def fit_fourth(room: Any, n: int, radius: float) -> bool:
+    """Fit curved patches within `radius` and within one step of the ladder less; carry their heights on to none.
+
+    The bias of a curved patch's height grows with the fourth power of its radius: what the wider differs from the
+    narrower tells that of the latter, which is taken off, at 1.14 times the standard error (generalized jackknife:
+    Schucany & Sommers 1977). All else is the narrower patch's. False where one of them cannot be.
+    """
+    fit, influence = room.fit, room.influence
+    if not fit_patch(room.patch, n, radius, 1.0, CURVED, room.work, fit, room.wider):
+        return False
+    wider = fit[HEIGHT]
+    if not fit_patch(room.patch, n, radius, 1.0 / LADDER_RATIO, CURVED, room.work, fit, influence):
+        return False
+    carry = 1.0 / (LADDER_RATIO**BIAS_POWER - 1.0)
+    fit[HEIGHT] += carry * (fit[HEIGHT] - wider)
+    variance = 0.0
+    for i in range(n):
+        one = influence[i] + carry * (influence[i] - room.wider[i])
+        variance += room.patch[COUNT, i] * one * one
+    fit[UNIT_ERROR] = np.sqrt(variance)
+    return True
 
 
 @jit(nopython=True, cache=True, nogil=True)

@@ -29,15 +29,17 @@ from monitor.reconstruction.gathering import (
     rows_room,
 )
 from monitor.reconstruction.moments import Level
-from monitor.reconstruction.projection import MOST_EXTRAPOLATED, Reach, Samples
+from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, MOST_EXTRAPOLATED, Reach, Samples
 from monitor.reconstruction.quadric import BEND, COUNT, CURVED, EFFECTIVE, HEIGHT, PLANE, SIGMA, UNIT_ERROR, fit_patch
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
-LADDER_RATIO = 1.4
 NARROWEST_SIGMAS = 6.0  # of noise: in a narrower fit the noise passes for curvature
 VERTICES_PER_PROBE = 12
-BIAS_POWER = 4  # of the radius, with which the bias of a curved patch grows
+FOURTH_LEFT2 = 0.25  # of the squared bias with its fourth order taken off, on waves
+FOURTH_COST = 0.3  # of the variance, that taking it off adds
+N_HERE = 4  # probes next to each other that tell how large a bias is where it is seen
+N_STATED = 4  # points nearest to a probe whose stated noise counts there
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
 DOUBT, REFUSAL, BENT = 1.25, 4.0, 2.0  # sigmas of a pooled mean square departure above that of noise alone
 ONE_SIDED = 1.5  # sigmas of the mean departure of pooled probes, which curvature gives one sign
@@ -57,6 +59,18 @@ class Ladder(NamedTuple):
     wanted: float
 
 
+class Stated(NamedTuple):
+    """What the points state of their own noise: one sigma (m) for each point of the tree."""
+
+    points: cKDTree
+    sigma: Floats
+
+    def at(self, places: Floats) -> Floats:
+        """Return the root mean square of what the nearest points state at places (n, 3); NaN where one states none."""
+        _, index = self.points.query(places, k=[*range(1, min(N_STATED, self.points.n) + 1)], workers=2)
+        return np.sqrt(np.mean(self.sigma[index] ** 2, axis=1))
+
+
 class Probes(NamedTuple):
     """Places on the surface where radii are tried; `pool` (n, k) names those around each, `area` (m2) is each one's."""
 
@@ -64,6 +78,7 @@ class Probes(NamedTuple):
     normals: Floats
     pool: Ints
     area: float
+    stated: Floats  # (n,) m, one sigma of the points there as stated; NaN where nothing is
 
 
 def make_ladder(cell: float, noise: float, narrowest: float, widest: float, noise_share: float) -> Ladder:
@@ -83,13 +98,19 @@ def measure_noise(places: Floats, normals: Floats, samples: Samples) -> float:
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def choose_reach(vertices: Floats, normals: Floats, samples: Samples, ladder: Ladder) -> Reach:
-    """Return how to fit around each vertex (n,), decided at probes and taken over from the nearest one."""
+def choose_reach(
+    vertices: Floats, normals: Floats, samples: Samples, ladder: Ladder, stated: Stated | None = None
+) -> Reach:
+    """Return how to fit around each vertex (n,), decided at probes and taken over from the nearest one.
+
+    `stated` is what the points state of their own noise: what scatters beyond it is relief.
+    """
     probes = np.arange(0, len(vertices), VERTICES_PER_PROBE)
     tree = cKDTree(vertices[probes])
     distance, pool = tree.query(vertices[probes], k=[*range(1, min(N_POOLED, len(probes)) + 1)], workers=2)
     area = np.pi * float(np.median(distance[:, -1])) ** 2 / pool.shape[1]
-    at_probes = climb(Probes(vertices[probes], normals[probes], pool, area), samples, ladder)
+    own = stated.at(vertices[probes]) if stated else np.full(len(probes), np.nan)
+    at_probes = climb(Probes(vertices[probes], normals[probes], pool, area, own), samples, ladder)
     nearest = tree.query(vertices, workers=2)[1]
     return Reach(*(values[nearest] for values in at_probes))
 
@@ -99,35 +120,41 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
 
     A radius that is only doubtful is passed over; two doubtful ones in succession end the climb, since a bias grows
     with the radius and chance does not. What departs at a radius says how large the bias is there and, by the power
-    with which it grows, how large at the last radius taken: both are part of the misfit. A plane is taken only where
-    it holds about as far as the curved patch does, and beyond the narrowest radius: a narrow one trades noise for a
-    bias that has one sign all over a curved surface.
+    with which it grows, how large at the last radius taken: both are part of the misfit. Where taking off its fourth
+    order gains more than the noise that it adds, it is taken off (`fit_fourth`), there only: a bias that like epochs
+    share falls out of their difference, noise does not. A plane is taken only where it holds about as far as the curved
+    patch does, and beyond the narrowest radius: a narrow one trades noise for a bias that has one sign all over a
+    curved surface.
     """
     n, pool = len(probes.vertices), probes.pool
     curved, flat = np.zeros(n, np.int64), np.zeros(n, np.int64)
     risk, flat_risk = np.full(n, np.inf), np.full(n, np.inf)
-    misfit2, flat_misfit2 = np.zeros(n), np.zeros(n)
+    misfit2, flat_misfit2, own_error2 = np.zeros(n), np.zeros(n), np.full(n, np.inf)
+    is_fourth = np.zeros(n, bool)
     climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     for k, radius in enumerate(ladder.radii):
         inner = np.where(np.isfinite(risk), ladder.radii[curved] / radius, 1.0)
         rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k, inner)
-        noise2 = np.where(np.isnan(noise2), _pooled(rows[:, SCATTER] ** 2, pool), noise2)
+        noise2 = np.where(np.isnan(noise2), noise_variance(rows[:, SCATTER], probes.stated, pool), noise2)
         error2, flat_error2 = (noise2 * _pooled(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
         n_apart = count_apart(pool.shape[1], probes.area, radius)
         step = _compare(rows[:, STEP], rows[:, STEP_UNIT2] * noise2, pool, n_apart)
         flat_step = _compare(rows[:, FLAT_STEP], rows[:, FLAT_STEP_UNIT2] * noise2, pool, n_apart)
         has_fit = np.isfinite(risk)
         is_steep = np.abs(_pooled(rows[:, CURVATURE], pool)) > MOST_BENT
-        is_doubtful = (is_steep | step.is_doubtful | is_bent(step.own2, radius, probes.area)) & has_fit
+        is_doubtful = (is_steep | step.is_doubtful | is_bent(step, radius, probes.area)) & has_fit
         bends = (step.is_refused | (is_doubtful & doubted)) & has_fit & np.isfinite(error2)
-        bias2 = step.excess2 / np.maximum(1.0 - inner**BIAS_POWER, 0.5) ** 2
-        below2 = np.where(climbing & bends, bias2 * inner ** (2 * BIAS_POWER), 0.0)
+        per2 = 1.0 / np.maximum(1.0 - inner**BIAS_POWER, 0.5) ** 2
+        bias2 = per2 * step.excess2
+        ends, shrinks = climbing & bends, per2 * inner ** (2 * BIAS_POWER)
+        below2 = np.where(ends, shrinks * np.where(is_steep, step.excess2, np.fmax(step.excess2, step.here2)), 0.0)
+        is_fourth |= ends & ~is_steep & ((1.0 - FOURTH_LEFT2) * shrinks * step.here2 > FOURTH_COST * own_error2)
         misfit2, risk = np.maximum(misfit2, below2), risk + np.maximum(below2 - misfit2, 0.0)
         climbing &= ~has_fit | (np.isfinite(error2) & ~bends)
         doubted = is_doubtful
         taken = climbing & ~doubted & np.isfinite(error2)
         curved, misfit2 = np.where(taken, k, curved), np.where(taken, bias2, misfit2)
-        risk = np.where(taken, error2 + bias2, risk)
+        risk, own_error2 = np.where(taken, error2 + bias2, risk), np.where(taken, error2, own_error2)
         this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
         bows = flat_step.is_refused | flat_step.is_doubtful | flat_step.is_one_sided
         better = taken & ~bows & (this_risk < flat_risk)
@@ -136,8 +163,27 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         climbing &= ~(np.where(flat_risk < risk, flat_error2, error2) <= ladder.wanted**2)
         if not climbing.any():
             break
+    own_error2 = np.where(is_fourth, own_error2, 0.0)
+    risk += FOURTH_COST * own_error2 - np.where(is_fourth, (1.0 - FOURTH_LEFT2) * misfit2, 0.0)
+    misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
-    return Reach(curved, flat, is_flat, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
+    return Reach(curved, flat, is_flat, is_fourth, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
+
+
+def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
+    """Return the variance (n,) [m2] of the points by which fits are judged, pooled over the probes around.
+
+    It is that of the scatter (n,) about the narrowest fits, but no more than what the points state, by as much as all
+    of the surface shows them to understate: relief finer than these fits scatters about them too, and what serves as
+    its noise would let any wider fit pass.
+    """
+    pooled2 = _pooled(scatter**2, pool)
+    ratio = scatter / stated
+    known = np.isfinite(ratio)
+    if not known.any():
+        return pooled2
+    scale = max(float(np.median(ratio[known])), 1.0)
+    return np.fmin(pooled2, scale**2 * _pooled(stated**2, pool))
 
 
 def count_apart(n: int, area: float, radius: float) -> float:
@@ -145,9 +191,12 @@ def count_apart(n: int, area: float, radius: float) -> float:
     return min(float(n), max(n * area / (0.5 * np.pi * radius**2), 1.0))
 
 
-def is_bent(own2: Floats, radius: float, area: float) -> bool:
-    """Whether all probes together depart more than noise explains: a bias too small for any one neighbourhood."""
-    known = own2[np.isfinite(own2)]
+def is_bent(step: Departure, radius: float, area: float) -> bool:
+    """Whether probes together depart more than noise explains: a bias too small for any one neighbourhood.
+
+    Neighbourhoods that doubt the radius by themselves are left out: their relief says nothing of the rest.
+    """
+    known = step.own2[np.isfinite(step.own2) & ~step.is_doubtful]
     if not len(known):
         return False
     limit = 1.0 + BENT * np.sqrt(2.0 / count_apart(len(known), area, radius))
@@ -162,6 +211,7 @@ class Departure(NamedTuple):
     is_doubtful: Bools
     is_one_sided: Bools
     excess2: Floats
+    here2: Floats  # m2, by how much at the probe and those next to it, edges and all
     doubt2: Floats
 
 
@@ -174,16 +224,17 @@ def _pooled(values: Floats, pool: Ints) -> Floats:
 
 def _compare(step: Floats, variance: Floats, pool: Ints, n_apart: float) -> Departure:
     """Judge departures (n,) against the variance (n,) that noise gives them, pooled over the probes around."""
+    chance = np.sqrt(2.0 / n_apart)
     with np.errstate(invalid="ignore", divide="ignore"):
         own = step**2 / variance
         pooled = _pooled(np.minimum(own, CLIPPED), pool) / MEAN_CLIPPED
-        chance = np.sqrt(2.0 / n_apart)
         is_refused = (pooled > 1.0 + REFUSAL * chance) | (own > OWN_REFUSAL)
         one_sided = np.abs(_pooled(np.clip(step / np.sqrt(variance), -2.0, 2.0), pool)) > ONE_SIDED / np.sqrt(n_apart)
         is_doubtful = pooled > 1.0 + DOUBT * chance
     expected = _pooled(variance, pool)
     excess2 = np.nan_to_num(np.maximum(pooled - 1.0, 0.0) * expected)
-    return Departure(own, is_refused, is_doubtful, one_sided, excess2, expected * chance)
+    here2 = np.nan_to_num(np.maximum(_pooled(step**2 - variance, pool[:, :N_HERE]), 0.0))
+    return Departure(own, is_refused, is_doubtful, one_sided, excess2, here2, expected * chance)
 
 
 @jit(nopython=True, cache=True)

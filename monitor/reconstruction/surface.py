@@ -23,7 +23,7 @@ from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, project_vertices, sum_up_samples
-from monitor.reconstruction.reach import choose_reach, make_ladder
+from monitor.reconstruction.reach import Stated, choose_reach, make_ladder
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
@@ -137,7 +137,15 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
     projection, faces, beside = settle(
-        vertices, faces, points, cloud.normals, (cell_used, sampling.noise), settings, counts, automatic
+        vertices,
+        faces,
+        points,
+        cloud.normals,
+        (cell_used, sampling.noise),
+        settings,
+        counts,
+        automatic,
+        None if cloud.sigma is None else Stated(samples, cloud.sigma),
     )
     n_measured = len(faces)
     projection, faces = invent(projection, faces, ALONG_HOLES * cell_used, settings, counts)
@@ -193,7 +201,7 @@ def trim(vertices: Floats, faces: Ints, samples: cKDTree, farthest: float) -> In
 
 def settle(
     vertices: Floats, faces: Ints, points: Floats, normals: Floats, sizes: tuple[float, float],
-    settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any],
+    settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any], stated: Stated | None,
 ) -> tuple[Projection, Ints, Bools]:  # fmt: skip
     """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties.
 
@@ -205,7 +213,7 @@ def settle(
     outward = vertex_normals(vertices[used], faces)
     ladder = make_ladder(cell, noise, settings.narrowest_fit_cells, settings.widest_fit_cells, settings.noise_share)
     samples = sum_up_samples(points, normals, ladder.radii, noise)
-    reach = choose_reach(vertices[used], outward, samples, ladder)
+    reach = choose_reach(vertices[used], outward, samples, ladder, stated)
     reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
     projection = project_vertices(vertices[used], outward, samples, reach, cell + GATE_SIGMAS * noise)
     automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from monitor.reconstruction import SurfaceSettings, reconstruct
 from monitor.reconstruction.cell_size import measure_sampling
+from monitor.reconstruction.gathering import patch_room
 from monitor.reconstruction.moments import build_levels, find_rows, level_of_points
-from monitor.reconstruction.projection import Reach, project_vertices, samples_at, sum_up_samples
-from monitor.reconstruction.quadric import fit_patch, fit_room
-from monitor.reconstruction.reach import choose_reach, make_ladder
+from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, samples_at, sum_up_samples
+from monitor.reconstruction.quadric import HEIGHT, UNIT_ERROR, fit_patch, fit_room
+from monitor.reconstruction.reach import Stated, choose_reach, make_ladder, noise_variance
 from projects.model import PointCloud
 
 RADIUS = 0.06
@@ -73,6 +75,45 @@ def test_noise_along_the_normals_of_a_sphere_leaves_no_bias(rng):
     assert np.std(heights) / np.mean(error) == pytest.approx(1.0, abs=0.1)
 
 
+def fourth(u, v, z, radius):
+    room = patch_room(len(u))
+    room.patch[:4] = u / radius, v / radius, z / radius, np.ones(len(u))
+    room.patch[4:] = 0.0
+    assert fit_fourth(room, len(u), radius)
+    return room.fit.copy()
+
+
+def test_the_fourth_order_of_a_relief_moves_no_height_once_it_is_taken_off(rng):
+    g = np.linspace(-0.01, 0.01, 81)
+    u, v = (a.ravel() for a in np.meshgrid(g, g))
+    k = 2.0 * np.pi / 0.02
+    curved = fit(u, v, 0.001 * np.cos(k * u), 0.01, 2)[0][0] - 0.001
+    # By theory, of weights 1 - t^2: -0.116 mm of a radius of 10 mm, -0.034 of 7.1 mm, and -0.006 carried on to none.
+    assert curved == pytest.approx(-0.116e-3, rel=0.05)
+    assert fourth(u, v, 0.001 * np.cos(k * u), 0.01)[HEIGHT] - 0.001 == pytest.approx(-0.006e-3, abs=0.003e-3)
+
+
+def test_taking_the_fourth_order_off_states_the_noise_that_it_adds(rng):
+    u, v = disc(rng, 300, 0.01)
+    found = np.array([fourth(u, v, 0.0002 * rng.normal(size=300), 0.01)[[HEIGHT, UNIT_ERROR]] for _ in range(800)])
+    narrow = fit(*(a[np.hypot(u, v) < 0.01 / 1.4] for a in (u, v, 0.0 * u)), 0.01 / 1.4, 2)[0][UNIT_ERROR]
+    assert found[:, 0].std() == pytest.approx(0.0002 * found[:, 1].mean(), rel=0.08)
+    assert found[:, 1].mean() == pytest.approx(1.14 * narrow, rel=0.05)
+
+
+def test_what_scatters_beyond_the_stated_noise_is_relief(rng):
+    pool = np.array([np.r_[k:20, 0:k] for k in range(20)])  # all of them together
+    scatter = np.where(np.arange(20) < 5, 0.004, 0.0008)
+    calm = noise_variance(scatter, np.full(20, 0.001), pool)
+    assert calm == pytest.approx(np.full(20, 0.001**2))  # not the mean, 2 mm squared
+    understated = noise_variance(scatter, np.full(20, 0.0004), pool)
+    assert understated == pytest.approx(np.full(20, 0.0008**2))  # most of the surface scatters by twice of it
+    noisier = noise_variance(scatter, np.where(np.arange(20) < 5, 0.004, 0.001), pool)
+    assert noisier == pytest.approx(np.full(20, np.mean(scatter**2)))
+    unstated = noise_variance(scatter, np.full(20, np.nan), pool)
+    assert unstated == pytest.approx(np.full(20, np.mean(scatter**2)))
+
+
 def test_outliers_do_not_move_the_fit(rng):
     u, v = disc(rng, 300, 0.01)
     z = 0.0002 * rng.normal(size=300)
@@ -120,7 +161,7 @@ def test_a_fit_to_groups_is_that_to_their_points(rng):
     normals = np.column_stack([s * np.cos(turn), s * np.sin(turn), z])
     points = (RADIUS + noise * rng.normal(size=(n, 1))) * normals
     places = normals[::100]
-    reach = Reach(np.full(400, 2), np.full(400, 2), np.zeros(400, bool), np.zeros(400))
+    reach = Reach(np.full(400, 2), np.full(400, 2), np.zeros(400, bool), np.zeros(400, bool), np.zeros(400))
     summed = sum_up_samples(points, normals, radius * 1.4 ** np.arange(-2.0, 1.0), noise)
     single = summed._replace(levels=[None, None, level_of_points(points, normals, radius)])
     moved = [project_vertices(RADIUS * places, places, samples, reach, 0.01) for samples in (summed, single)]
@@ -136,7 +177,10 @@ def test_a_fit_to_groups_is_that_to_their_points(rng):
 def test_noise_that_reaches_over_the_borders_of_cells_is_no_outlier(rng):
     g, noise, radius = 0.001 * (np.arange(80) - 39.5), 0.003, 0.05
     x, y = (a.ravel() for a in np.meshgrid(g, g))
-    up, flat = np.tile([0.0, 0.0, 1.0], (6400, 1)), Reach(*np.zeros((2, 1), int), np.ones(1, bool), np.zeros(1))
+    up, flat = (
+        np.tile([0.0, 0.0, 1.0], (6400, 1)),
+        Reach(*np.zeros((2, 1), int), *np.array([[True], [False]]), np.zeros(1)),
+    )
     moved = []
     for _ in range(60):
         points = np.column_stack([x, y, noise * rng.normal(size=6400)])
@@ -153,7 +197,7 @@ def test_vertices_of_a_thin_plate_rest_on_their_own_side_only(rng):
     top, bottom = (np.column_stack([x, y, np.full_like(x, z)]) for z in (0.001, -0.001))
     up = np.tile([0.0, 0.0, 1.0], (len(x), 1))
     samples = samples_at(np.r_[top, bottom], np.r_[up, -up], 0.004, 0.0005)
-    reach = Reach(np.zeros(1, int), np.zeros(1, int), np.zeros(1, bool), np.zeros(1))
+    reach = Reach(np.zeros(1, int), np.zeros(1, int), np.zeros(1, bool), np.zeros(1, bool), np.zeros(1))
     moved = project_vertices(np.array([[0.02, 0.02, 0.0004]]), np.array([[0.0, 0.0, 1.0]]), samples, reach, 0.01)
     assert moved.vertices[0] == pytest.approx([0.02, 0.02, 0.001], abs=1e-9)
 
@@ -168,7 +212,7 @@ def test_vertices_of_a_rounded_step_come_back_to_the_part_that_they_belong_to(rn
     slope = z * (0.005 - z) / (0.005 * 0.0012)
     outward = np.column_stack([-slope, 0.0 * slope, np.ones(60)]) / np.sqrt(1.0 + slope**2)[:, None]
     raw = np.concatenate([raw + np.array([0.0, side, 0.0]) for side in np.linspace(-0.012, 0.012, 25)])
-    reach = Reach(np.zeros(1500, int), np.zeros(1500, int), np.zeros(1500, bool), np.zeros(1500))
+    reach = Reach(np.zeros(1500, int), np.zeros(1500, int), np.zeros(1500, bool), np.zeros(1500, bool), np.zeros(1500))
     moved = project_vertices(raw, np.tile(outward, (25, 1)), samples_at(points, normals, 0.0035, 1e-4), reach, 0.003)
     assert moved.is_fitted.all()
     x, _, z = moved.vertices.T
@@ -189,6 +233,27 @@ def test_fits_are_wide_on_a_plane_and_narrow_on_relief(rng):
     assert flat_share > 0.5  # planes are refused where chance makes them look bent
     assert relief_flat_share < 0.1
     assert relief < 0.5 * plane
+
+
+def test_relief_finer_than_the_fits_widens_them_less_where_points_state_their_noise(rng):
+    cloud = wavy_sheet(rng, 60, 0.003, 0.001, 0.0003)
+    ladder = make_ladder(0.002, 0.0003, 1.5, 16.0, 0.05)
+    samples = sum_up_samples(cloud.points, cloud.normals, ladder.radii, 0.0003)
+    stated = Stated(cKDTree(cloud.points), np.full(len(cloud), 0.0003))
+    alone, told = (choose_reach(cloud.points, cloud.normals, samples, ladder, s) for s in (None, stated))
+    assert np.mean(told.curved <= 1) > 1.2 * np.mean(alone.curved <= 1)
+
+
+def test_what_a_rough_half_refuses_does_not_narrow_the_fits_of_the_other(rng):
+    cloud = wavy_sheet(rng, 60, 0.010, 0.001, 0.0003)
+    rest = cloud.points[:, 1] > 0.03
+    heights = np.where(rest, 0.0003 * rng.normal(size=len(rest)), cloud.points[:, 2])
+    points = np.column_stack([cloud.points[:, :2], heights])
+    normals = np.where(rest[:, None], [0.0, 0.0, 1.0], cloud.normals)
+    ladder = make_ladder(0.0015, 0.0003, 1.5, 16.0, 0.05)
+    reach = choose_reach(points, normals, sum_up_samples(points, normals, ladder.radii, 0.0003), ladder)
+    assert np.median(reach.curved[points[:, 1] > 0.045]) >= 5  # 2 where those of the other half count
+    assert np.median(reach.curved[points[:, 1] < 0.02]) <= 2
 
 
 def test_relief_does_not_pass_for_noise(rng):
