@@ -7,7 +7,7 @@ from bumpy_body import NOISE, bumpy_points, unit
 from monitor.registration.degeneracy import describe
 from monitor.registration.matching import Matches
 from monitor.registration.patches import cut_patches
-from monitor.registration.stable_areas import doubt_stable, find_stable, weighted_median
+from monitor.registration.stable_areas import doubt_stable, find_stable, least_median, weighted_median
 from monitor.registration.weights import huber_weights, residual_sigma, tukey_slope, tukey_weights
 from projects.model import Bools, Floats, Ints
 
@@ -95,6 +95,13 @@ def test_patches_hold_the_asked_number_and_part_the_sides_of_a_slab(rng: np.rand
 def test_weighted_median_counts_weights() -> None:
     assert weighted_median(np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 5.0])) == 2.0
     assert weighted_median(np.array([3.0, 1.0, 2.0]), np.array([9.0, 1.0, 5.0])) == 3.0
+
+
+def test_the_least_median_is_that_of_the_first_row_whose_median_is_least(rng: np.random.Generator) -> None:
+    weights = rng.integers(1, 30, 25).astype(float)
+    for _ in range(200):
+        values = rng.integers(0, 12, (40, 25)).astype(float)  # many equal ones
+        assert least_median(values, weights) == np.argmin([weighted_median(row, weights) for row in values])
 
 
 def test_weights_of_huber_and_tukey_have_their_known_values() -> None:

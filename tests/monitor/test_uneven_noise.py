@@ -8,7 +8,9 @@ from bumpy_body import bumpy_points, move, unit
 from test_motion_covariance import error_of
 
 from monitor.registration import register
-from monitor.registration.matching import MatchLimits, compare_relief, make_samples, match, with_relief
+from monitor.registration.alignment import AlignmentRules, align, weigh
+from monitor.registration.covariance import bearing_patches, standardize
+from monitor.registration.matching import Matches, MatchLimits, compare_relief, make_samples, match, with_relief
 from monitor.registration.sides import Side
 from monitor.registration.stable_areas import common_variance, share_noise, sum_patches
 from projects.model import Bools, Floats, PointCloud
@@ -52,7 +54,7 @@ def test_the_rough_half_takes_nothing_from_what_the_smooth_one_knows() -> None:
             found = register(move(uneven_cloud(rng, roughness), invert(T)), uneven_cloud(rng, roughness))
             ways.append(np.linalg.norm(error_of(found, T)[3:]))
         errors.append(float(np.sqrt(np.mean(np.square(ways)))))
-    # half the points and a worse geometry: two to three times; at equal weights the rough half brings ten times more
+    # half the points and a worse geometry: two to three times
     assert errors[1] < 4.0 * errors[0]
 
 
@@ -90,15 +92,47 @@ def test_what_patches_err_by_in_common_is_found_beside_unlike_noise(rng: np.rand
     assert common_variance(0.5 * rng.normal(0, np.sqrt(noise2)), noise2) == 0.0
 
 
-def test_patches_that_err_together_are_believed_less(rng: np.random.Generator) -> None:
+def rough_pairs(rng: np.random.Generator) -> tuple[Matches, Bools]:
+    """Return 20 000 pairs in runs of 25, every other run four times rougher, and which these are."""
     points, normals = bumpy_points(20_000, rng)
     side = Side(points, normals, None, np.arange(len(points)))
     pairs = match(make_samples(side, np.arange(20_000)), side, np.eye(4), MatchLimits(0.01, 0.0, 1.0), True)
+    rough = np.arange(20_000) // 25 % 2 == 1
+    noise = np.where(rough, 1e-3, 2.5e-4)
+    return dataclasses.replace(pairs, residuals=rng.normal(0, noise), relief=noise), rough
+
+
+def test_pairs_weigh_by_how_much_they_scatter(rng: np.random.Generator) -> None:
+    pairs, rough = rough_pairs(rng)
+    for fine in (False, True):
+        _, sigma = weigh(pairs, np.ones(20_000, dtype=bool), fine)
+        assert sigma[rough] == pytest.approx(1e-3, rel=0.15)  # alike they would have 0.5 mm
+        assert sigma[~rough] == pytest.approx(2.5e-4, rel=0.15)
+
+
+def test_samples_weigh_the_less_the_more_their_neighbourhoods_share(rng: np.random.Generator) -> None:
+    points, normals = bumpy_points(4_000, rng)
+    side = Side(points, normals, None, np.arange(len(points)))
+    shared = np.where(is_rough(points), 9.0, 1.0)
+    rules = AlignmentRules(0.01, 1.0, 30, 1e-6, 5)
+    found = align(make_samples(side, np.arange(4_000)), side, np.eye(4), rules, fine=True, shared=shared)
+    assert found.weights == pytest.approx(1.0 / shared[found.matches.source], rel=1e-9)  # a copy of itself fits exactly
+
+
+def test_what_weighs_little_does_not_tell_how_the_rest_errs(rng: np.random.Generator) -> None:
+    pairs, rough = rough_pairs(rng)
     number = np.arange(20_000) // 25
-    rough = number % 2 == 1
+    sigma = np.where(rough, 1e-3, 2.5e-4)
+    for factor, bears in ((1.0, False), (0.4, True)):  # a sixteenth of the weight of the others; a tenth of the mean
+        of_all = standardize(pairs, np.where(rough, factor, 1.0) * sigma, np.zeros(3))
+        assert np.array_equal(bearing_patches(of_all, number), np.arange(800) if bears else np.arange(0, 800, 2))
+
+
+def test_patches_that_err_together_are_believed_less(rng: np.random.Generator) -> None:
+    pairs, rough = rough_pairs(rng)
+    number = np.arange(20_000) // 25
     common = rng.normal(0, 1.0, 800)[number] * np.where(rough, 8.0, 1.0) * 1e-4
-    residuals = rng.normal(0, np.where(rough, 1e-3, 2.5e-4)) + common
-    pairs = dataclasses.replace(pairs, residuals=residuals, relief=np.where(rough, 1e-3, 2.5e-4))
+    pairs = dataclasses.replace(pairs, residuals=pairs.residuals + common)
     patches = sum_patches(pairs, number, np.zeros(3))
     factor = share_noise(patches, np.zeros(6), np.ones(800, dtype=bool))[patches.member]
     # 1 + (0.1 / 0.05)^2 and 1 + (0.8 / 0.2)^2 of the means of 25; 400 patches tell a variance to 12 %
