@@ -21,7 +21,7 @@ from projects.errors import ShapeError
 from projects.model import Floats, Ints
 from projects.transforms import cross_matrix
 
-N_PATCHES = 150  # enough to tell a range of a tenth of the object; 0.1 s
+N_PATCHES = 250  # enough to tell a range of a twentieth of the object; 0.1 s
 LIGHT, FEWEST_BEARING = 0.1, 50  # of the usual weight: no witness of how others err; patches that tell a range
 LEAST_SCATTER = 1e-6  # of standardized residuals squared: two epochs of the same numbers have none
 
