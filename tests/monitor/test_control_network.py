@@ -2,12 +2,14 @@
 
 import datetime
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from test_targets import SCANNER, sphere
 
+from monitor import scan_network
 from monitor.cli import run
 from monitor.simulation import Body, Scene, simulate_scan, stand_at, window_around
 from projects import Project
@@ -107,6 +109,21 @@ def test_comparison_is_absolute_and_holds_the_uncertainty_of_both_frames(campaig
     side = comparison.on_compared
     front = side.surface.vertices[:, 0] > 0.2
     assert np.nanmedian(side.distances[front]) == pytest.approx(0.005, abs=0.001)  # 6 mm along x, seen along normals
+
+
+def test_nothing_is_built_on_scans_that_do_not_settle(
+    campaign: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project = campaign / "project"
+    before = [Project.open(project).latest("ball", "first", kind).step_id for kind in ("network", "surface")]
+    (campaign / "short.toml").write_text("[adjust]\nmax_iterations = 29\n")  # so that it is adjusted anew
+    adjust = scan_network.adjust_scans
+    monkeypatch.setattr(
+        scan_network, "adjust_scans", lambda *asked: replace(adjust(*asked), converged=False, reason="still moving")
+    )
+    assert run(["process", str(project), "ball", "first", "--settings", str(campaign / "short.toml")]) == 2
+    assert "the scans could not be fitted onto each other: still moving" in capsys.readouterr().err
+    assert [Project.open(project).latest("ball", "first", kind).step_id for kind in ("network", "surface")] == before
 
 
 def test_scans_without_poses_are_placed_by_targets_and_control(campaign: Path) -> None:
