@@ -103,17 +103,26 @@ def with_origin(name: str, size: str, result: dict[str, Any]) -> dict[str, Any]:
             versions[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             continue
-    described = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
     return {
         "experiment": name,
         "size": size,
         "command": f"python tests/validation/validate.py {'--small ' if size == 'small' else ''}{name}",
         "date": datetime.date.today().isoformat(),
-        "commit": described.stdout.strip() or "unknown",
+        "commit": commit_of_code(),
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}",
         "versions": versions,
         **result,
     }
+
+
+def commit_of_code() -> str:
+    """Return the commit that runs, "-dirty" where more than results and their page differ from it."""
+
+    def ask(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True).stdout.strip()
+
+    changed = ask("status", "--porcelain", "--", ".", f":!{RESULTS.relative_to(ROOT)}", ":!VALIDATION.md")
+    return (ask("describe", "--always") or "unknown") + ("-dirty" if changed else "")
 
 
 def names_in_an_hour() -> list[str]:
