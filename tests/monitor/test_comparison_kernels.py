@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 import trimesh
+from same_bits import assert_same_bits
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial.distance import cdist
@@ -16,7 +17,7 @@ from monitor.comparison.quantile import median, quantile
 from monitor.comparison.reaches import average_over, gather_reaches, least_of_patches, members_of, sum_areas
 from monitor.comparison.spreading import spread_along
 from monitor.comparison.stars import gather_neighbours, make_mesh
-from projects.model import Comparison, Floats, Registration, Surface
+from projects.model import Floats, Registration, Surface
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 1000, 1001])
@@ -105,15 +106,6 @@ def dented_pair(rng: np.random.Generator) -> tuple[Surface, Surface, Registratio
         faces = mesh.faces[(vertices[mesh.faces][:, :, 2] > -0.3).all(axis=1)]
         surfaces.append(Surface(vertices, faces.astype(np.int32), sigma=np.full(len(d), 1e-4)))
     return surfaces[0], surfaces[1], Registration(np.eye(4), np.eye(6) * 1e-12, np.zeros(3), True)
-
-
-def assert_same_bits(one: Comparison, other: Comparison) -> None:
-    """Check both sides and the regions."""
-    for name in ("distances", "lod95", "assessment", "region", "reasons"):
-        for side in ("on_reference", "on_compared"):
-            np.testing.assert_array_equal(getattr(getattr(one, side), name), getattr(getattr(other, side), name))
-    assert one.regions.equals(other.regions)
-    assert len(one.regions)
 
 
 def test_neither_threads_nor_blocks_change_a_bit_of_a_comparison(

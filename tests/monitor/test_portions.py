@@ -9,11 +9,12 @@ from functools import partial
 import numpy as np
 import pytest
 import trimesh
+from same_bits import assert_same_bits
 
 from monitor.comparison import compare, epochs, scratch
 from monitor.comparison.portions import search_feet, search_offsets
 from monitor.comparison.shell import Shell, make_shell
-from projects.model import Comparison, Floats, Registration, Surface
+from projects.model import Floats, Registration, Surface
 
 ANGLE = np.pi / 3
 
@@ -109,12 +110,3 @@ def test_where_the_disk_is_full_numbers_stay_in_memory(monkeypatch: pytest.Monke
     monkeypatch.setattr(scratch.tempfile, "TemporaryFile", refuse)
     values = np.arange(9.0)
     assert scratch.keep_on_disk(values) is values
-
-
-def assert_same_bits(one: Comparison, other: Comparison) -> None:
-    """Check both sides and the regions."""
-    for name in ("distances", "lod95", "assessment", "region", "reasons"):
-        for side in ("on_reference", "on_compared"):
-            np.testing.assert_array_equal(getattr(getattr(one, side), name), getattr(getattr(other, side), name))
-    assert one.regions.equals(other.regions)
-    assert len(one.regions)

@@ -6,7 +6,6 @@ than the vertices and free edges are the statues' own. What the noise is, the co
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,11 +16,13 @@ import numpy as np
 import trimesh
 from front_door import Epoch
 from rows import Row, Size, in_percent, in_words, judge
+from shared_data import data_folder
 
 from projects.formats import read_mesh, write_ply_mesh
 from projects.model import Comparison, Floats, Surface
 
 TITLE = "Finished meshes of two real statues: unchanged, and dented by 3 mm"
+READS_REAL_DATA = True
 LIMIT = 1200.0
 STATUES = ("Angel_decimated.ply", "owl_decimated.ply")
 N_EPOCHS = {"small": 1, "full": 6}  # of each statue, unchanged; as many dented
@@ -44,18 +45,12 @@ def run(size: Size) -> list[Row]:
     unchanged: list[Comparison] = []
     dented: list[Dented] = []
     for index, name in enumerate(STATUES):
-        statue = read_mesh(data_folder() / name, unit=1e-3)
+        statue = read_mesh(data_folder() / "nikolov_statues" / name, unit=1e-3)
         with tempfile.TemporaryDirectory() as folder:
             compared, told = compare_statue(statue, N_EPOCHS[size], np.random.default_rng([index, 23]), Path(folder))
         unchanged += compared
         dented += told
     return rows_of(unchanged, dented)
-
-
-def data_folder() -> Path:
-    """Return the folder of the statues."""
-    shared = os.environ.get("MONITOR_REAL_DATA", str(Path(__file__).resolve().parents[4] / "shared" / "data"))
-    return Path(shared) / "nikolov_statues"
 
 
 def compare_statue(

@@ -7,7 +7,6 @@ while parts move, against the motions that they were made with.
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from rows import Row, Size, judge
 from scipy.spatial.transform import Rotation
+from shared_data import data_folder
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "monitor"))
 
@@ -31,6 +31,7 @@ from projects.model import Floats, PointCloud
 from projects.transforms import apply, invert
 
 TITLE = "Scans made by others, from anywhere and from near"
+READS_REAL_DATA = True
 LIMIT = 3600.0
 EVERY = 4  # points of the range images, for shape alone
 RIGHT = 0.003  # m: a coarse pose from which the adjustment comes home
@@ -62,11 +63,6 @@ def run(size: Size) -> list[Row]:
     if size == "full":
         rows += adjustment_rows(folder)
     return [*rows, *(epoch_row(folder, epoch) for epoch in EPOCHS[size])]
-
-
-def data_folder() -> Path:
-    """Return the folder of scans made by others."""
-    return Path(os.environ.get("MONITOR_REAL_DATA", str(Path(__file__).resolve().parents[4] / "shared" / "data")))
 
 
 def lose_scans(folder: Path, n: int, seed: int) -> Lost:

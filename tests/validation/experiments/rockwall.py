@@ -8,14 +8,13 @@ for everyone, and the share is told over that of the raw points themselves, sinc
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from peers import open3d_voxels
 from rows import Row, Size, in_percent, in_words, judge
 from scipy.spatial import cKDTree
+from shared_data import data_folder
 
 from monitor.filtering import FilterSettings, ThinningSettings, filter_scan, voxel_median
 from monitor.filtering.voxel_median import VoxelMedianSettings
@@ -27,6 +26,7 @@ SHARE = 0.1
 PATCH = 0.15  # m, radius
 N_PATCHES = 400
 WIDTHS = {"small": 2.0, "full": 21.0}  # m of the wall
+READS_REAL_DATA = True
 LIMIT = 1800.0
 
 
@@ -39,15 +39,9 @@ class Patches(NamedTuple):
     edged: Ints
 
 
-def wall_path() -> Path:
-    """Return the file."""
-    shared = os.environ.get("MONITOR_REAL_DATA", str(Path(__file__).resolve().parents[4] / "shared" / "data"))
-    return Path(shared) / "vapc_rockwall" / "vapc_in.laz"
-
-
 def read_wall(width: float) -> Floats:
     """Return the middle `width` metres of the wall."""
-    (stream,) = read_scans(wall_path())
+    (stream,) = read_scans(data_folder() / "vapc_rockwall" / "vapc_in.laz")
     points = np.concatenate([s.cloud.points for s in stream.chunks()])
     middle = np.median(points[:, 0])
     return points[np.abs(points[:, 0] - middle) < 0.5 * width]

@@ -20,6 +20,7 @@ from rows import Row, Size, in_percent, in_words, judge
 from projects.model import Comparison, Floats
 
 TITLE = "A real dry stone wall against itself: no change, sampled differently"
+READS_REAL_DATA = True
 LIMIT = 2400.0
 LENGTH = 4.0  # m of a stretch
 N_STRETCHES = {"small": 1, "full": 4}
