@@ -7,6 +7,8 @@ that six parameters were fitted. A single range is seldom certain, so later sums
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,12 +33,17 @@ class CorrelationModel:
 
 def correlate(distances: Floats, reach: float) -> Floats:
     """Return the correlation of Matern 3/2, (1 + a) exp(-a) with a = sqrt(3) d / reach: once differentiable."""
-    a = np.sqrt(3.0) * distances / reach
+    a = distances * (math.sqrt(3.0) / reach)
     return np.asarray((1.0 + a) * np.exp(-a))
 
 
-def fit_correlation(means: Floats, rows: Floats, counts: Floats, distances: Floats, cell: float,
-                    ) -> tuple[CorrelationModel, ...]:  # fmt: skip
+def find_ranges(cell: float, farthest: float) -> tuple[float, ...]:
+    """Return the ranges [m] that models of correlation may have, from the size of patches and the farthest two."""
+    return tuple(np.geomspace(LOWEST_RANGE * cell, max(HIGHEST_RANGE * farthest, cell), N_RANGES).tolist())
+
+
+def fit_correlation(means: Floats, rows: Floats, counts: Floats, correlations: Mapping[float, Floats],
+                    common: Floats | float = 1.0) -> tuple[CorrelationModel, ...]:  # fmt: skip
     """Return the models of correlation with their posterior probabilities.
 
     Parameters
@@ -44,25 +51,26 @@ def fit_correlation(means: Floats, rows: Floats, counts: Floats, distances: Floa
     means : (p,) mean standardized residual of each patch, after the fit.
     rows : (p, k) mean row of each patch: what the fit could absorb.
     counts : (p,) points of each patch.
-    distances : (p, p) m, between the patches.
-    cell : m, size of a patch.
+    correlations : (p, p) between the patches, by the range [m] of the field.
+    common : (p,), by what factor the variance of a patch's mean exceeds that of independent points, without a field.
 
     Notes
     -----
-    V = noise2 (diag(1/n) + ratio R), R of `correlate`; log L = -(log|V| + log|X'V^-1 X| + (p - k) log r'V^-1 r) / 2
-    with r the generalized least squares residual. Flat prior over the grid, in which "no field" has its place.
+    V = noise2 (diag(common/n) + ratio R); log L = -(log|V| + log|X'V^-1 X| + (p - k) log r'V^-1 r) / 2 with r the
+    generalized least squares residual. Flat prior over the grid, in which "no field" has its place. Given the ratio,
+    noise2 is scaled inverse chi2; its mean stands for it.
     """
-    root = np.sqrt(counts)
+    root = np.sqrt(counts / common)
     y, X = means * root, orthonormal(rows * root[:, None])
-    free = max(len(means) - X.shape[1], 1)
+    free = max(len(means) - X.shape[1], 3)
     ratios = np.concatenate([[0.0], np.geomspace(LOWEST_RATIO, HIGHEST_RATIO, N_RATIOS)]) / counts.mean()
     found = []
-    for reach in np.geomspace(LOWEST_RANGE * cell, max(HIGHEST_RANGE * distances.max(), cell), N_RANGES):
-        values, vectors = np.linalg.eigh(correlate(distances, reach) * np.outer(root, root))
+    for reach, correlation in correlations.items():
+        values, vectors = np.linalg.eigh(correlation * np.outer(root, root))
         y_turned, X_turned = vectors.T @ y, vectors.T @ X
         for ratio in ratios:
             likelihood, noise2 = restricted_likelihood(y_turned, X_turned, 1.0 + ratio * np.maximum(values, 0.0), free)
-            found.append((likelihood, noise2, ratio * noise2, float(reach)))
+            found.append((likelihood, noise2, ratio * noise2, reach))
     best = max(likelihood for likelihood, *_ in found)
     total = sum(np.exp(likelihood - best) for likelihood, *_ in found)
     return tuple(CorrelationModel(float(np.exp(likelihood - best) / total), noise2, field2, reach)
@@ -77,10 +85,10 @@ def orthonormal(rows: Floats) -> Floats:
 
 
 def restricted_likelihood(y: Floats, X: Floats, variance: Floats, free: int) -> tuple[float, float]:
-    """Return the restricted log likelihood and the variance factor, in coordinates where V is diagonal."""
+    """Return the restricted log likelihood and the variance factor's mean, in coordinates where V is diagonal."""
     weighted = X / variance[:, None]
     normal = X.T @ weighted
     left = y - X @ (np.linalg.solve(normal, weighted.T @ y))
     misfit = max(float(np.sum(left**2 / variance)), 1e-300)
     determinant = np.linalg.slogdet(normal)[1]
-    return -0.5 * (float(np.sum(np.log(variance))) + determinant + free * np.log(misfit)), misfit / free
+    return -0.5 * (float(np.sum(np.log(variance))) + determinant + free * np.log(misfit)), misfit / (free - 2)

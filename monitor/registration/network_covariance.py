@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from monitor.registration.correlation import correlate, fit_correlation
-from monitor.registration.covariance import sum_by
+from monitor.registration.correlation import correlate, find_ranges, fit_correlation
 from monitor.registration.network import Pairs, Scales, Solution, prior_weights
+from monitor.registration.patch_field import sum_by
 from monitor.registration.patches import cut_patches
 from monitor.registration.sampling import motion_rows
 from monitor.registration.weights import tukey_slope, tukey_weights
@@ -140,13 +140,10 @@ def _score_covariance(turned: Turned, scan: int, n: int, scales: Scales) -> Floa
     means = np.bincount(member, values) / count
     middles = sum_by(member, points) / count[:, None]
     distances = np.linalg.norm(middles[:, None] - middles[None], axis=2)
-    total = np.zeros((6 * n, 6 * n))
-    fields: dict[float, Floats] = {}
-    for model in fit_correlation(means, absorbed_motions(absorbed) / count[:, None], count, distances, cell):
-        if model.range not in fields:
-            fields[model.range] = scores.T @ correlate(distances, model.range) @ scores
-        total += 0.5 * model.probability * (model.noise2 * own + model.field2 * fields[model.range])
-    return total
+    correlations = {r: correlate(distances, r) for r in find_ranges(cell, float(distances.max()))}
+    fields = {r: scores.T @ R @ scores for r, R in correlations.items()}
+    models = fit_correlation(means, absorbed_motions(absorbed) / count[:, None], count, correlations)
+    return np.asarray(sum(0.5 * m.probability * (m.noise2 * own + m.field2 * fields[m.range]) for m in models))
 
 
 def absorbed_motions(absorbed: Mapping[int, Floats]) -> Floats:

@@ -5,7 +5,7 @@ In: points and normals. Out: `PatchGrid`, which numbers the patch of any point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,10 @@ class PatchGrid:
         if not self.by_direction or normals is None:
             normals = np.empty((0, 3))
         return np.asarray(_number_patches(points, normals, self.corner, self.cell, self.sizes))
+
+    def halved(self) -> PatchGrid:
+        """Return the grid with cubes of half the edge: each of its patches lies in one of these."""
+        return replace(self, cell=0.5 * self.cell, sizes=2 * self.sizes)
 
 
 @njit(cache=True, error_model="numpy")

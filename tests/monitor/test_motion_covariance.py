@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from monitor.registration import motion_significance, propagate, register
-from monitor.registration.correlation import correlate, fit_correlation
+from monitor.registration.correlation import correlate, find_ranges, fit_correlation
 from monitor.registration.covariance import at_least
 from monitor.registration.sampling import motion_rows
 from projects.errors import ShapeError
@@ -103,7 +103,8 @@ def test_restricted_likelihood_finds_noise_and_field(field: float, reach: float)
         rows = np.column_stack([np.ones(150), places, places**2, places[:, 0] * places[:, 1]])
         means = np.linalg.cholesky(truth) @ rng.normal(size=150)
         means -= rows @ np.linalg.lstsq(rows, means, rcond=None)[0]
-        models = fit_correlation(means, rows, counts, distances, 0.08)
+        correlations = {r: correlate(distances, r) for r in find_ranges(0.08, float(distances.max()))}
+        models = fit_correlation(means, rows, counts, correlations)
         shares = np.array([m.probability for m in models])
         assert shares.sum() == pytest.approx(1.0)
         near = [m.field2 * (1.0 - correlate(np.array(0.1), m.range)) for m in models]
