@@ -21,12 +21,12 @@ METHOD = {
     "calibration": 2,
     "scan": 2,
     "targets": 1,
-    "network": 9,
+    "network": 10,
     "filtered": 4,
     "surface": 10,
     "mesh": 5,
     "quality": 1,
-    "comparison": 11,
+    "comparison": 12,
     "series": 1,
 }
 

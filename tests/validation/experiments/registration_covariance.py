@@ -27,7 +27,7 @@ from projects.transforms import apply
 TITLE = "Two epochs: the true motion within the 95 % ellipsoid"
 LIMIT = 3600.0
 N_SIMULATED = {"small": 6, "full": 200}
-FIRST_SEED = 10_400  # those before were looked at: 0 to 399 in choosing how patches share errors, 10_000 to 10_399 as tests before
+FIRST_SEED = 10_400  # 0 to 399 chose how patches share errors; 10_000 to 10_399 showed what fell short before
 REACHES = (None, 0.01, 0.03, 0.1)  # m, over which neighbouring points of an epoch err together
 N_MOVED = {"small": (20,), "full": (6, 8, 10, 12, 13, 14, 20)}  # of twenty pieces
 LIMIT_STAYED = 1e-4  # m, a third of the noise of a point
