@@ -23,7 +23,7 @@ METHOD = {
     "targets": 1,
     "network": 10,
     "filtered": 4,
-    "surface": 10,
+    "surface": 11,
     "mesh": 5,
     "quality": 1,
     "comparison": 12,

@@ -8,7 +8,7 @@ all that it calls, twice more: 3 to 4 s each time.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ParamSpec, TypeVar
 
@@ -36,6 +36,12 @@ def run_tasks(kernel: Callable[..., Any], n_tasks: int, *arguments: Any) -> None
         waiting = [pool.submit(kernel, bounds[k], bounds[k + 1], *arguments) for k in range(n_ranges)]
         for one in waiting:
             one.result()
+
+
+def map_threads(function: Callable[[Any], Made], items: Iterable[Any]) -> list[Made]:
+    """Return what `function` makes of each item, on as many threads as numba's."""
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        return list(pool.map(function, items))
 
 
 def with_one_blas_thread(function: Callable[Given, Made]) -> Callable[Given, Made]:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.ordering import stable_order
 from projects.model import Floats, Ints
 
 OCCUPIED, IN_BAND = 1, 2
@@ -59,10 +60,10 @@ def cut_tiles(points: Floats, edge: int, reach: int) -> Tiles:
         faces = np.concatenate([within < reach, within >= edge - reach], axis=1) @ (1 << np.arange(6))
         found = np.union1d(found, 64 * key[first : first + BLOCK] + faces)
     keys = _touched_cubes(*np.divmod(found, 64), weight)
-    order = np.argsort(key, kind="stable")
+    order = stable_order(key)
     starts = np.append(np.searchsorted(key, keys, sorter=order), len(points)).astype(np.int64)
     corners = np.stack(np.unravel_index(keys, tuple(shape)), axis=1) + low
-    return Tiles(np.ascontiguousarray(points[order]), order, corners * edge, starts, edge)
+    return Tiles(points.take(order, axis=0), order, corners * edge, starts, edge)
 
 
 def _touched_cubes(keys: Ints, faces: Ints, weight: Ints) -> Ints:
@@ -75,34 +76,38 @@ def _touched_cubes(keys: Ints, faces: Ints, weight: Ints) -> Ints:
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def ball_offsets(radius: float) -> Ints:
-    """Lattice offsets (k, 3) within `radius` cells."""
-    r = int(np.ceil(radius))
-    out = np.empty(((2 * r + 1) ** 3, 3), np.int64)
+def ball_rows(radius: float) -> Ints:
+    """Rows along z of lattice offsets within `radius` cells, (k, 3): offsets along x and y, and how far along z."""
+    r = int(np.floor(radius))
+    out = np.empty(((2 * r + 1) ** 2, 3), np.int64)
     n = 0
     for a in range(-r, r + 1):
         for b in range(-r, r + 1):
-            for c in range(-r, r + 1):
-                if a * a + b * b + c * c <= radius * radius + 1e-9:
-                    out[n, 0], out[n, 1], out[n, 2] = a, b, c
-                    n += 1
+            left2 = radius * radius + 1e-9 - a * a - b * b
+            if left2 >= 0.0:
+                out[n, 0], out[n, 1], out[n, 2] = a, b, int(np.sqrt(left2))
+                n += 1
     return out[:n]
 
 
 @jit(nopython=True, cache=True, nogil=True)
 def mark_cells(points: Floats, shape: Any, radius: float) -> Any:
-    """Dense marks (uint8): OCCUPIED where a point lies, IN_BAND within `radius` cells of such a cell."""
+    """Dense marks (uint8): OCCUPIED where a point lies, IN_BAND within `radius` cells of such a cell.
+
+    The last layer along each axis is none of the band: it has no upper corners.
+    """
     marks = np.zeros(shape, np.uint8)
-    ball = ball_offsets(radius)
+    rows = ball_rows(radius)
     for i in range(points.shape[0]):
         a, b, c = int(points[i, 0]), int(points[i, 1]), int(points[i, 2])
         if marks[a, b, c] & OCCUPIED:
             continue
         marks[a, b, c] |= OCCUPIED
-        for q in range(ball.shape[0]):
-            x, y, z = a + ball[q, 0], b + ball[q, 1], c + ball[q, 2]
-            if 0 <= x < shape[0] - 1 and 0 <= y < shape[1] - 1 and 0 <= z < shape[2] - 1:
-                marks[x, y, z] |= IN_BAND
+        for q in range(rows.shape[0]):
+            x, y = a + rows[q, 0], b + rows[q, 1]
+            if 0 <= x < shape[0] - 1 and 0 <= y < shape[1] - 1:
+                for z in range(max(c - rows[q, 2], 0), min(c + rows[q, 2] + 1, shape[2] - 1)):
+                    marks[x, y, z] |= IN_BAND
     return marks
 
 

@@ -6,50 +6,87 @@ In: a surface, the cloud it was made of. Out: counts for the record. What is lef
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+from numba import jit
 
+from monitor.reconstruction.gathering import (
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
+    PLACE_X,
+    PLACE_Y,
+    PLACE_Z,
+    ROOM,
+    Sites,
+    block_sites,
+    find_near,
+    near_room,
+    rows_room,
+)
+from monitor.reconstruction.moments import BUCKETS_PER_RADIUS, Level, level_of_points, sort_by_cell
+from monitor.threads import run_tasks
 from projects.model import Floats, Ints, PointCloud, Surface
 
-N_LOOKED_AT = 24  # vertices or points near a point, among which one of its own or of the opposite sheet is sought
 COS_SAME_SHEET, COS_OPPOSITE = 0.0, -0.7
 
 
-def count_uncovered(surface: Surface, cloud: PointCloud, farthest: float) -> dict[str, int]:
+def count_uncovered(
+    surface: Surface, cloud: PointCloud, farthest: float, sorted_points: Level | None = None
+) -> dict[str, int]:
     """Count points without a vertex of their sheet within `farthest` (m), and points where two sheets are unresolved.
 
     A vertex is of a point's sheet where its normal is within 90 degrees of the point's. The second count is of points
     whose vertex lies beside a place left open between two near sheets, or that have none and an opposite sheet near.
-    What else has no surface lies where points are too sparse, or in pieces too small to be kept.
+    What else has no surface lies where points are too sparse, or in pieces too small to be kept. `sorted_points` is the
+    cloud as a level, where there is one.
     """
     assert cloud.normals is not None
     assert surface.normals is not None
-    nearest = nearest_looking(surface.vertices, surface.normals, cloud, farthest, COS_SAME_SHEET)
+    bucket = BUCKETS_PER_RADIUS * farthest
+    vertices = level_of_points(surface.vertices, surface.normals, bucket)
+    nearest = nearest_looking(vertices, cloud.points, cloud.normals, farthest, COS_SAME_SHEET)
     lost = nearest < 0
-    without = PointCloud(cloud.points[lost], normals=cloud.normals[lost])
-    opposite = nearest_looking(cloud.points, -cloud.normals, without, farthest, -COS_OPPOSITE)
-    at_opposite = int(np.count_nonzero(opposite >= 0))
+    without, opposite = cloud.points.compress(lost, axis=0), -cloud.normals.compress(lost, axis=0)
+    points = sorted_points or level_of_points(cloud.points, cloud.normals, bucket)
+    at_opposite = int(np.count_nonzero(nearest_looking(points, without, opposite, farthest, -COS_OPPOSITE) >= 0))
     if surface.is_unresolved is not None:
-        at_opposite += int(np.count_nonzero(surface.is_unresolved[nearest[~lost]]))
+        order = sort_by_cell(surface.vertices, vertices.bucket)[0]
+        at_opposite += int(np.count_nonzero(surface.is_unresolved[order[nearest[~lost]]]))
     return {"points_without_surface": int(np.count_nonzero(lost)), "points_at_unresolved_sheets": at_opposite}
 
 
-def nearest_looking(
-    places: Floats, directions: Floats, cloud: PointCloud, farthest: float, least_cosine: float
-) -> Ints:
-    """Return for each point the nearest of `places` within `farthest` (m) that looks the point's way, -1 for none.
+def nearest_looking(level: Level, places: Floats, ways: Floats, farthest: float, least_cosine: float) -> Ints:
+    """Return for each place (n, 3) the row of the level next to it within `farthest` (m) that looks its way, or -1.
 
-    `least_cosine` is between a place's direction and the point's normal; the nearest few places are looked at.
+    `least_cosine` is between the direction of the row and that of the place in `ways` (n, 3).
     """
-    assert cloud.normals is not None
-    out = np.full(len(cloud), -1, np.int64)
-    tree = cKDTree(places)
-    for k in (1, min(N_LOOKED_AT, len(places))):
-        todo = np.flatnonzero(out < 0)
-        distance, index = tree.query(cloud.points[todo], k=[*range(1, k + 1)], distance_upper_bound=farthest, workers=2)
-        is_near = np.isfinite(distance)
-        index = np.where(is_near, index, 0)
-        fits = is_near & (np.einsum("ijk,ik->ij", directions[index], cloud.normals[todo]) > least_cosine)
-        first = np.argmax(fits, axis=1)
-        row = np.arange(len(todo))
-        out[todo] = np.where(fits[row, first], index[row, first], -1)
+    out = np.full(len(places), -1, np.int64)
+    if len(places):
+        sites = block_sites(places, ways, np.arange(len(places)), BUCKETS_PER_RADIUS * farthest)
+        run_tasks(_look, len(sites.starts) - 1, sites, level, farthest, least_cosine, out)
     return out
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _look(first: int, last: int, sites: Sites, level: Level, farthest: float, least_cosine: float, out: Ints) -> None:
+    """Look for the nearest rows of the level around the blocks `first` to `last`, for `run_tasks`."""
+    rows, near = rows_room(farthest, farthest, level.bucket), near_room(ROOM)
+    for block in range(first, last):
+        n_near, near = find_near(level, sites, block, farthest, rows, near)
+        for k in range(sites.starts[block], sites.starts[block + 1]):
+            i = sites.which[k]
+            q = nearest_of(near.values, n_near, sites.vertices[i], sites.normals[i], farthest, least_cosine)
+            if q >= 0:
+                out[i] = near.groups[q]
+
+
+@jit(nopython=True, cache=True)
+def nearest_of(values: Floats, n: int, place: Floats, way: Floats, farthest: float, least_cosine: float) -> int:
+    """The nearest of what is near a block within `farthest` of one place and looking its way, -1 for none."""
+    best, least2 = -1, farthest * farthest
+    for q in range(n):
+        dx, dy, dz = values[PLACE_X, q] - place[0], values[PLACE_Y, q] - place[1], values[PLACE_Z, q] - place[2]
+        distance2 = dx * dx + dy * dy + dz * dz
+        cosine = values[NORMAL_X, q] * way[0] + values[NORMAL_Y, q] * way[1] + values[NORMAL_Z, q] * way[2]
+        if distance2 < least2 and cosine > least_cosine:
+            best, least2 = q, distance2
+    return best

@@ -67,9 +67,15 @@ class Room(NamedTuple):
     wider: Floats  # (n,) influences of a second fit
 
 
+@jit(nopython=True, cache=True)
+def block_edge(radius: float) -> float:
+    """Edge (m) of a block of vertices with fits within `radius`."""
+    return radius / BUCKETS_PER_RADIUS
+
+
 def block_sites(vertices: Floats, normals: Floats, which: Ints, radius: float) -> Sites:
-    """Return the vertices `which`, blocked for fits within `radius` (m)."""
-    order, _, starts, _, _ = sort_by_cell(vertices[which], radius / BUCKETS_PER_RADIUS)
+    """Return the vertices `which`, blocked for fits within `radius` (m): in cubes of `block_edge`."""
+    order, _, starts, _, _ = sort_by_cell(vertices.take(which, axis=0), block_edge(radius))
     return Sites(vertices, normals, which[order], starts)
 
 
@@ -107,9 +113,9 @@ def patch_room(n: int) -> Any:
 
 
 @jit(nopython=True, cache=True)
-def rows_room(reach: float, bucket: float) -> Ints:
-    """Room for the ranges that `find_rows` finds around a block."""
-    return np.empty((int(2.0 * reach / bucket + 3.0) ** 2, 2), np.int64)
+def rows_room(reach: float, block: float, bucket: float) -> Ints:
+    """Room for the ranges that `find_rows` finds within `reach` of a block of edge `block`, in buckets of theirs."""
+    return np.empty((int((block + 2.0 * reach) / bucket + 2.0) ** 2, 2), np.int64)
 
 
 @jit(nopython=True, cache=True)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.ordering import stable_order
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
@@ -29,10 +30,9 @@ def find_intersections(vertices: Floats, faces: Ints, suspects: Bools | None = N
     """
     if len(faces) < 2:
         return np.empty((0, 2), np.int64)
-    vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-    boxes = _face_boxes(vertices, np.ascontiguousarray(faces, dtype=np.int64))
-    order = np.argsort(_along_curve(boxes[:, :3] + boxes[:, 3:]), kind="stable")
-    mesh = _tree_of(vertices, np.ascontiguousarray(faces[order], dtype=np.int64), boxes[order])
+    vertices, faces = np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
+    order = stable_order(_along_curve(vertices, faces))
+    mesh = _tree_of(vertices, faces.take(order, axis=0))
     is_suspect = np.ones(len(faces), np.bool_) if suspects is None else np.asarray(suspects, np.bool_)[order]
     leaves = np.unique(np.flatnonzero(is_suspect) // FACES_PER_LEAF)
     counts = np.zeros(len(leaves), np.int64)
@@ -71,37 +71,51 @@ def _face_boxes(vertices: Floats, faces: Ints) -> Any:
     return out
 
 
-def _along_curve(places: Floats) -> Ints:
-    """Return the position of each place (n, 3) on a Morton curve, 10 bits an axis."""
-    low = places.min(axis=0)
-    extent = max(float((places.max(axis=0) - low).max()), 1e-300)
-    cells = ((places - low) * (1023.0 / extent)).astype(np.int64)
-    code = np.zeros(len(places), np.int64)
-    for axis in range(3):
-        spread = cells[:, axis]
-        for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
-            spread = (spread | (spread << shift)) & mask
-        code |= spread << axis
+@jit(nopython=True, cache=True)
+def _along_curve(vertices: Floats, faces: Ints) -> Ints:
+    """Position of the middle of each face on a Morton curve, 10 bits an axis."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(vertices)):
+        for axis in range(3):
+            low[axis], high[axis] = min(low[axis], vertices[i, axis]), max(high[axis], vertices[i, axis])
+    per = 1023.0 / (3.0 * max((high - low).max(), 1e-300))
+    code = np.zeros(len(faces), np.int64)
+    for f in range(len(faces)):
+        for axis in range(3):
+            total = vertices[faces[f, 0], axis] + vertices[faces[f, 1], axis] + vertices[faces[f, 2], axis]
+            spread = min(max(np.int64(per * (total - 3.0 * low[axis])), np.int64(0)), np.int64(1023))
+            spread = (spread | (spread << 16)) & 0x030000FF
+            spread = (spread | (spread << 8)) & 0x0300F00F
+            spread = (spread | (spread << 4)) & 0x030C30C3
+            spread = (spread | (spread << 2)) & 0x09249249
+            code[f] |= spread << axis
     return code
 
 
-def _tree_of(vertices: Floats, faces: Ints, face_boxes: Floats) -> Tree:
+def _tree_of(vertices: Floats, faces: Ints) -> Tree:
     """Return the tree over faces in their order; a leaf beyond the last face is a box that none meets."""
     n_leaves = 1 << max(int(np.ceil(np.log2(len(faces) / FACES_PER_LEAF))), 0)
+    face_boxes = _face_boxes(vertices, faces)
+    return Tree(vertices, faces, face_boxes, _boxes_over(face_boxes, n_leaves), n_leaves)
+
+
+@jit(nopython=True, cache=True)
+def _boxes_over(face_boxes: Floats, n_leaves: int) -> Floats:
+    """Boxes (2 n - 1, 6) of all nodes of a tree with n leaves."""
     boxes = np.empty((2 * n_leaves - 1, 6))
-    filled = np.empty((n_leaves * FACES_PER_LEAF, 6))
-    filled[: len(faces)], filled[len(faces) :, :3], filled[len(faces) :, 3:] = face_boxes, np.inf, -np.inf
-    level = filled.reshape(n_leaves, FACES_PER_LEAF, 6)
-    first = n_leaves - 1
-    boxes[first:, :3], boxes[first:, 3:] = level[:, 0, :3], level[:, 0, 3:]
-    for k in range(1, FACES_PER_LEAF):
-        boxes[first:, :3] = np.minimum(boxes[first:, :3], level[:, k, :3])
-        boxes[first:, 3:] = np.maximum(boxes[first:, 3:], level[:, k, 3:])
-    while first > 0:
-        children, first = boxes[first : 2 * first + 1], first // 2
-        boxes[first : first + len(children) // 2, :3] = np.minimum(children[::2, :3], children[1::2, :3])
-        boxes[first : first + len(children) // 2, 3:] = np.maximum(children[::2, 3:], children[1::2, 3:])
-    return Tree(vertices, faces, face_boxes, boxes, n_leaves)
+    boxes[:, :3], boxes[:, 3:] = np.inf, -np.inf
+    for f in range(len(face_boxes)):
+        _widen(boxes[n_leaves - 1 + f // FACES_PER_LEAF], face_boxes[f])
+    for node in range(2 * n_leaves - 2, 0, -1):
+        _widen(boxes[(node - 1) // 2], boxes[node])
+    return boxes
+
+
+@jit(nopython=True, cache=True)
+def _widen(box: Floats, other: Floats) -> None:
+    """Let a box hold another too."""
+    for axis in range(3):
+        box[axis], box[3 + axis] = min(box[axis], other[axis]), max(box[3 + axis], other[3 + axis])
 
 
 @jit(nopython=True, cache=True)

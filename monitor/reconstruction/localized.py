@@ -91,7 +91,7 @@ def localized_mesh(
     """
     low = _place_lattice(points, cell, tile)
     tiles = cut_tiles(_on_lattice(points, cell, low), tile, REACH)
-    lattice = Lattice(tiles, normals[tiles.order].astype(np.float32), (cell / spacing) ** 2, screening)
+    lattice = Lattice(tiles, normals.astype(np.float32).take(tiles.order, axis=0), (cell / spacing) ** 2, screening)
     run = map_tiles or _map_threads
     numbers = range(len(tiles.corners))
     with tempfile.TemporaryDirectory(prefix="surface-tiles-") as folder:
@@ -140,14 +140,13 @@ def prepare_tile(lattice: Lattice, prepared: Spool, tile: int) -> None:
     """Lay aside what a tile with its halo is solved from: its nodes, first values, divergence, cells with points."""
     corner, edge = lattice.tiles.corners[tile], lattice.tiles.edge
     low, high = corner - HALO, corner + edge + HALO
-    band, rows = tile_band(lattice.tiles, tile, HALO + SPLAT_HALO, BAND)
-    local = lattice.tiles.points[rows] - band.low
-    sums = splat_normals(local, lattice.normals[rows], band.index, len(band.nodes))
+    band, rows, local = tile_band(lattice.tiles, tile, HALO + SPLAT_HALO, BAND)
+    sums = splat_normals(local, lattice.normals.take(rows, axis=0), band.index, len(band.nodes))
     sums = blur(sums, node_neighbours(band.nodes, band.index), BLUR_PASSES)
     band, keep = restrict(band, low, high)
-    mean, start = field_and_start(sums[keep], band.nodes)
+    mean, start = field_and_start(sums.compress(keep, axis=0), band.nodes)
     rhs = divergence(mean, node_neighbours(band.nodes, band.index))
-    local = local[in_box(local, low - band.low, high - band.low - 1)]
+    local = local.compress(in_box(local, low - band.low, high - band.low - 1), axis=0)
     cells, places, full = screening_cells(local, band.index.shape, lattice.full_cell)
     frame = np.array([band.low, band.index.shape])
     prepared.put(tile, frame, band.nodes, start, rhs, cells.astype(np.int16), places, full)
@@ -174,7 +173,7 @@ def solve_tile(
     screening = (corners, weights, full * np.float32((2 * BAND + 1) / lattice.screening**2))
     solve_field(start, rhs, neighbours, screening, is_fixed, tolerance, MOST_ITERATIONS)
     own = owned(band, corner, edge)
-    inside = (nodes[own] + low - corner).astype(np.int32)
+    inside = (nodes.compress(own, axis=0) + low - corner).astype(np.int32)
     solved.put(tile, (inside[:, 0] * edge + inside[:, 1]) * edge + inside[:, 2], start[own])
 
 
@@ -183,7 +182,7 @@ def mesh_tile(lattice: Lattice, fields: Spool, pieces: Spool, tile: int) -> tupl
 
     `pieces` gets lattice vertices (k, 3), the lattice edge (k, 4) of each as node and axis, and triangles (m, 3).
     """
-    band, _ = tile_band(lattice.tiles, tile, REACH, TRIM)
+    band = tile_band(lattice.tiles, tile, REACH, TRIM)[0]
     values = spread(band, fields, lattice.tiles, lattice.tiles.neighbours(tile, REACH))
     own = owned(band, lattice.tiles.corners[tile], lattice.tiles.edge)
     vertices, origin, triangles = contour_tile(values, band.index, band.nodes, own)
@@ -192,22 +191,23 @@ def mesh_tile(lattice: Lattice, fields: Spool, pieces: Spool, tile: int) -> tupl
     return len(vertices), len(triangles)
 
 
-def tile_band(tiles: Tiles, tile: int, margin: int, radius: float) -> tuple[Band, Ints]:
-    """Return the band of a tile and `margin` cells around it, and the points it rests on."""
+def tile_band(tiles: Tiles, tile: int, margin: int, radius: float) -> tuple[Band, Ints, Floats]:
+    """Return the band of a tile and `margin` cells around it, and the points it rests on: rows, and in its frame."""
     rows = tiles.points_within(tile, margin)
-    points = tiles.points[rows]
+    points = tiles.points.take(rows, axis=0)
     reach = int(np.ceil(radius)) + 1
     low = np.floor(points.min(axis=0)).astype(np.int64) - reach
     shape = np.floor(points.max(axis=0)).astype(np.int64) - low + reach + 2
-    marks = mark_cells(points - low, (int(shape[0]), int(shape[1]), int(shape[2])), float(radius))
+    points -= low
+    marks = mark_cells(points, (int(shape[0]), int(shape[1]), int(shape[2])), float(radius))
     index, nodes = number_nodes(marks)
-    return Band(index, nodes, low), rows
+    return Band(index, nodes, low), rows, points
 
 
 def restrict(band: Band, low: Ints, high: Ints) -> tuple[Band, Bools]:
     """Return the band with only the nodes in [low, high) of the lattice, and which those are."""
     keep = in_box(band.nodes, low - band.low, high - band.low)
-    nodes = np.ascontiguousarray(band.nodes[keep])
+    nodes = band.nodes.compress(keep, axis=0)
     return Band(index_nodes(nodes, np.array(band.index.shape)), nodes, band.low), keep
 
 

@@ -21,6 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.ordering import stable_order
+from monitor.threads import map_threads
 from projects.model import Floats, Ints
 
 
@@ -59,44 +61,60 @@ class Level(NamedTuple):
 
 
 def level_of_points(points: Floats, normals: Floats, radius: float) -> Level:
-    """Return the finest level, each point its own group, for fits within `radius` (m)."""
+    """Return the finest level, each point its own group, for fits within `radius` (m) or about that."""
     groups = np.ones(len(points)), points, normals, np.empty((0, 6))
     return sort_groups(*groups, radius / BUCKETS_PER_RADIUS)
 
 
-def build_levels(points: Floats, normals: Floats, radii: Floats, noise: float) -> list[Level]:
-    """Return a level for each of `radii` (m, ascending), each made from a finer one; `noise` (m) is one sigma."""
-    levels = [level_of_points(points, normals, float(radii[0]))]
-    is_grouped = [False]
-    for k in range(1, len(radii)):
-        finer = levels[max(k - 2, 0)]
-        groups = group(finer, float(radii[k]) / CELLS_PER_RADIUS, noise)
-        is_grouped.append(is_grouped[-1] or len(points) > POINTS_PER_GROUP * len(groups[0]))
-        if not is_grouped[-1]:
-            groups = finer.counts, finer.places, finer.normals, finer.spreads
-        levels.append(sort_groups(*groups, float(radii[k]) / BUCKETS_PER_RADIUS))
+def build_levels(finest: Level, radii: Floats, noise: float) -> list[Level]:
+    """Return a level for each of `radii` (m, ascending) from one of single points; `noise` (m) is one sigma.
+
+    Where columns hold hardly more than one point the level is the finest one. Of the others each is made from the last
+    but one, so that there are two rows of them, which two threads make.
+    """
+    cells = radii / CELLS_PER_RADIUS
+    n_single = 1
+    while n_single < len(radii) and is_sparse(finest, float(cells[n_single])):
+        n_single += 1
+    levels = [finest] * len(radii)
+
+    def fill(first: int) -> None:
+        for k in range(first, len(radii), 2):
+            groups = group(levels[max(k - 2, 0)], float(cells[k]), noise)
+            levels[k] = sort_groups(*groups, float(radii[k]) / BUCKETS_PER_RADIUS)
+
+    map_threads(fill, (n_single, n_single + 1))
     return levels
+
+
+def is_sparse(level: Level, cell: float) -> bool:
+    """Whether columns of edge `cell` (m) over single points hold too few each to be quicker."""
+    columns = column_keys(level.places, level.normals, cell, FRAMES)[0]
+    columns.sort()
+    n_columns = 1 + np.count_nonzero(columns[1:] != columns[:-1])
+    return bool(len(columns) <= POINTS_PER_GROUP * n_columns)
 
 
 def sort_groups(counts: Floats, places: Floats, normals: Floats, spreads: Floats, bucket: float) -> Level:
     """Return the groups sorted into buckets of edge `bucket` (m)."""
     order, keys, starts, low, shape = sort_by_cell(places, bucket)
     if len(spreads):
-        spreads = spreads[order]
-    return Level(counts[order], places[order], normals[order], spreads, keys, starts, low, shape, float(bucket))
+        spreads = spreads.take(order, axis=0)
+    counts, places, normals = (values.take(order, axis=0) for values in (counts, places, normals))
+    return Level(counts, places, normals, spreads, keys, starts, low, shape, float(bucket))
 
 
 def sort_by_cell(places: Floats, cell: float) -> tuple[Ints, Ints, Ints, Floats, Ints]:
     """Return order, keys, starts, corner and shape of cubes of edge `cell` (m) over places (n, 3)."""
     low = places.min(axis=0) - cell
     key, shape = cell_keys(places, low, float(cell))
-    order = np.argsort(key, kind="stable")
-    key = key[order]
+    order = stable_order(key)
+    key = key.take(order)
     first = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     return order, key[first], np.append(first, len(places)).astype(np.int64), low, shape
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def cell_keys(places: Floats, low: Floats, cell: float) -> Any:
     """Key of the cube of each place, cubes of one row along z being successive; and the number of cubes an axis."""
     shape = np.zeros(3, np.int64)
@@ -113,15 +131,15 @@ def cell_keys(places: Floats, low: Floats, cell: float) -> Any:
 def group(finer: Level, cell: float, noise: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Return counts, places, normals and spreads of the groups of `finer` merged in columns of edge `cell` (m)."""
     columns, heights = column_keys(finer.places, finer.normals, cell, FRAMES)
-    order = np.lexsort((heights, columns))
-    columns = columns[order]
+    order = stable_order(columns)
+    columns = columns.take(order)
     starts = np.append(np.flatnonzero(np.r_[True, columns[1:] != columns[:-1]]), len(columns)).astype(np.int64)
     gap = GAP_SIGMAS * noise + GAP_CELLS * cell
     counts, places, normals, spreads = merge_columns(finer, heights, order, starts, gap)
     return counts, places, normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None], spreads
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def column_keys(places: Floats, normals: Floats, cell: float, frames: Floats) -> Any:
     """Key (n,) of the column of each place, and its height over the column's foot.
 
@@ -152,23 +170,54 @@ def column_keys(places: Floats, normals: Floats, cell: float, frames: Floats) ->
 
 
 @jit(nopython=True, cache=True)
+def sort_upwards(order: Ints, first: int, last: int, heights: Floats) -> None:
+    """Bring `order[first:last]`, a few, in ascending order of height; those of one height stay in theirs."""
+    for q in range(first + 1, last):
+        p, to = order[q], q
+        while to > first and heights[order[to - 1]] > heights[p]:
+            order[to] = order[to - 1]
+            to -= 1
+        order[to] = p
+
+
+@jit(nopython=True, cache=True)
+def enlarged(values: Floats, n: int) -> Floats:
+    """Rows with room for n of them, zero where there was none."""
+    out = np.zeros((n, values.shape[1]))
+    out[: len(values)] = values
+    return out
+
+
+@jit(nopython=True, cache=True, nogil=True)
 def merge_columns(finer: Any, heights: Floats, order: Ints, starts: Ints, gap: float) -> Any:
-    """Merge, column by column and upwards, each group into the first that looks its way and ends within `gap` (m)."""
-    n = len(order)
-    counts, places, normals, spreads = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6))
-    tops = np.zeros(n)
-    m = 0
+    """Merge, column by column and upwards, each group into the first that looks its way and ends within `gap` (m).
+
+    Columns are the ranges `starts` of `order`, which is brought in order of height.
+    """
+    room = len(starts) + len(starts) // 8
+    counts, places, normals, spreads = (
+        np.zeros((room, 1)),
+        np.zeros((room, 3)),
+        np.zeros((room, 3)),
+        np.zeros((room, 6)),
+    )
+    tops, m = np.zeros((room, 1)), 0
     for column in range(len(starts) - 1):
-        begin = m
-        for q in range(starts[column], starts[column + 1]):
+        begin, first, last = m, starts[column], starts[column + 1]
+        sort_upwards(order, first, last, heights)
+        if m + last - first > room:
+            room = 2 * (m + last - first)
+            counts, places, normals = enlarged(counts, room), enlarged(places, room), enlarged(normals, room)
+            spreads, tops = enlarged(spreads, room), enlarged(tops, room)
+        for q in range(first, last):
             p = order[q]
             g = begin
-            while g < m and not (heights[p] - tops[g] <= gap and looks_alike(normals[g], finer.normals[p])):
+            while g < m and not (heights[p] - tops[g, 0] <= gap and looks_alike(normals[g], finer.normals[p])):
                 g += 1
             m = max(m, g + 1)
-            tops[g] = heights[p]
-            add_group(finer, p, counts, places, normals, spreads, g)
-    return counts[:m].copy(), places[:m].copy(), normals[:m].copy(), spreads[:m].copy()
+            tops[g, 0] = heights[p]
+            add_group(finer, p, counts[:, 0], places, normals, spreads, g)
+    return counts[:m, 0].copy(), places[:m], normals[:m], spreads[:m]
 
 
 @jit(nopython=True, cache=True)

@@ -16,6 +16,7 @@ from monitor.reconstruction.gathering import (
     OVER_THE_RIM,
     ROOM,
     Sites,
+    block_edge,
     block_sites,
     find_near,
     gate_height,
@@ -75,9 +76,9 @@ class Projection(NamedTuple):
     n_support: Ints  # (n,)
     is_fitted: Bools  # (n,)
 
-    def take(self, which: Bools | Ints) -> Projection:
+    def take(self, which: Ints) -> Projection:
         """Return the vertices selected."""
-        return Projection(*(getattr(self, name)[which] for name in self._fields))
+        return Projection(*(getattr(self, name).take(which, axis=0) for name in self._fields))
 
 
 class Samples(NamedTuple):
@@ -88,9 +89,9 @@ class Samples(NamedTuple):
     noise: float
 
 
-def sum_up_samples(points: Floats, normals: Floats, radii: Floats, noise: float) -> Samples:
-    """Return points (n, 3) m with unit normals, summed up in cells for fits within each of `radii`."""
-    return Samples(build_levels(points, normals, radii, noise), radii, float(noise))
+def sum_up_samples(finest: Level, radii: Floats, noise: float) -> Samples:
+    """Return points, given as the finest level, summed up in cells for fits within each of `radii`."""
+    return Samples(build_levels(finest, radii, noise), radii, float(noise))
 
 
 def samples_at(points: Floats, normals: Floats, radius: float, noise: float) -> Samples:
@@ -207,7 +208,7 @@ def _project(first: int, last: int, sites: Sites, level: Level, sizes: Any, degr
     """Project the vertices of the blocks `first` to `last`, for `run_tasks`; sizes are radius, gate, longest way."""
     radius, gate, _ = sizes
     reach = np.hypot(OVER_THE_RIM * radius, gate)
-    rows, near, room = rows_room(reach, level.bucket), near_room(ROOM), patch_room(ROOM)
+    rows, near, room = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM), patch_room(ROOM)
     for block in range(first, last):
         n_near, near = find_near(level, sites, block, reach, rows, near)
         if n_near > len(room.picked):

@@ -19,6 +19,7 @@ from monitor.reconstruction.gathering import (
     OVER_THE_RIM,
     ROOM,
     Sites,
+    block_edge,
     block_sites,
     find_near,
     gate_height,
@@ -28,7 +29,7 @@ from monitor.reconstruction.gathering import (
     patch_room,
     rows_room,
 )
-from monitor.reconstruction.moments import Level
+from monitor.reconstruction.moments import Level, sort_by_cell
 from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, MOST_EXTRAPOLATED, Reach, Samples
 from monitor.reconstruction.quadric import BEND, COUNT, CURVED, EFFECTIVE, HEIGHT, PLANE, SIGMA, UNIT_ERROR, fit_patch
 from monitor.threads import run_tasks
@@ -40,6 +41,7 @@ FOURTH_LEFT2 = 0.25  # of the squared bias with its fourth order taken off, on w
 FOURTH_COST = 0.3  # of the variance, that taking it off adds
 N_HERE = 4  # probes next to each other that tell how large a bias is where it is seen
 N_STATED = 4  # points nearest to a probe whose stated noise counts there
+PROBES_PER_FIT = 8.0  # that do not overlap
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
 DOUBT, REFUSAL, BENT = 1.25, 4.0, 2.0  # sigmas of a pooled mean square departure above that of noise alone
 ONE_SIDED = 1.5  # sigmas of the mean departure of pooled probes, which curvature gives one sign
@@ -134,7 +136,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
     climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     for k, radius in enumerate(ladder.radii):
         inner = np.where(np.isfinite(risk), ladder.radii[curved] / radius, 1.0)
-        rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k, inner)
+        asked, source = pick_apart(probes, climbing, radius)
+        rows = probe(probes.vertices, probes.normals, asked, samples, k, inner)[source]
         noise2 = np.where(np.isnan(noise2), noise_variance(rows[:, SCATTER], probes.stated, pool), noise2)
         error2, flat_error2 = (noise2 * _pooled(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
         n_apart = count_apart(pool.shape[1], probes.area, radius)
@@ -144,7 +147,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         is_steep = np.abs(_pooled(rows[:, CURVATURE], pool)) > MOST_BENT
         is_doubtful = (is_steep | step.is_doubtful | is_bent(step, radius, probes.area)) & has_fit
         bends = (step.is_refused | (is_doubtful & doubted)) & has_fit & np.isfinite(error2)
-        per2 = 1.0 / np.maximum(1.0 - inner**BIAS_POWER, 0.5) ** 2
+        per2 = 1.0 / np.maximum(1.0 - inner[source] ** BIAS_POWER, 0.5) ** 2
         bias2 = per2 * step.excess2
         ends, shrinks = climbing & bends, per2 * inner ** (2 * BIAS_POWER)
         below2 = np.where(ends, shrinks * np.where(is_steep, step.excess2, np.fmax(step.excess2, step.here2)), 0.0)
@@ -168,6 +171,25 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
     misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     return Reach(curved, flat, is_flat, is_fourth, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
+
+
+def pick_apart(probes: Probes, climbing: Bools, radius: float) -> tuple[Ints, Ints]:
+    """Return the probes (k,) to fit at within `radius` (m), and for each probe (n,) the one that it takes over from.
+
+    Wide fits at all probes would overlap many times and tell the same: eight for each that would not are enough. Places
+    are told apart by their normals too, so that both sides of a thin part are fitted. A probe that no longer climbs
+    takes over from itself, which has nothing.
+    """
+    n, which = len(climbing), np.flatnonzero(climbing)
+    source = np.arange(n)
+    edge = np.sqrt(0.5 * np.pi / PROBES_PER_FIT) * radius
+    if edge * edge < 2.0 * probes.area:
+        return which, source
+    places = probes.vertices[which] + edge * probes.normals[which]
+    order, _, starts, _, _ = sort_by_cell(places, edge)
+    picked = order[starts[:-1]]
+    source[which] = which[picked[cKDTree(places[picked]).query(places, workers=2)[1]]]
+    return which[picked], source
 
 
 def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
@@ -215,11 +237,19 @@ class Departure(NamedTuple):
     doubt2: Floats
 
 
-def _pooled(values: Floats, pool: Ints) -> Floats:
-    """Return the mean over each probe's neighbours, NaN where none has a value."""
-    picked = values[pool]
-    count = np.isfinite(picked).sum(axis=1)
-    return np.where(count > 0, np.nansum(picked, axis=1) / np.maximum(count, 1), np.nan)
+@jit(nopython=True, cache=True, nogil=True)
+def _pooled(values: Floats, pool: Ints, n_next: int = 1 << 30) -> Floats:
+    """Mean over each probe's neighbours, of which the next `n_next` count; NaN where none has a value."""
+    out = np.empty(len(pool))
+    for i in range(len(pool)):
+        total, count = 0.0, 0
+        for k in range(min(pool.shape[1], n_next)):
+            value = values[pool[i, k]]
+            if np.isfinite(value):
+                total += value
+                count += 1
+        out[i] = total / count if count > 0 else np.nan
+    return out
 
 
 def _compare(step: Floats, variance: Floats, pool: Ints, n_apart: float) -> Departure:
@@ -233,7 +263,7 @@ def _compare(step: Floats, variance: Floats, pool: Ints, n_apart: float) -> Depa
         is_doubtful = pooled > 1.0 + DOUBT * chance
     expected = _pooled(variance, pool)
     excess2 = np.nan_to_num(np.maximum(pooled - 1.0, 0.0) * expected)
-    here2 = np.nan_to_num(np.maximum(_pooled(step**2 - variance, pool[:, :N_HERE]), 0.0))
+    here2 = np.nan_to_num(np.maximum(_pooled(step**2 - variance, pool, N_HERE), 0.0))
     return Departure(own, is_refused, is_doubtful, one_sided, excess2, here2, expected * chance)
 
 
@@ -297,7 +327,7 @@ def _probe(
 ) -> None:
     """Probe at the vertices of the blocks `first` to `last`, for `run_tasks`."""
     reach = np.hypot(OVER_THE_RIM * radius, gate)
-    spans, near = rows_room(reach, level.bucket), near_room(ROOM)
+    spans, near = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM)
     room = (patch_room(ROOM), np.empty(ROOM), np.empty(7), np.empty(3))
     for block in range(first, last):
         n_near, near = find_near(level, sites, block, reach, spans, near)

@@ -7,6 +7,7 @@ each vertex. After Nothegger, "Improving completeness of geometric models from t
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,16 +15,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.declare import check_settings, setting
-from monitor.reconstruction.cell_size import choose_cell_size, measure_sampling
+from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
 from monitor.reconstruction.coverage import count_uncovered
+from monitor.reconstruction.faces import least_cosines
 from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, short_edges, vertex_normals, weld
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
-from monitor.reconstruction.projection import Projection, project_vertices, sum_up_samples
-from monitor.reconstruction.reach import Stated, choose_reach, make_ladder
+from monitor.reconstruction.projection import Projection, Samples, project_vertices, sum_up_samples
+from monitor.reconstruction.reach import Ladder, Stated, choose_reach, make_ladder
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
@@ -113,16 +115,25 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     settings = settings or SurfaceSettings()
     cloud = usable_samples(with_normals(cloud))
     shift = np.round(0.5 * (cloud.points.min(axis=0) + cloud.points.max(axis=0)), 3)
-    points = cloud.points - shift
-    sampling = measure_sampling(cloud)
+    cloud = replace(cloud, points=cloud.points - shift)
+    assert cloud.normals is not None
+    samples = tree_of_points(cloud.points)
+    sampling, finest = measure_and_sort(cloud, samples)
     if not sampling.spacing > 0.0:
         raise ReconstructionError(
             f"most of the {len(cloud)} points share their place with others; a surface needs points beside each other"
         )
     cell = settings.cell_size or choose_cell_size(sampling)
-    assert cloud.normals is not None
     screening = screening_length(cell, *sampling)
-    vertices, faces, cell_used = raw_mesh(points, cloud.normals, cell, sampling.spacing, screening, settings.method)
+    ladder = make_ladder(
+        cell, sampling.noise, settings.narrowest_fit_cells, settings.widest_fit_cells, settings.noise_share
+    )
+    with ThreadPoolExecutor(1) as aside:  # neither knows of the other, and each has steps that keep one thread
+        summed = aside.submit(sum_up_samples, finest, ladder.radii, sampling.noise)
+        vertices, faces, cell_used = raw_mesh(
+            cloud.points, cloud.normals, cell, sampling.spacing, screening, settings.method
+        )
+        summed_up = summed.result()
     automatic = {
         "method": settings.method,
         "cell_size_m": cell_used,
@@ -132,33 +143,25 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     }
     if settings.method == "localized":
         automatic["screening_cells"] = screening
-    counts = {"points_used": len(points), "faces_raw": len(faces)}
-    samples = cKDTree(points)
+    counts = {"points_used": len(cloud), "faces_raw": len(faces)}
     faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
+    stated = None if cloud.sigma is None else Stated(samples, cloud.sigma)
     projection, faces, beside = settle(
-        vertices,
-        faces,
-        points,
-        cloud.normals,
-        (cell_used, sampling.noise),
-        settings,
-        counts,
-        automatic,
-        None if cloud.sigma is None else Stated(samples, cloud.sigma),
+        vertices, faces, (summed_up, ladder, stated), cell_used, settings.crumb_cells, counts, automatic
     )
     n_measured = len(faces)
     projection, faces = invent(projection, faces, ALONG_HOLES * cell_used, settings, counts)
     beside = np.r_[beside, np.zeros(len(projection.vertices) - len(beside), bool)]
-    surface = finish(projection, faces, samples, cloud, shift)
+    surface = finish(projection, faces, samples, cloud)
     if len(faces) > n_measured:
         surface = replace(surface, face_invented=np.arange(len(faces)) >= n_measured)
     if beside.any():
         surface = replace(surface, is_unresolved=beside)
-    counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise)
+    counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise, finest)
     automatic["uncovered_share"] = counts["points_without_surface"] / len(cloud)
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
-    return ReconstructionResult(surface, automatic, counts)
+    return ReconstructionResult(replace(surface, vertices=surface.vertices + shift), automatic, counts)
 
 
 def raw_mesh(
@@ -190,52 +193,58 @@ def usable_samples(cloud: PointCloud) -> PointCloud:
             f"{np.count_nonzero(usable)} of {len(cloud)} points can be used (finite, with a normal); "
             f"a surface needs at least {FEWEST_POINTS}"
         )
-    return cloud.take(usable)
+    return cloud if usable.all() else cloud.take(np.flatnonzero(usable))
 
 
 def trim(vertices: Floats, faces: Ints, samples: cKDTree, farthest: float) -> Ints:
     """Return the faces whose corners all lie within `farthest` (m) of a sample."""
     distance, _ = samples.query(vertices, distance_upper_bound=farthest, workers=2)
-    return faces[np.isfinite(distance[faces]).all(axis=1)]
+    return faces.compress(all_corners(np.isfinite(distance), faces), axis=0)
 
 
 def settle(
-    vertices: Floats, faces: Ints, points: Floats, normals: Floats, sizes: tuple[float, float],
-    settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any], stated: Stated | None,
+    vertices: Floats, faces: Ints, measured: tuple[Samples, Ladder, Stated | None], cell: float, crumb_cells: float,
+    counts: dict[str, int], automatic: dict[str, Any],
 ) -> tuple[Projection, Ints, Bools]:  # fmt: skip
     """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties.
 
     Returns the vertices, the faces, and which vertices lie beside faces that were left out between two near sheets.
     """
-    cell, noise = sizes
+    samples, ladder, stated = measured
     faces = weld(vertices, faces, SLIVER * cell)
     used, faces = compact(len(vertices), faces)
-    outward = vertex_normals(vertices[used], faces)
-    ladder = make_ladder(cell, noise, settings.narrowest_fit_cells, settings.widest_fit_cells, settings.noise_share)
-    samples = sum_up_samples(points, normals, ladder.radii, noise)
-    reach = choose_reach(vertices[used], outward, samples, ladder, stated)
+    vertices = vertices.take(used, axis=0)
+    outward = vertex_normals(vertices, faces)
+    reach = choose_reach(vertices, outward, samples, ladder, stated)
     reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
-    projection = project_vertices(vertices[used], outward, samples, reach, cell + GATE_SIGMAS * noise)
+    projection = project_vertices(vertices, outward, samples, reach, cell + GATE_SIGMAS * samples.noise)
     automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))
     automatic["flat_share"] = float(np.mean(reach.is_flat))
-    keep = projection.is_fitted[faces].all(axis=1)
+    keep = all_corners(projection.is_fitted, faces)
     counts["faces_without_support"] = int(np.count_nonzero(~keep))
-    faces = faces[keep]
+    faces = faces.compress(keep, axis=0)
     between = joins_two_sheets(projection.normals, faces)
     counts["faces_between_near_sheets"] = int(np.count_nonzero(between))
     beside = np.zeros(len(used), bool)
     beside[faces[between]] = True
-    faces = faces[~between]
-    projection, doubtful = hold_back(vertices[used], projection, faces, counts)
+    faces = faces.compress(~between, axis=0)
+    projection, doubtful = hold_back(vertices, projection, faces, counts)
     doubtful[short_edges(projection.vertices, faces, SLIVER * cell)] = True  # faces that welding changes
     before = len(faces)
-    faces = clean(projection.vertices, faces, cell, settings.crumb_cells)
+    faces = clean(projection.vertices, faces, cell, crumb_cells)
     counts["faces_crumbs_and_slivers"] = before - len(faces)
     before = len(faces)
-    faces = drop_intersecting(projection.vertices, faces, np.asarray(doubtful[faces].any(axis=1)))
+    faces = drop_intersecting(projection.vertices, faces, ~all_corners(~doubtful, faces))
     counts["faces_intersecting"] = before - len(faces)
     used, faces = compact(len(projection.vertices), faces)
     return projection.take(used), faces, beside[used]
+
+
+def all_corners(is_so: Bools, faces: Ints) -> Bools:
+    """Return which faces (m,) have three corners that are so, of vertices (n,)."""
+    a, b, c = (is_so.take(corner) for corner in faces.T)
+    out: Bools = a & b & c
+    return out
 
 
 def joins_two_sheets(normals: Floats, faces: Ints) -> Bools:
@@ -243,9 +252,7 @@ def joins_two_sheets(normals: Floats, faces: Ints) -> Bools:
 
     `normals` (n, 3) are those of the points that each vertex was fitted to.
     """
-    corner = normals[faces]
-    cosine = np.einsum("ijk,ijk->ij", corner, np.roll(corner, 1, axis=1))
-    out: Bools = np.asarray(cosine.min(axis=1, initial=1.0) < COS_OPPOSITE)
+    out: Bools = least_cosines(normals, faces) < COS_OPPOSITE
     return out
 
 
@@ -266,12 +273,12 @@ def hold_back(raw: Floats, projection: Projection, faces: Ints, counts: dict[str
 def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Ints:
     """Return faces that make a two-manifold with boundary, without slivers and crumbs."""
     faces = weld(vertices, faces, SLIVER * cell)
-    faces = faces[~is_degenerate(vertices, faces, SLIVER**2 * cell)]
+    faces = faces.compress(~is_degenerate(vertices, faces, SLIVER**2 * cell), axis=0)
     drop: Bools = bow_ties(faces)
     while drop.any():
-        faces = faces[~drop]
+        faces = faces.compress(~drop, axis=0)
         drop = bow_ties(faces)
-    faces = faces[~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2)]
+    faces = faces.compress(~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2), axis=0)
     if not len(faces):
         raise ReconstructionError(
             f"no piece of surface is larger than a disc of {crumb_cells:g} cells of {cell:.4g} m; "
@@ -305,14 +312,14 @@ def invent(
     ), closed.faces
 
 
-def finish(projection: Projection, faces: Ints, samples: cKDTree, cloud: PointCloud, shift: Floats) -> Surface:
+def finish(projection: Projection, faces: Ints, samples: cKDTree, cloud: PointCloud) -> Surface:
     """Return the surface in the cloud's frame with sigma, support and what the samples carry."""
     vertices = projection.vertices
     distance, index = samples.query(vertices, k=N_TINT, workers=2)
     weight = 1.0 / np.maximum(distance, 1e-3 * np.median(distance)) ** 2
     weight /= weight.sum(axis=1, keepdims=True)
     return Surface(
-        vertices=vertices + shift,
+        vertices=vertices,
         faces=faces,
         normals=projection.normals,
         sigma=vertex_sigma(projection, cloud, index),

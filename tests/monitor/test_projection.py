@@ -9,8 +9,8 @@ from monitor.reconstruction.cell_size import measure_sampling
 from monitor.reconstruction.gathering import patch_room
 from monitor.reconstruction.moments import build_levels, find_rows, level_of_points
 from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, samples_at, sum_up_samples
-from monitor.reconstruction.quadric import HEIGHT, UNIT_ERROR, fit_patch, fit_room
-from monitor.reconstruction.reach import Stated, choose_reach, make_ladder, noise_variance
+from monitor.reconstruction.quadric import HEIGHT, UNIT_ERROR, fit_patch, fit_room, median
+from monitor.reconstruction.reach import Probes, Stated, choose_reach, make_ladder, noise_variance, pick_apart
 from projects.model import PointCloud
 
 RADIUS = 0.06
@@ -139,7 +139,7 @@ def test_buckets_hold_the_same_points_as_a_search_through_all_finds(rng):
 def test_groups_keep_count_mean_and_spread_of_their_points_and_part_by_the_way_they_look(rng):
     points = rng.uniform(0, 0.02, size=(4000, 3))
     normals = np.where(rng.uniform(size=(4000, 1)) < 0.3, [0.0, 0.0, 1.0], [0.0, 0.6, -0.8])
-    level = build_levels(points, normals, np.array([0.01, 0.014, 0.02]), 0.001)[-1]
+    level = build_levels(level_of_points(points, normals, 0.01), np.array([0.01, 0.014, 0.02]), 0.001)[-1]
     assert len(level.counts) < 400
     assert level.counts.sum() == 4000
     assert np.abs(level.normals[:, 2] - 1.0).min() < 1e-12
@@ -162,7 +162,7 @@ def test_a_fit_to_groups_is_that_to_their_points(rng):
     points = (RADIUS + noise * rng.normal(size=(n, 1))) * normals
     places = normals[::100]
     reach = Reach(np.full(400, 2), np.full(400, 2), np.zeros(400, bool), np.zeros(400, bool), np.zeros(400))
-    summed = sum_up_samples(points, normals, radius * 1.4 ** np.arange(-2.0, 1.0), noise)
+    summed = sum_up_samples(level_of_points(points, normals, radius), radius * 1.4 ** np.arange(-2.0, 1.0), noise)
     single = summed._replace(levels=[None, None, level_of_points(points, normals, radius)])
     moved = [project_vertices(RADIUS * places, places, samples, reach, 0.01) for samples in (summed, single)]
     assert len(summed.levels[-1].counts) < 0.5 * n
@@ -184,7 +184,7 @@ def test_noise_that_reaches_over_the_borders_of_cells_is_no_outlier(rng):
     moved = []
     for _ in range(60):
         points = np.column_stack([x, y, noise * rng.normal(size=6400)])
-        samples = sum_up_samples(points, up, radius * 1.4 ** np.arange(-2.0, 1.0), noise)
+        samples = sum_up_samples(level_of_points(points, up, radius), radius * 1.4 ** np.arange(-2.0, 1.0), noise)
         moved.append(project_vertices(np.zeros((1, 3)), up[:1], samples, flat._replace(flat=np.array([2])), 0.01))
     ratio = [p.vertices[0, 2] / p.sigma[0] for p in moved]
     # Groups cut into an upper and a lower part, the smaller of which passes for outliers, make it 1.7 and more.
@@ -224,7 +224,7 @@ def test_vertices_of_a_rounded_step_come_back_to_the_part_that_they_belong_to(rn
 def test_fits_are_wide_on_a_plane_and_narrow_on_relief(rng):
     def median_radius(cloud):
         ladder = make_ladder(0.0015, 0.0003, 1.5, 16.0, 0.05)
-        samples = sum_up_samples(cloud.points, cloud.normals, ladder.radii, 0.0003)
+        samples = sum_up_samples(level_of_points(cloud.points, cloud.normals, 0.01), ladder.radii, 0.0003)
         reach = choose_reach(cloud.points, cloud.normals, samples, ladder)
         return np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]), reach.is_flat.mean()
 
@@ -238,7 +238,7 @@ def test_fits_are_wide_on_a_plane_and_narrow_on_relief(rng):
 def test_relief_finer_than_the_fits_widens_them_less_where_points_state_their_noise(rng):
     cloud = wavy_sheet(rng, 60, 0.003, 0.001, 0.0003)
     ladder = make_ladder(0.002, 0.0003, 1.5, 16.0, 0.05)
-    samples = sum_up_samples(cloud.points, cloud.normals, ladder.radii, 0.0003)
+    samples = sum_up_samples(level_of_points(cloud.points, cloud.normals, 0.01), ladder.radii, 0.0003)
     stated = Stated(cKDTree(cloud.points), np.full(len(cloud), 0.0003))
     alone, told = (choose_reach(cloud.points, cloud.normals, samples, ladder, s) for s in (None, stated))
     assert np.mean(told.curved <= 1) > 1.2 * np.mean(alone.curved <= 1)
@@ -251,7 +251,9 @@ def test_what_a_rough_half_refuses_does_not_narrow_the_fits_of_the_other(rng):
     points = np.column_stack([cloud.points[:, :2], heights])
     normals = np.where(rest[:, None], [0.0, 0.0, 1.0], cloud.normals)
     ladder = make_ladder(0.0015, 0.0003, 1.5, 16.0, 0.05)
-    reach = choose_reach(points, normals, sum_up_samples(points, normals, ladder.radii, 0.0003), ladder)
+    reach = choose_reach(
+        points, normals, sum_up_samples(level_of_points(points, normals, 0.01), ladder.radii, 0.0003), ladder
+    )
     assert np.median(reach.curved[points[:, 1] > 0.045]) >= 5  # 2 where those of the other half count
     assert np.median(reach.curved[points[:, 1] < 0.02]) <= 2
 
@@ -294,3 +296,35 @@ def test_relief_of_eight_millimetres_is_kept_better_than_by_open3d(rng):
     theirs = kept(poisson_mesh(cloud.points - 0.03, cloud.normals, 0.0015)[0] + 0.03)
     assert 0.9e-3 < ours < 1.05e-3
     assert ours > theirs
+
+
+def test_median_by_counting_is_that_of_sorting(rng):
+    for n in range(7, 60):
+        values = rng.chisquare(2.0, n) * np.where(rng.random(n) < 0.2, 1e4, 1.0)  # a fifth of them far off
+        inside = np.where(np.arange(n) < n - 2, values, np.inf)
+        found = median(inside, n, n - 2.0, values[: n - 2].mean())
+        assert found == pytest.approx(np.median(values[: n - 2]), rel=0.02)
+    spread = np.array([1.0, 2.0, 3.0, 5.0, 8.0, np.inf])
+    assert median(spread, 6, 5.0, 3.8) == 3.0
+    assert median(spread, 5, 5.0, 3.8) == 3.0
+    assert median(spread, 4, 4.0, 2.75) == 2.5
+
+
+def test_wide_fits_are_made_at_places_apart_on_both_sides_of_a_plate():
+    g = 0.001 * np.arange(60)
+    x, y = (a.ravel() for a in np.meshgrid(g, g))
+    vertices = np.r_[np.column_stack([x, y, 0.0 * x]), np.column_stack([x, y, 0.0 * x - 0.003])]
+    normals = np.repeat([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], 3600, axis=0)
+    probes = Probes(vertices, normals, np.arange(7200)[:, None], 1e-6, np.full(7200, np.nan))
+    climbing = np.arange(7200) != 5
+    asked, source = pick_apart(probes, climbing, 0.010)
+    # cells of 4.43 mm: fourteen by fourteen a side, or one more where they are cut
+    assert 392 <= len(asked) <= 450
+    assert source[5] == 5
+    rest = np.flatnonzero(climbing)
+    assert np.isin(source[rest], asked).all()
+    assert ((source[rest] < 3600) == (rest < 3600)).all()
+    assert np.linalg.norm(vertices[source] - vertices, axis=1).max() < 0.0068
+    every, own = pick_apart(probes, climbing, 0.002)
+    assert np.array_equal(every, rest)
+    assert np.array_equal(own, np.arange(7200))

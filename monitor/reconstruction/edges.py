@@ -1,0 +1,113 @@
+"""Edges of a mesh, and what hangs together by them: kernels that pass over the faces once.
+
+In: faces (m, 3). Half-edge 3 f + k runs from corner k of face f to corner k + 1. Out: edges with their half-edges, or
+for each face or corner the first one that it hangs together with.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import jit
+
+from projects.model import Ints
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def half_edges_by_vertex(faces: Ints, n_vertices: int) -> Any:
+    """Half-edges (3 m,) sorted by their lower vertex, of one vertex as they come, and where each vertex's start."""
+    starts = np.zeros(n_vertices + 2, np.int64)
+    for f in range(len(faces)):
+        for k in range(3):
+            starts[min(faces[f, k], faces[f, (k + 1) % 3]) + 2] += 1
+    for v in range(2, n_vertices + 2):
+        starts[v] += starts[v - 1]
+    order = np.empty(3 * len(faces), np.int64)
+    for f in range(len(faces)):
+        for k in range(3):
+            v = min(faces[f, k], faces[f, (k + 1) % 3])
+            order[starts[v + 1]] = 3 * f + k
+            starts[v + 1] += 1
+    return order, starts
+
+
+@jit(nopython=True, cache=True)
+def higher_end(faces: Ints, half: int) -> int:
+    """The higher vertex of a half-edge."""
+    f, k = half // 3, half % 3
+    return max(faces[f, k], faces[f, (k + 1) % 3])
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def number_edges(faces: Ints, n_vertices: int) -> Any:
+    """Edges (e, 2) in order of their lower and then their higher vertex, the edge of each half-edge, faces of each."""
+    order, starts = half_edges_by_vertex(faces, n_vertices)
+    edges, n_faces = np.empty((len(order), 2), np.int64), np.zeros(len(order), np.int64)
+    edge_of = np.empty(len(order), np.int64)
+    n = 0
+    for v in range(n_vertices):
+        for q in range(starts[v] + 1, starts[v + 1]):  # a few: by insertion, in order of the higher vertex
+            half, to = order[q], q
+            high = higher_end(faces, half)
+            while to > starts[v] and higher_end(faces, order[to - 1]) > high:
+                order[to] = order[to - 1]
+                to -= 1
+            order[to] = half
+        for q in range(starts[v], starts[v + 1]):
+            high = higher_end(faces, order[q])
+            if q == starts[v] or high != edges[n - 1, 1]:
+                edges[n, 0], edges[n, 1] = v, high
+                n += 1
+            n_faces[n - 1] += 1
+            edge_of[order[q]] = n - 1
+    return edges[:n].copy(), edge_of, n_faces[:n].copy()
+
+
+@jit(nopython=True, cache=True)
+def first_of(parent: Ints, i: int) -> int:
+    """The first that i hangs together with; the way there is halved."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@jit(nopython=True, cache=True)
+def unite(parent: Ints, i: int, j: int) -> None:
+    """Let i and j hang together."""
+    i, j = first_of(parent, i), first_of(parent, j)
+    parent[max(i, j)] = min(i, j)
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def faces_together(edge_of: Ints, n_edges: int) -> Ints:
+    """The first face (m,) that each face hangs together with by edges."""
+    parent, last = np.arange(len(edge_of) // 3), np.full(n_edges, -1, np.int64)
+    for half in range(len(edge_of)):
+        e = edge_of[half]
+        if last[e] >= 0:
+            unite(parent, last[e], half // 3)
+        last[e] = half // 3
+    for f in range(len(parent)):
+        parent[f] = first_of(parent, f)
+    return parent
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def corners_together(faces: Ints, edge_of: Ints, n_edges: int) -> Ints:
+    """The first corner (3 m,) that each corner makes one fan with: corners at one vertex whose faces share an edge."""
+    parent, last = np.arange(len(edge_of)), np.full(n_edges, -1, np.int64)
+    for half in range(len(edge_of)):
+        e, f, k = edge_of[half], half // 3, half % 3
+        if last[e] >= 0:
+            other, end = last[e], 3 * f + (k + 1) % 3
+            other_end = other - other % 3 + (other + 1) % 3
+            if faces[f, k] != faces[other // 3, other % 3]:
+                other, other_end = other_end, other
+            unite(parent, half, other)
+            unite(parent, end, other_end)
+        last[e] = half
+    for c in range(len(parent)):
+        parent[c] = first_of(parent, c)
+    return parent
