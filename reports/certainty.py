@@ -88,6 +88,8 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     ]
     if np.isfinite(statistics.get("error_scale", NAN)):  # not where a surface states none
         rows.append(("of the errors that both surfaces state, stable areas show", percent(statistics["error_scale"])))
+    if np.isfinite(statistics.get("error_scale_shared", NAN)):
+        rows.append(("of what the scans of an epoch disagree by", percent(statistics["error_scale_shared"])))
     if "correlation_length_m" in statistics:
         rows.append(("errors of neighbours agree over", millimetres(statistics["correlation_length_m"])))
     if "tolerance_m" in statistics:

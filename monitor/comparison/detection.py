@@ -19,7 +19,7 @@ from numba import jit
 from monitor.comparison.blocks import blocks
 from monitor.comparison.connected import connect_like
 from monitor.comparison.level_of_detection import Z95, level_of_detection
-from monitor.comparison.noise import Masks, Noise, learn_noise, stratum_of
+from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.patches import (
     Layout,
     PatchErrors,
@@ -37,6 +37,7 @@ from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
 from monitor.comparison.smoothing import smooth_distances
 from monitor.comparison.stars import Neighbours
+from monitor.comparison.strata import stratum_of
 from monitor.comparison.units import Units, judge_noise, unit_size
 from projects.model import Bools, Floats, Ints, Registration
 

@@ -20,6 +20,7 @@ from monitor.comparison.regions import find_regions, least_beyond
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, measure_side, move_surface
 from monitor.comparison.summary import count_reasons, summarize
+from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
 from projects.errors import ComparisonError, ParameterError, RegistrationError
 from projects.model import (
@@ -79,7 +80,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     tolerance : m, a client's own limit, reported beside the level of detection.
     sights : what the stations of the reference and of the compared epoch saw, each in its own epoch's coordinates. With
         them a missing surface is a loss only where a scan of the compared epoch looked through it, and not seen
-        elsewhere; left out, only what has a counterpart is changed.
+        elsewhere; left out, only what has a counterpart is changed. They also tell how steeply each place was seen,
+        which its level of detection knows where the stations of both epochs are known.
 
     Returns
     -------
@@ -110,11 +112,13 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
              drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
     require_common(sides, limit)
+    if sights is not None:
+        back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
+        sides = look_from(sides, sights, back)
     beyond = look_beyond(sides, shells, limit)
     del shells  # of small surfaces they hold their trees, the larger part of all memory
     found = detect(sides, held, settings.false_discovery_rate, settings.seed, left)
     if sights is not None:
-        back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
     regions, numbers = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
     on_reference, on_compared = (

@@ -2,10 +2,10 @@
 
 Both epochs see the same shape with the same fits, so part of their errors is the same and falls out of the difference:
 what is stated of each surface alone is then too much. Other errors are stated too small (relief that the points are
-too sparse for) or not at all. The stable areas show it: as a floor beneath all, and as a scale of what is stated for
-each roughness class at each distance from a free edge. That is the size of most errors, and right for a level that one
-vertex in twenty exceeds. What scans disagree by is large in few places, of which most of the surface says nothing: a
-test of patches at one in a hundred thousand keeps it as stated.
+too sparse for, grazing views, places between samples) or not at all. The stable areas show it: as a scale of what the
+surfaces state, one of what scans disagree by, a floor beneath all, and a factor of each class of place. That is the
+size of most errors, and right for a level that one vertex in twenty exceeds. What scans disagree by is large in few
+places, of which most of the surface says nothing: a test of patches at one in a hundred thousand keeps it as stated.
 """
 
 from __future__ import annotations
@@ -21,34 +21,29 @@ from scipy.stats import norm
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.correlation import Correlation, estimate_correlation
+from monitor.comparison.error_parts import Parts, fit_parts
 from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor, least_floor
 from monitor.comparison.quantile import median, quantile
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
+from monitor.comparison.strata import EVERY, GROUPS, KINDS, N_STRATA, lies_at_rim, stratum_of
 from projects.model import Bools, Floats, Ints
 
 Masks = tuple[Bools, Bools]
 FEWEST_WITNESSES = 5.0  # that a group must hold to be asked for a factor of its own
 STATED_WITNESSES = 2.0  # that what is stated counts for: it may be off by a factor of two, one sigma; see `believe`
-RIM_STEPS = (2.0, 4.0, 8.0, 16.0)  # spacings from a free edge, where one stratum ends and the next begins
-N_STRATA = 3 * (len(RIM_STEPS) + 1)
-EVERY = np.arange(N_STRATA)
-CLASSES, RIMS, SINGLE = list(EVERY.reshape(-1, 3).T), list(EVERY.reshape(-1, 3)), list(EVERY.reshape(-1, 1))
-GROUPS = [EVERY, *CLASSES, *RIMS, *SINGLE, *CLASSES, EVERY]
+ALIKE_WITNESSES = 8.0  # that the rest counts for where a group is asked: it may differ by a factor of 1.4, one sigma
 N_PAIRED = 1000  # vertices of a stratum whose pairs show how many witnesses it holds
 
 
 @dataclass(frozen=True)
 class Noise:
-    """`floors` [m] and `scales` (of what surfaces and scans state) of each stratum; `correlation` of the errors;
-    `spacing` [m] of the vertices.
-
-    A stratum is a roughness class at some distance from a free edge: where a surface ends it was seen at a glancing
-    angle, by few scans, and the errors show it.
-    """
+    """Of each stratum (`strata`) the `floors` [m], and the scales of what surfaces state, `scales`, and of what scans
+    disagree by, `shared_scales`; `correlation` of the errors; `spacing` [m] of the vertices."""
 
     floors: Floats
     scales: Floats
+    shared_scales: Floats
     correlation: Correlation
     spacing: float
 
@@ -57,8 +52,23 @@ class Noise:
         return self.floors[stratum_of(side, self.spacing)]
 
     def scale_of(self, side: Side) -> Floats:
-        """Return the scale (n,) of what is stated at each vertex."""
+        """Return the scale (n,) of what the surfaces state at each vertex."""
         return self.scales[stratum_of(side, self.spacing)]
+
+    def shared_scale_of(self, side: Side) -> Floats:
+        """Return the scale (n,) of what the scans disagree by at each vertex."""
+        return self.shared_scales[stratum_of(side, self.spacing)]
+
+    def scales_by_class(self, side: Side) -> dict[str, list[float]]:
+        """Return the mean scale of the assessed vertices in each class of each kind, NaN where there are none."""
+        counts = np.bincount(stratum_of(side, self.spacing)[side.is_assessed], minlength=N_STRATA)
+        out = {}
+        for kind, groups in KINDS.items():
+            n = [int(counts[group].sum()) for group in groups]
+            out[kind] = [
+                float(counts[g] @ self.scales[g] / k) if k else float("nan") for g, k in zip(groups, n, strict=True)
+            ]
+        return out
 
     def sigma_of(self, side: Side) -> Floats:
         """Return one sigma (n,) [m] of the change of each vertex, with what is common to many."""
@@ -69,7 +79,7 @@ class Noise:
 
     def is_at_rim(self, side: Side) -> Bools:
         """Return whether each vertex (n,) lies in the two strata beside a free edge."""
-        return stratum_of(side, self.spacing) < 3 * 2
+        return lies_at_rim(stratum_of(side, self.spacing))
 
     def variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return the variance [m2] of the change of each vertex, or of those in `which`, without what is common to
@@ -80,27 +90,8 @@ class Noise:
     def common_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
         registration; of each vertex or of those in `which`."""
-        scale = self.scales[stratum_of(side, self.spacing, which)]
+        scale = self.shared_scales[stratum_of(side, self.spacing, which)]
         return np.hypot(scale * side.sigma_shared[which], side.sigma_motion[which])
-
-
-def stratum_of(side: Side, spacing: float, which: Ints | slice = slice(None)) -> Ints:
-    """Return the stratum (n,) uint8 of each vertex, or of those in `which`: 3 times the step from the rim, plus the
-    roughness class."""
-    rough = np.zeros(0, dtype=np.uint8) if side.surface.roughness is None else side.surface.roughness[which]
-    return np.asarray(_find_strata(side.to_rim[which], rough, spacing, np.array(RIM_STEPS)))
-
-
-@jit(nopython=True, cache=True)
-def _find_strata(to_rim, rough, spacing, steps):  # type: ignore[no-untyped-def]
-    """Return the strata; a distance that is NaN is far from all rims, without classes (none given) all is smooth."""
-    out = np.empty(len(to_rim), dtype=np.uint8)
-    for v in range(len(to_rim)):
-        step = 0
-        while step < len(steps) and not to_rim[v] / spacing < steps[step]:
-            step += 1
-        out[v] = 3 * step + (min(rough[v], 2) if len(rough) else 0)
-    return out
 
 
 def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.random.Generator,
@@ -111,9 +102,11 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     a stratum that holds many has a floor or a scale of its own.
     """
     spacing = float(np.sqrt(median(np.concatenate([s.areas for s in sides]))))
-    floors, scales = learn_sizes([_witness(s, c, spacing) for s, c in zip(sides, calm, strict=True)], share, known, rng)
-    floors = np.maximum(floors, max(least_floor(s.surface.vertices) for s in sides))
-    noise = Noise(floors, scales, Correlation(np.zeros(1), np.ones(1)), spacing)
+    witnesses = [_witness(s, c, spacing) for s, c in zip(sides, calm, strict=True)]
+    parts, factors = learn_sizes(witnesses, share, known, rng)
+    floors = np.maximum(factors * parts.floor, max(least_floor(s.surface.vertices) for s in sides))
+    unknown = Correlation(np.zeros(1), np.ones(1))
+    noise = Noise(floors, factors * parts.surfaces, factors * parts.shared, unknown, spacing)
     lead = int(calm[1].sum() > calm[0].sum())
     side, which = sides[lead], calm[lead]
     errors = side.distances / noise.sigma_of(side)
@@ -124,63 +117,84 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
 
 class CalmVertices(NamedTuple):
     """The calm vertices of one side: their `places` (n,) among `points` (m, 3) [m], `distances` (n,) [m], one sigma
-    (n,) [m] of what is stated of surfaces and scans, `own`, and of the registration, `motion`; `stratum` (n,)."""
+    (n,) [m] of what is stated of the surfaces, `own`, of the scans, `shared`, and of the registration, `motion`;
+    `stratum` (n,). Once their parts are known `own` is all of them but the registration's."""
 
     points: Floats
     places: Ints
     distances: Floats
     own: Floats
+    shared: Floats
     motion: Floats
     stratum: Ints
 
 
 def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     """Return the calm vertices of a side."""
-    places = np.flatnonzero(calm).astype(np.int32)
-    own = np.empty(len(places))
-    for block in blocks(len(own)):
-        own[block] = np.hypot(side.sigma_surfaces[places[block]], side.sigma_shared[places[block]])
-    stratum = stratum_of(side, spacing)[calm]
-    return CalmVertices(side.surface.vertices, places, keep_on_disk(side.distances[calm]), own,
+    places, stratum = np.flatnonzero(calm).astype(np.int32), stratum_of(side, spacing)[calm]
+    return CalmVertices(side.surface.vertices, places, keep_on_disk(side.distances[calm]),
+                        keep_on_disk(side.sigma_surfaces[calm]), keep_on_disk(side.sigma_shared[calm]),
                         keep_on_disk(side.sigma_motion[calm]), stratum)  # fmt: skip
 
 
 def learn_sizes(
     calm: Sequence[CalmVertices], share: float, known: Correlation | None, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Return floor [m] and scale of each stratum: the common ones, times what its errors differ by from the rest.
+) -> tuple[Parts, Floats]:
+    """Return the parts of the errors, and the factor of each stratum, what its errors differ by from the rest.
 
-    By what factor errors exceed what is stated of them is asked of groups of strata one after another, each on top of
-    what the groups before have shown: all; roughness classes; distances from the rim; single strata; and classes and
-    all again, whose factors the others have moved. A factor is believed as far as the group's witnesses go.
+    By what factor errors exceed their parts is asked of groups of strata one after another, each on top of what the
+    groups before have shown: all; classes of each kind (`ORDER`), some again, whose factors the others have moved; and
+    all again. A factor is believed as far as the group's witnesses go.
     """
-    floor = estimate_floor(*_draw_evenly(calm), share)
-    calm, factors = [c._replace(own=keep_on_disk(np.hypot(c.own, floor))) for c in calm], np.ones(N_STRATA)
+    parts, factors = _learn_parts(calm, share, known, rng), np.ones(N_STRATA)
+    calm = [c._replace(own=_mix(c, parts)) for c in calm]
     for group in GROUPS:
         n_witnesses = _count(calm, group, known, rng)
         if n_witnesses >= FEWEST_WITNESSES:
-            factors[group] *= believe(asked_scale(calm, group, factors, share), n_witnesses)
-    return factors * floor, factors
+            held_by = STATED_WITNESSES if len(group) == N_STRATA else ALIKE_WITNESSES
+            factors[group] *= believe(asked_scale(calm, group, factors, share), n_witnesses, held_by)
+    return parts, factors
 
 
-def _draw_evenly(calm: Sequence[CalmVertices]) -> tuple[Floats, Floats]:
-    """Return distances and sigma [m] of as many calm vertices as a floor is estimated from, at even steps."""
-    step, first, distances, sigma = max(sum(len(c.stratum) for c in calm) // N_FLOOR, 1), 0, [], []
+def _mix(calm: CalmVertices, parts: Parts) -> Floats:
+    """Return one sigma (n,) [m] of all parts but the registration's."""
+    out = np.empty(len(calm.own))
+    for block in blocks(len(out)):
+        out[block] = parts.mix(calm.own[block], calm.shared[block])
+    return keep_on_disk(out)
+
+
+def _learn_parts(
+    calm: Sequence[CalmVertices], share: float, known: Correlation | None, rng: np.random.Generator
+) -> Parts:
+    """Return the parts that the distances show; as stated, above a floor, where nobody knows how many witnesses there
+    are."""
+    distances, *stated = _draw_evenly(calm)
+    n_witnesses = _count(calm, EVERY, known, rng)
+    if n_witnesses < FEWEST_WITNESSES:
+        return Parts(1.0, 1.0, estimate_floor(distances, np.sqrt(sum(s**2 for s in stated)), share))
+    return fit_parts(distances, (stated[0], stated[1], stated[2]), n_witnesses)
+
+
+def _draw_evenly(calm: Sequence[CalmVertices]) -> list[Floats]:
+    """Return distances and the three stated sigmas [m] of as many calm vertices as parts are learned from, at even
+    steps."""
+    step, first, drawn = max(sum(len(c.stratum) for c in calm) // N_FLOOR, 1), 0, []
     for c in calm:
         some = slice(-first % step, None, step)
-        distances.append(c.distances[some])
-        sigma.append(np.hypot(c.own[some], c.motion[some]))
+        drawn.append([c.distances[some], c.own[some], c.shared[some], c.motion[some]])
         first += len(c.stratum)
-    return np.concatenate(distances), np.concatenate(sigma)
+    return [np.concatenate(column) for column in zip(*drawn, strict=True)]
 
 
-def believe(asked: float, n_witnesses: float) -> float:
-    """Return the factor that remains of the one `asked` for by so many witnesses: its logarithm, weighted.
+def believe(asked: float, n_witnesses: float, held_by: float) -> float:
+    """Return the factor that remains of the one `asked` for by so many witnesses: its logarithm, weighted against those
+    that it is `held_by`.
 
-    The 95 % quantile of n independent errors is known to 0.95 / sqrt(n) of its logarithm, one sigma; what is stated is
-    held to be off by a factor of two, one sigma, and so weighs 0.95^2 / ln(2)^2 = 2 witnesses.
+    The 95 % quantile of n independent errors is known to 0.95 / sqrt(n) of its logarithm, one sigma. What is held to be
+    off by a factor of f, one sigma, weighs 0.95^2 / ln(f)^2 witnesses: of two 2, of 1.4 8.
     """
-    return float(max(asked, 1e-300) ** (n_witnesses / (n_witnesses + STATED_WITNESSES)))
+    return float(max(asked, 1e-300) ** (n_witnesses / (n_witnesses + held_by)))
 
 
 def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | None, rng: np.random.Generator) -> float:

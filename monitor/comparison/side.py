@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, nearest_corners, unit_normals
-from monitor.comparison.quantile import median
+from monitor.comparison.quantile import median, quantile
 from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
@@ -21,6 +21,8 @@ from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surfa
 from projects.transforms import apply, invert, rotate
 
 EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only
+N_ARMS = 200_000  # vertices that show where a third of the lever arm ends, at even steps
+GAP_STEPS = np.array([0.75, 1.0])  # spacings of the vertices to the nearest sample, where one class of gap ends
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,8 @@ class Side:
     `sigma_shared` [m] what the scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that
     of the registration (common to the whole). Where the motion between the epochs stays in the distances, `expected`
     [m] is what it alone makes of them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the
-    motion.
+    motion. `view`, `gap` and `arm` are classes, 0 the best or not known: how steeply the worse seen epoch saw the place
+    (`views`), how far the vertex or its foot, whichever is farther, is from a sample, and the third of the lever arm.
     """
 
     surface: Surface
@@ -53,6 +56,9 @@ class Side:
     reasons: Ints
     expected: Floats
     sigma_expected: Floats
+    view: Ints
+    gap: Ints
+    arm: Ints
 
     @property
     def is_assessed(self) -> Bools:
@@ -142,8 +148,30 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     return Side(
         surface, other, keep_on_disk(feet.faces), keep_on_disk(nearest_corners(feet, other)), normals, shell.neighbours,
         areas, keep_on_disk(distances), keep_on_disk(to_rim), keep_on_disk(sigma), shared, motion, is_stable, reasons,
-        expected, sigma_expected,
+        expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
+        np.maximum(_gap_of(shell), np.append(_gap_of(other_shell), np.uint8(0))[nearest_corners(feet, other)]),
+        _thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED),
     )  # fmt: skip
+
+
+def _thirds_of(points: Floats, centre: Floats, is_assessed: Bools) -> Ints:
+    """Return the third (n,) uint8 of the distance to `centre` that each vertex lies in, of those assessed."""
+    places, out = np.flatnonzero(is_assessed), np.zeros(len(points), dtype=np.uint8)
+    if not len(places):
+        return out
+    some = np.linalg.norm(points[places[:: max(len(places) // N_ARMS, 1)]] - centre, axis=1)
+    thirds = [quantile(some, 1.0 / 3.0), quantile(some, 2.0 / 3.0)]
+    for block in blocks(len(out)):
+        out[block] = np.searchsorted(thirds, np.linalg.norm(points[block] - centre, axis=1), side="right")
+    return out
+
+
+def _gap_of(shell: Shell) -> Ints:
+    """Return the class (n,) uint8 of how far each vertex is from a sample; 0 where the surface does not say."""
+    distance = shell.surface.sample_distance
+    if distance is None:
+        return np.zeros(len(shell.areas), dtype=np.uint8)
+    return np.searchsorted(GAP_STEPS, distance / np.sqrt(median(shell.areas)), side="right").astype(np.uint8)
 
 
 def _motion_sigma(registration: Registration, points: Floats, normals: Floats) -> Floats:

@@ -14,10 +14,11 @@ from enum import IntEnum
 import numpy as np
 from scipy.spatial import cKDTree
 
-from projects.model import Floats, Ints
+from projects.model import Bools, Floats, Ints
 
 CELL_STEPS = 2.0  # angular steps of a scan along the edge of a cell of directions: four measurements each
 CLEAR_CELLS = 3  # cells along the edge of the window that must be clear; a window is as wide as it must be deep
+LEAST_SINE = 0.1  # of a beam above a surface, as far as the range within a cell is looked for
 N_SAMPLES = 2000  # directions that show a scan's angular step
 SIDE_BITS = 24
 
@@ -116,3 +117,12 @@ def _ranges_at(sight: StationSight, keys: Ints) -> Floats:
     """Return the nearest range in the cells (n,) [m]; NaN where nothing was measured."""
     at = np.minimum(np.searchsorted(sight.keys, keys), len(sight.keys) - 1)
     return np.where(sight.keys[at] == keys, sight.nearest[at], np.nan)
+
+
+def is_measured(sight: StationSight, points: Floats, sines: Floats) -> Bools:
+    """Return whether the station measured a surface at each point (n, 3): at its range, within a window's width along
+    the surface, of which `sines` (n,) are of the beam's angle above it."""
+    beams = points - sight.origin
+    ranges = np.linalg.norm(beams, axis=1)
+    nearest = _ranges_at(sight, direction_keys(beams, sight.cell)[0])
+    return np.abs(nearest - ranges) <= CLEAR_CELLS * sight.cell * ranges / np.maximum(sines, LEAST_SINE)

@@ -43,9 +43,9 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
         "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
         "floor_m": float(np.median(found.noise.floor_of(side))),
-        "floors_m": [float(f) for f in found.noise.floors],
         "error_scale": float(np.median(found.noise.scale_of(side))) if side.states_noise else float("nan"),
-        "error_scales": [float(f) for f in found.noise.scales],
+        "error_scale_shared": float(np.median(found.noise.shared_scale_of(side))) if _is_shared(side) else float("nan"),
+        **{f"error_scales_{kind}": scales for kind, scales in found.noise.scales_by_class(side).items()},
         "correlation_length_m": found.noise.correlation.length,
         "unit_size_m": found.test.size,
         "n_patches": found.test.n_tested,
@@ -55,6 +55,11 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         figures["tolerance_m"] = float(tolerance)
         figures["share_beyond_tolerance"] = _or_nan(np.mean, np.abs(d) > tolerance)
     return figures
+
+
+def _is_shared(side: Side) -> bool:
+    """Return whether anything is stated of what the scans disagree by."""
+    return bool(side.sigma_shared.any())
 
 
 def count_reasons(reasons: Ints) -> dict[str, int]:

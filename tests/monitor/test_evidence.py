@@ -87,3 +87,10 @@ def test_a_finger_that_something_hid_is_not_called_gone(rng: np.random.Generator
     if walls is not None:
         assert (result.on_reference.reasons[upper] == NotAssessed.NOT_SEEN).all()
         assert result.statistics["not_assessed"]["looked_through"] == 0
+
+
+def test_how_steeply_places_were_seen_enters_the_noise_where_stations_are_known(rng: np.random.Generator) -> None:
+    seen = run(rng, (True, True), (2.0, 2.0)).statistics["error_scales_view"]
+    blind = run(rng, (True, True), None).statistics["error_scales_view"]
+    assert np.isfinite(seen[-1])  # no station measured the plate, only what is behind it
+    assert np.isfinite(blind).tolist() == [True, False, False, False]

@@ -1,11 +1,14 @@
 """What stable areas say of the size of errors: what is stated is scaled, in each stratum; what is not gets a floor."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
 from monitor.comparison.correlation import Correlation, spherical
-from monitor.comparison.noise import N_STRATA, CalmVertices, asked_scale, believe, count_witnesses, learn_sizes
+from monitor.comparison.noise import CalmVertices, asked_scale, believe, count_witnesses, learn_sizes
+from monitor.comparison.strata import EVERY, KINDS, N_STRATA, SHAPE, stratum_of
 from projects.model import Floats, Ints
 
 
@@ -23,7 +26,8 @@ def test_witnesses_of_a_variance_are_those_that_its_scatter_shows(rng: np.random
 
 def asked_of(distances: Floats, own: Floats, motion: Floats) -> float:
     """Return the scale that vertices of one stratum ask for."""
-    calm = CalmVertices(np.zeros((0, 3)), np.zeros(0, dtype=int), distances, own, motion, np.full(len(own), 3))
+    none, place = np.zeros(len(own)), np.full(len(own), 3)
+    calm = CalmVertices(np.zeros((0, 3)), np.zeros(0, dtype=int), distances, own, none, motion, place)
     return asked_scale([calm], np.array([3]), np.ones(N_STRATA), 0.95)
 
 
@@ -39,56 +43,98 @@ def test_the_registration_makes_up_for_half_of_what_is_seen_at_most(rng: np.rand
     assert asked_of(distances, own, motion) == pytest.approx(0.1 * np.sqrt(0.5), rel=0.02)
 
 
-def test_two_witnesses_are_believed_half() -> None:
-    assert believe(0.25, 2.0) == pytest.approx(0.5)  # half of the logarithm
-    assert believe(0.25, 1e6) == pytest.approx(0.25, rel=1e-4)
-    assert believe(4.0, 2.0) == pytest.approx(2.0)
+def test_as_many_witnesses_as_hold_it_are_believed_half() -> None:
+    assert believe(0.25, 2.0, 2.0) == pytest.approx(0.5)  # half of the logarithm
+    assert believe(0.25, 1e6, 2.0) == pytest.approx(0.25, rel=1e-4)
+    assert believe(4.0, 2.0, 2.0) == pytest.approx(2.0)
+    assert believe(4.0, 4.0, 12.0) == pytest.approx(np.sqrt(2.0))
 
 
-def calm_of(rng: np.random.Generator, true: Floats, stratum: Ints, motion: float = 0.0) -> CalmVertices:
-    """Return vertices far from each other, stated as 1 mm, whose errors are `true` [mm] in their stratum."""
+def place(rim: int, rough: int, view: int = 0, gap: int = 0, arm: int = 0) -> int:
+    """Return the stratum of these classes."""
+    return int(EVERY.reshape(SHAPE)[rim, rough, view, gap, arm])
+
+
+def calm_of(
+    rng: np.random.Generator, true: Floats, stratum: Ints, motion: float = 0.0, shared: Floats | None = None
+) -> CalmVertices:
+    """Return vertices far from each other, stated as 1 mm, whose errors are `true` [mm] in their stratum; `shared`
+    [mm] is what scans are said to disagree by, and hold no error of."""
     n = len(stratum)
     distances = 1e-3 * np.hypot(true[stratum], motion) * rng.normal(size=n)
     points = np.column_stack([np.arange(n), np.zeros((n, 2))])
-    return CalmVertices(points, np.arange(n), distances, np.full(n, 1e-3), np.full(n, 1e-3 * motion), stratum)
+    disagree = np.zeros(n) if shared is None else 1e-3 * shared
+    return CalmVertices(points, np.arange(n), distances, np.full(n, 1e-3), disagree, np.full(n, 1e-3 * motion), stratum)
 
 
 NO_AGREEMENT = Correlation(np.array([0.5]), np.array([0.1]))
+SMOOTH, MEDIUM, ROUGH = place(4, 0), place(4, 1), place(4, 2)
+
+
+def learn(calm: list[CalmVertices], rng: np.random.Generator) -> tuple[float, Floats]:
+    """Return the floor [m], and the scale of what is stated in each stratum."""
+    parts, factors = learn_sizes(calm, 0.95, NO_AGREEMENT, rng)
+    return parts.floor, parts.surfaces * factors
 
 
 def test_each_class_exceeds_its_level_in_one_vertex_of_twenty(rng: np.random.Generator) -> None:
-    true = 0.6 * np.tile([0.9, 1.0, 1.6], N_STRATA // 3)  # rough places err more beside what is stated of them
-    stratum = np.repeat(np.arange(12, 15), (4000, 2000, 40))
+    true = np.full(N_STRATA, 0.6)  # rough places err more beside what is stated of them
+    true[[SMOOTH, ROUGH]] = 0.54, 0.96
+    stratum = np.repeat([SMOOTH, MEDIUM, ROUGH], (4000, 2000, 200))
     calm = [calm_of(rng, true, stratum, 0.2) for _ in range(2)]
-    floors, scales = learn_sizes(calm, 0.95, NO_AGREEMENT, rng)
-    assert scales[12:14] == pytest.approx(true[12:14], rel=0.05)
-    assert scales[14] == pytest.approx(true[14], rel=0.35)  # of 80, whose quantile is known to a tenth
-    assert not floors.any()
+    floor, scales = learn(calm, rng)
+    scales = np.hypot(scales, 1e3 * floor * scales / scales[SMOOTH])
+    assert scales[[SMOOTH, MEDIUM]] == pytest.approx(true[[SMOOTH, MEDIUM]], rel=0.05)
+    assert scales[ROUGH] == pytest.approx(true[ROUGH], rel=0.2)  # of 400, whose quantile is known to a twentieth
     level = 1.96 * np.hypot(scales[stratum] * 1e-3, 0.2e-3)
     beyond = np.mean([np.abs(c.distances) > level for c in calm], axis=0)
-    assert beyond.mean() == pytest.approx(0.05, abs=0.001)
-    assert [beyond[stratum == k].mean() for k in (12, 13)] == pytest.approx([0.05, 0.05], abs=0.003)
-    assert beyond[stratum == 14].mean() == pytest.approx(0.05, abs=0.02)  # 0.25 with the scale of all
+    assert beyond.mean() == pytest.approx(0.05, abs=0.002)
+    shares = [beyond[stratum == k].mean() for k in (SMOOTH, MEDIUM, ROUGH)]
+    assert shares[:2] == pytest.approx([0.05, 0.05], abs=0.004)
+    assert shares[2] == pytest.approx(0.05, abs=0.025)  # 0.25 with the scale of all
+
+
+@pytest.mark.parametrize("kind", ["view", "gap", "arm"])
+def test_what_was_seen_badly_has_a_level_of_its_own(kind: str, rng: np.random.Generator) -> None:
+    good, bad = place(4, 0), place(4, 0, **{kind: 2})
+    true = np.ones(N_STRATA)
+    true[bad] = 2.0
+    _, scales = learn([calm_of(rng, true, np.repeat([good, bad], (3000, 300)))] * 2, rng)
+    assert scales[bad] / scales[good] == pytest.approx(2.0, rel=0.12)  # of 300 independent ones
+    rough = place(4, 1, **{kind: 2})  # no witness: what smooth places show
+    assert scales[rough] / scales[bad] == pytest.approx(scales[place(4, 1)] / scales[good], rel=1e-9)
 
 
 def test_a_stratum_of_few_witnesses_goes_with_its_class(rng: np.random.Generator) -> None:
+    few = place(0, 2)
     true = np.ones(N_STRATA)
-    true[[2, 14]] = 2.0
-    stratum = np.r_[np.repeat([12, 14], (3000, 1000)), 2, 2, 2, 2]
-    _, scales = learn_sizes([calm_of(rng, true, stratum)] * 2, 0.95, NO_AGREEMENT, rng)
-    assert scales[2] == pytest.approx(scales[14], rel=0.01)
-    assert scales[14] / scales[12] == pytest.approx(2.0, rel=0.1)
+    true[[few, ROUGH]] = 2.0
+    stratum = np.r_[np.repeat([SMOOTH, ROUGH], (3000, 1000)), few, few, few, few]
+    _, scales = learn([calm_of(rng, true, stratum)] * 2, rng)
+    assert scales[few] == pytest.approx(scales[ROUGH], rel=0.01)
+    assert scales[ROUGH] / scales[SMOOTH] == pytest.approx(2.0, rel=0.1)
 
 
 def test_the_first_look_that_knows_of_no_witness_takes_what_is_stated(rng: np.random.Generator) -> None:
-    calm = [calm_of(rng, np.full(N_STRATA, 0.5), np.full(5000, 12))] * 2
-    floors, scales = learn_sizes(calm, 0.6827, None, rng)
-    assert not floors.any()
-    assert (scales == 1.0).all()
+    calm = [calm_of(rng, np.full(N_STRATA, 0.5), np.full(5000, SMOOTH))] * 2
+    parts, factors = learn_sizes(calm, 0.6827, None, rng)
+    assert parts == (1.0, 1.0, 0.0)
+    assert (factors == 1.0).all()
+    wide = [calm_of(rng, np.full(N_STRATA, np.hypot(1.0, 3.0)), np.full(5000, SMOOTH))] * 2
+    assert learn_sizes(wide, 0.6827, None, rng)[0] == (1.0, 1.0, pytest.approx(0.003, rel=0.05))
 
 
-def test_what_nothing_states_is_a_floor_and_not_a_scale(rng: np.random.Generator) -> None:
-    calm = [calm_of(rng, np.full(N_STRATA, np.hypot(1.0, 3.0)), np.full(50_000, 12))] * 2
-    floors, scales = learn_sizes(calm, 0.95, NO_AGREEMENT, rng)
-    assert floors[12] == pytest.approx(0.003, rel=0.02)
-    assert scales[12] == pytest.approx(1.0, rel=1e-6)
+def test_what_nothing_states_is_a_floor(rng: np.random.Generator) -> None:
+    calm = calm_of(rng, np.full(N_STRATA, 3.0), np.full(50_000, SMOOTH))
+    calm = calm._replace(own=np.zeros(len(calm.own)))
+    parts, factors = learn_sizes([calm] * 2, 0.95, NO_AGREEMENT, rng)
+    assert parts.floor * factors[SMOOTH] == pytest.approx(0.003, rel=0.02)
+
+
+def test_strata_are_told_by_rim_roughness_view_gap_and_arm() -> None:
+    classes = {"view": [0, 3, 0], "gap": [0, 2, 1], "arm": [0, 1, 2]}
+    surface = SimpleNamespace(roughness=np.array([0, 2, 1]))
+    side = SimpleNamespace(surface=surface, to_rim=np.array([np.nan, 0.003, 0.1]),
+                           **{kind: np.array(c, dtype=np.uint8) for kind, c in classes.items()})  # fmt: skip
+    assert stratum_of(side, 0.001).tolist() == [place(4, 0), place(1, 2, 3, 2, 1), place(4, 1, 0, 1, 2)]
+    assert sorted(np.concatenate(KINDS["view"])) == list(range(N_STRATA))

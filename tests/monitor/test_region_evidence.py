@@ -9,18 +9,20 @@ import numpy as np
 import pytest
 
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.noise import N_STRATA, Noise
+from monitor.comparison.noise import Noise
 from monitor.comparison.reaches import Reaches
 from monitor.comparison.regions import bear_out_parts, hold_patches
+from monitor.comparison.strata import N_STRATA
 
-NOISE = Noise(np.zeros(N_STRATA), np.ones(N_STRATA), Correlation(np.zeros(1), np.ones(1)), spacing=1e-3)
+NOISE = Noise(np.zeros(N_STRATA), *np.ones((2, N_STRATA)), Correlation(np.zeros(1), np.ones(1)), spacing=1e-3)
 
 
 def side_of(distances: list[float], to_rim: float = np.inf) -> Any:
     """Return as much of a side as decides on parts: vertices of 1 mm2, one a unit, as far from a free edge."""
-    n = len(distances)
+    n, best = len(distances), np.zeros(len(distances), dtype=np.uint8)
     return SimpleNamespace(areas=np.full(n, 1e-6), distances=np.array(distances), is_assessed=np.ones(n, dtype=bool),
-                           to_rim=np.full(n, to_rim), surface=SimpleNamespace(roughness=None))  # fmt: skip
+                           to_rim=np.full(n, to_rim), surface=SimpleNamespace(roughness=None),
+                           view=best, gap=best, arm=best)  # fmt: skip
 
 
 def one_patch_over(side: Any, p: float) -> Any:

@@ -40,7 +40,7 @@ def measure_pair(seed: int) -> tuple[Floats, Floats]:
     stations = [no_change_pairs.spread_stations(drawn) for _ in range(2)]  # the same that `scan_epoch` draws
     epochs = [no_change_pairs.scan_epoch(scene, 2 * seed + k, rng, instrument, spacing) for k in range(2)]
     with tempfile.TemporaryDirectory() as folder:
-        comparison = no_change_pairs.compare_pair(epochs, Path(folder))
+        comparison, _ = no_change_pairs.compare_pair(epochs, Path(folder))
         project = Project.open(Path(folder) / "project")
         moved = [project.get("body", f"e{k}", "network")["T_project_given"] for k in range(2)]
         return terms_of(comparison, stations), registration_chi2(comparison, stations, moved)

@@ -12,20 +12,23 @@ import numpy as np
 
 from monitor.comparison.detection import CORE_SHARE, level_at
 from monitor.comparison.epochs import drop_uncertain, make_shells, measure_sides
+from monitor.comparison.evidence import Sights
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.side import Side
+from monitor.comparison.views import look_from
 from projects.model import Assessment, Bools, Comparison, Floats
 
 MAX_NORMAL_ANGLE = math.radians(60.0)  # as `CompareSettings` has it
 
 
-def beyond_held_out(comparison: Comparison, direction: Floats) -> Bools:
+def beyond_held_out(comparison: Comparison, direction: Floats, sights: Sights) -> Bools:
     """Return which vertices (n,) of the compared surface of an unchanged pair lie beyond the level of the other half.
 
     The halves are those before and behind the plane across `direction` (3,) through the middle of the assessed
-    vertices. False where nothing is assessed.
+    vertices. False where nothing is assessed. `sights` are what the stations saw.
     """
-    sides = measure_again(comparison)
+    back = np.linalg.inv(comparison.registration.T_target_source)
+    sides = look_from(measure_again(comparison), sights, back)
     beyond = np.zeros(len(sides[1].distances), dtype=np.bool_)
     along = [side.surface.vertices @ direction for side in sides]
     middle = float(np.median(along[1][sides[1].is_assessed]))

@@ -26,8 +26,10 @@ from rows import Row, Size, judge
 from scipy.stats import beta
 
 from monitor.chain import compare_epochs, process_epoch
+from monitor.comparison.evidence import Sights
 from monitor.engine import open_engine
 from monitor.record import Place
+from monitor.second_opinion import gather_sights
 from monitor.settings import Settings
 from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, simulate_scan, stand_at, window_around
 from projects import Project
@@ -155,8 +157,9 @@ def stream(scan: Scan, index: int, path: Path) -> ScanStream:
                       scan.rows is not None, scan.name, "simulated", chunks)  # fmt: skip
 
 
-def compare_pair(epochs: Sequence[Sequence[Scan]], folder: Path) -> Comparison:
-    """Return the comparison of two epochs of scans by the whole method, in a project of its own."""
+def compare_pair(epochs: Sequence[Sequence[Scan]], folder: Path) -> tuple[Comparison, Sights]:
+    """Return the comparison of two epochs of scans by the whole method, in a project of its own, and what their
+    stations saw."""
     project = Project.create(folder / "project")
     project.add_object(ObjectRecord("body"))
     path = folder / "simulated"
@@ -171,7 +174,7 @@ def compare_pair(epochs: Sequence[Sequence[Scan]], folder: Path) -> Comparison:
         for place in places:
             process_epoch(place, settings, engine, lambda _: None)
         step = compare_epochs(places[1], "e0", settings, lambda _: None)
-    return places[1].get(step)
+    return places[1].get(step), (gather_sights(places[0]), gather_sights(places[1]))
 
 
 def measure_pair(seed: int) -> PairCounts:
@@ -181,15 +184,15 @@ def measure_pair(seed: int) -> PairCounts:
     instrument, spacing = INSTRUMENT_NAMES[seed % len(INSTRUMENT_NAMES)], rng.uniform(0.003, 0.0045)
     epochs = [scan_epoch(scene, 2 * seed + k, rng, instrument, spacing) for k in range(2)]
     with tempfile.TemporaryDirectory() as folder:
-        return count_pair(compare_pair(epochs, Path(folder)))
+        return count_pair(*compare_pair(epochs, Path(folder)))
 
 
-def count_pair(comparison: Comparison) -> PairCounts:
-    """Return the counts of one comparison."""
+def count_pair(comparison: Comparison, sights: Sights) -> PairCounts:
+    """Return the counts of one comparison of epochs whose stations saw the `sights`."""
     side = comparison.on_compared
     known = np.isfinite(side.distances)
     beyond = np.abs(side.distances[known]) > side.lod95[known]
-    held_out = beyond_held_out(comparison, ACROSS)[known]
+    held_out = beyond_held_out(comparison, ACROSS, sights)[known]
     roughness = np.zeros(len(known), dtype=int) if side.surface.roughness is None else side.surface.roughness
     arm = np.linalg.norm(side.surface.vertices - comparison.registration.centre, axis=1)[known]
     third = np.digitize(arm, np.quantile(arm, [1.0 / 3.0, 2.0 / 3.0]))

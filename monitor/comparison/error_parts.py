@@ -1,0 +1,62 @@
+"""Which of the parts that are stated the errors follow: those of the surfaces, those of the scans, or none of them.
+
+In: distances of calm vertices and what is stated of each. Out: a scale for each stated part, and a floor. One scale for
+all is wrong: what scans disagree by may be most of what is stated, and hardly show in the difference of two epochs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from projects.model import Floats
+
+DOF = 6.0  # of Student's t: errors have tails, and what has changed a little and was not found lies there
+NORMAL2 = 1.305  # with this the variance of normal errors is found: E[(nu + 1) k x^2 / (nu + k x^2)] = 1, x normal
+STATED = math.log(2.0)  # one sigma of the logarithm of what is stated: it may be off by a factor of two
+BOUNDS = ((-5.0, 5.0), (-5.0, 5.0), (-7.0, 3.0))  # of the logarithms: of both scales, of the floor over the errors
+
+
+class Parts(NamedTuple):
+    """Scales of what is stated of the `surfaces` and of the scans, `shared`, and the `floor` [m]."""
+
+    surfaces: float
+    shared: float
+    floor: float
+
+    def mix(self, surfaces: Floats, shared: Floats) -> Floats:
+        """Return one sigma (n,) [m] of the stated ones."""
+        return np.sqrt((self.surfaces * surfaces) ** 2 + (self.shared * shared) ** 2 + self.floor**2)
+
+
+def fit_parts(distances: Floats, stated: tuple[Floats, Floats, Floats], n_witnesses: float) -> Parts:
+    """Return the parts that make the distances (n,) [m] likeliest; `stated` (n,) [m] each are those of the surfaces, of
+    the scans and of the registration, of which the last stays as stated.
+
+    Notes
+    -----
+    Greatest posterior: Student's t as wide as sqrt(a^2 surfaces^2 + b^2 shared^2 + motion^2 + floor^2), as sure as
+    `n_witnesses` independent distances; a and b are held to be 1 within a factor of two, one sigma, the floor may be
+    any. A part that the rest explains as well stays as stated.
+    """
+    size = float(np.median(np.abs(distances)))
+    if not size > 0.0:
+        return Parts(1.0, 1.0, 0.0)
+    d2, parts = (distances / size) ** 2, np.column_stack([*stated[:2], np.full(len(distances), size)]) / size
+    parts2, motion2 = parts**2, (stated[2] / size) ** 2 + 1e-12
+
+    def cost(p: Floats) -> tuple[float, Floats]:
+        scaled = parts2 * np.exp(2.0 * p)
+        v = scaled.sum(axis=1) + motion2
+        q = NORMAL2 * d2 / (DOF * v)
+        slope = (0.5 - 0.5 * (DOF + 1.0) * q / (1.0 + q)) / v  # by v
+        value = 0.5 * np.mean(np.log(v) + (DOF + 1.0) * np.log1p(q))
+        held = np.array([p[0], p[1], 0.0]) / STATED**2
+        gradient = n_witnesses * 2.0 * (slope @ scaled) / len(d2) + held
+        return n_witnesses * float(value) + 0.5 * float(held @ p), gradient
+
+    found = minimize(cost, np.array([0.0, 0.0, -1.0]), jac=True, method="L-BFGS-B", bounds=BOUNDS).x
+    return Parts(math.exp(found[0]), math.exp(found[1]), size * math.exp(found[2]))
