@@ -26,7 +26,7 @@ from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor, least
 from monitor.comparison.quantile import median, quantile
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
-from monitor.comparison.strata import EVERY, GROUPS, KINDS, N_STRATA, lies_at_rim, stratum_of
+from monitor.comparison.strata import EVERY, GROUPS, KINDS, N_STRATA, lies_at_rim, mean_of_arms, stratum_of
 from projects.model import Bools, Floats, Ints
 
 Masks = tuple[Bools, Bools]
@@ -83,9 +83,11 @@ class Noise:
 
     def variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return the variance [m2] of the change of each vertex, or of those in `which`, without what is common to
-        many: scans, registration."""
+        many: scans, registration. It takes the thirds of the lever arm as one: what they differ by is right for a
+        level that one vertex in twenty exceeds, and partly chance."""
         stratum = stratum_of(side, self.spacing, which)
-        return np.asarray((self.scales[stratum] * side.sigma_surfaces[which]) ** 2 + (self.floors**2)[stratum])
+        scales, floors = mean_of_arms(self.scales), mean_of_arms(self.floors)
+        return np.asarray((scales[stratum] * side.sigma_surfaces[which]) ** 2 + (floors**2)[stratum])
 
     def common_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and

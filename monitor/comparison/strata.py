@@ -15,7 +15,7 @@ from numba import jit
 
 from monitor.comparison.side import GAP_STEPS, Side
 from monitor.comparison.views import VIEW_STEPS
-from projects.model import Bools, Ints
+from projects.model import Bools, Floats, Ints
 
 RIM_STEPS = (2.0, 4.0, 8.0, 16.0)  # spacings from a free edge, where one class ends and the next begins
 SHAPE = (len(RIM_STEPS) + 1, 3, len(VIEW_STEPS) + 1, len(GAP_STEPS) + 1, 3)  # of rim, roughness, view, gap, arm
@@ -55,3 +55,8 @@ def _find_strata(to_rim, rough, others, spacing, steps, shape):  # type: ignore[
 def lies_at_rim(stratum: Ints) -> Bools:
     """Return whether each stratum (n,) is one of the two steps beside a free edge."""
     return np.asarray(stratum < 2 * N_STRATA // SHAPE[0])
+
+
+def mean_of_arms(values: Floats) -> Floats:
+    """Return of each stratum (`N_STRATA`,) the root mean square of the values in the thirds of the lever arm."""
+    return np.repeat(np.sqrt(np.mean(values.reshape(SHAPE) ** 2, axis=-1)), SHAPE[-1])

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from monitor.comparison.correlation import Correlation, spherical
-from monitor.comparison.noise import CalmVertices, asked_scale, believe, count_witnesses, learn_sizes
+from monitor.comparison.noise import CalmVertices, Noise, asked_scale, believe, count_witnesses, learn_sizes
 from monitor.comparison.strata import EVERY, KINDS, N_STRATA, SHAPE, stratum_of
 from projects.model import Floats, Ints
 
@@ -138,3 +138,13 @@ def test_strata_are_told_by_rim_roughness_view_gap_and_arm() -> None:
                            **{kind: np.array(c, dtype=np.uint8) for kind, c in classes.items()})  # fmt: skip
     assert stratum_of(side, 0.001).tolist() == [place(4, 0), place(1, 2, 3, 2, 1), place(4, 1, 0, 1, 2)]
     assert sorted(np.concatenate(KINDS["view"])) == list(range(N_STRATA))
+
+
+def test_a_test_of_patches_takes_the_thirds_of_the_arm_as_one() -> None:
+    scales = np.ones(N_STRATA)
+    scales[place(4, 0, arm=2)] = 3.0
+    noise = Noise(0.1 * scales, scales, scales, NO_AGREEMENT, 0.001)
+    best = np.zeros(2, dtype=np.uint8)
+    side = SimpleNamespace(surface=SimpleNamespace(roughness=np.array([0, 1])), to_rim=np.full(2, np.nan), view=best,
+                           gap=best, arm=best, sigma_surfaces=np.full(2, 0.5))  # fmt: skip
+    assert noise.variance_of(side) == pytest.approx([11.0 / 3.0 * 0.26, 0.26])  # (1 + 1 + 9) / 3, of 0.5^2 + 0.1^2
