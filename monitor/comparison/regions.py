@@ -3,7 +3,7 @@
 A region joins changed vertices of one sign that are neighbours on a surface or each other's foot. It must hold as a
 whole: it makes a patch that is significant among all patches tested (Bonferroni), so the chance that an unchanged
 object shows any region is at most the level. Specks smaller than the area over which errors agree (one independent
-witness) are no regions. What is no region is not called changed.
+witness) are no regions. What is no region is not called changed, nor is the skirt of a step (`trim_skirts`).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from monitor.comparison.region_figures import (
     view_sides,
 )
 from monitor.comparison.side import Side
+from monitor.comparison.skirts import trim_skirts
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
 
@@ -51,12 +52,13 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     kept = candidates[(stands | (gone >= least))[candidates]]
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
-    regions = [number[part] for part in parts]  # part -1 is the last entry: 0
+    width = min(found.noise.correlation.length, found.test.size)
+    regions = [trim_skirts(side, number[part], f.smooth, width)  # part -1 is the last entry: 0
+               for side, part, f in zip(sides, parts, found.sides, strict=True)]  # fmt: skip
     signs = np.array(
         [0.0, *(sign_of_region(k, sides, (regions[0], regions[1]), beyond) for k in range(1, len(kept) + 1))]
     )
     grown = grow_regions(sides, beyond, (regions[0], regions[1]), signs, least_beyond(sides, found))
-    width = min(found.noise.correlation.length, found.test.size)
     margins = [spread_margin(s, r, width) for s, r in zip(sides, regions, strict=True)]
     views = [view_sides(k, sides, found, (regions[0], regions[1]), grown, margins, beyond, registration)
              for k in range(1, len(kept) + 1)]  # fmt: skip

@@ -8,6 +8,8 @@ such a patch.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from rows import Row, Size, in_percent, in_words, judge
 from scipy.stats import binom, norm
@@ -26,13 +28,26 @@ TRIED = {3.5: 20}  # pairs, of each step; 6 of the others
 LIMIT = 3000.0
 
 
-def make_surface(rng: np.random.Generator, place: Floats | None = None, depth: float = 0.0) -> Surface:
-    """Measure the sheet, with a step of `depth` [m] about `place` [m], and make its surface."""
+Change = Callable[[Floats, Floats], Floats]  # height [m] that is put on the sheet at x, y [m]
+
+
+def step(place: Floats, edge: float, depth: float) -> Change:
+    """Return a square step of `depth` [m] about `place` [m]."""
+    return lambda x, y: depth * ((np.abs(x - place[0]) < edge / 2) & (np.abs(y - place[1]) < edge / 2))
+
+
+def sheet_height(x: Floats, y: Floats) -> Floats:
+    """Return the height [m] of the bumpy sheet."""
+    return np.asarray(0.005 * np.sin(x / 0.02) * np.cos(y / 0.03) + 0.002 * np.sin((x + 2.0 * y) / 0.013))
+
+
+def make_surface(rng: np.random.Generator, change: Change | None = None) -> Surface:
+    """Measure the sheet, with a change where one is given, and make its surface."""
     g = (np.arange(N_SIDE) + 0.5 - N_SIDE / 2) * SPACING
     x, y = (a.ravel() + rng.uniform(-3e-4, 3e-4, N_SIDE**2) for a in np.meshgrid(g, g))
-    z = 0.005 * np.sin(x / 0.02) * np.cos(y / 0.03) + 0.002 * np.sin((x + 2.0 * y) / 0.013)
-    if place is not None:
-        z = z + depth * ((np.abs(x - place[0]) < EDGE / 2) & (np.abs(y - place[1]) < EDGE / 2))
+    z = sheet_height(x, y)
+    if change is not None:
+        z = z + change(x, y)
     cloud = PointCloud(np.column_stack([x, y, z + NOISE * rng.normal(size=len(x))]), origins=np.array([0.0, 0.0, 2.0]))
     return reconstruct(cloud)
 
@@ -75,7 +90,7 @@ def run(size: Size) -> list[Row]:
         for k, reference in enumerate(references[: TRIED.get(times, 6)]):
             rng = np.random.default_rng([k, round(10 * times)])
             place, depth = rng.uniform(-0.04, 0.04, 2), times * shown * rng.choice([-1.0, 1.0])
-            found += is_found(compare_pair(reference, make_surface(rng, place, depth)), place, depth)
+            found += is_found(compare_pair(reference, make_surface(rng, step(place, EDGE, depth))), place, depth)
         tried = k + 1
         asked, verdict = ("95 %", judge(found >= 0.95 * tried)) if times == 3.5 else ("", "stated")
         most = in_percent(best_power(times * shown, int(unchanged[0].statistics["n_patches"])))
