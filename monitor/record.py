@@ -26,7 +26,7 @@ METHOD = {
     "surface": 11,
     "mesh": 5,
     "quality": 1,
-    "comparison": 14,
+    "comparison": 15,
     "series": 1,
 }
 

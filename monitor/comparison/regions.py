@@ -52,13 +52,13 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     kept = candidates[(stands | (gone >= least))[candidates]]
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
-    width = min(found.noise.correlation.length, found.test.size)
-    regions = [trim_skirts(side, number[part], f.smooth, width)  # part -1 is the last entry: 0
+    regions = [trim_skirts(side, number[part], f.smooth)  # part -1 is the last entry: 0
                for side, part, f in zip(sides, parts, found.sides, strict=True)]  # fmt: skip
     signs = np.array(
         [0.0, *(sign_of_region(k, sides, (regions[0], regions[1]), beyond) for k in range(1, len(kept) + 1))]
     )
     grown = grow_regions(sides, beyond, (regions[0], regions[1]), signs, least_beyond(sides, found))
+    width = min(found.noise.correlation.length, found.test.size)
     margins = [spread_margin(s, r, width) for s, r in zip(sides, regions, strict=True)]
     views = [view_sides(k, sides, found, (regions[0], regions[1]), grown, margins, beyond, registration)
              for k in range(1, len(kept) + 1)]  # fmt: skip

@@ -16,31 +16,31 @@ from monitor.comparison.stars import Neighbours
 from projects.model import Bools, Floats, Ints
 
 HALF = 0.5  # of what is reached within the skirt's width: where the step lies
+WIDTH = 3  # edges: beside a step fits are as narrow as points allow, two to three cells of the surface
 LEVELS_OFF = 0.5  # of the rise within one width, in the next: a slope that goes on rises as much
 
 
-def trim_skirts(side: Side, region: Ints, change: Floats, width: float) -> Ints:
+def trim_skirts(side: Side, region: Ints, change: Floats) -> Ints:
     """Return the regions (n,), 0 for none, without what is the skirt of a step.
 
     Parameters
     ----------
     region : (n,) number of the region of each vertex, 0 for none.
     change : (n,) m, smoothed; NaN where it is not known: such a vertex is left as it is.
-    width : m, how far errors agree: as far as fits share points.
 
     Notes
     -----
-    m1 and m2 are the largest changes of the region within one and two widths of a vertex, m its own. It is of the skirt
-    where m < m1 / 2 and m2 - m1 < (m1 - m) / 2: the change rises within one and levels off within the next. Where it
-    goes on rising, as over a fracture that slopes in from an edge, or from the rim of a bowl, nothing is cut.
+    m1 and m2 are the largest changes of the region within three and six edges of a vertex, m its own. It is of the
+    skirt where m < m1 / 2 and m2 - m1 < (m1 - m) / 2: the change rises within three edges and levels off within the
+    next three. Where it goes on rising, as over a fracture that slopes in from an edge, or from the rim of a bowl,
+    nothing is cut; nor where a surface is a finished mesh, of whose fits nothing is known.
     """
     members = np.flatnonzero(region > 0).astype(np.int64)
-    if not len(members):
+    if not (len(members) and side.states_noise):
         return region
     size = np.abs(change)
-    n_steps = max(round(width / _mean_edge(side, members)), 1)
-    once = _largest_around(members, region, np.nan_to_num(size), side.neighbours, n_steps)
-    twice = _largest_around(members, region, once, side.neighbours, n_steps)
+    once = _largest_around(members, region, np.nan_to_num(size), side.neighbours)
+    twice = _largest_around(members, region, once, side.neighbours)
     out = region.copy()
     out[is_skirt(size, once, twice)] = 0
     return out
@@ -51,15 +51,10 @@ def is_skirt(size: Floats, once: Floats, twice: Floats) -> Bools:
     return np.asarray((size < HALF * once) & (twice - once < LEVELS_OFF * (once - size)))
 
 
-def _mean_edge(side: Side, members: Ints) -> float:
-    """Return the mean distance [m] between neighbours of so many vertices: of even triangles (Heron)."""
-    return float(np.sqrt(2.0 / np.sqrt(3.0) * np.mean(side.areas[members])))
-
-
-def _largest_around(members: Ints, region: Ints, size: Floats, neighbours: Neighbours, n_steps: int) -> Floats:
-    """Return the largest size (n,) in the same region within so many edges of each of the members (k,)."""
+def _largest_around(members: Ints, region: Ints, size: Floats, neighbours: Neighbours) -> Floats:
+    """Return the largest size (n,) in the same region within a skirt's width of each of the members (k,)."""
     out = size.copy()
-    for _ in range(n_steps):
+    for _ in range(WIDTH):
         out = _take_largest(members, region, out, neighbours)
     return out
 

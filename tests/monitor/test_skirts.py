@@ -39,7 +39,7 @@ def test_a_step_that_fits_have_blurred_has_its_own_area_and_height() -> None:
     assert len(table) == 1
     truth = np.count_nonzero(raised) * SPACING**2
     assert table.area_m2[0] == pytest.approx(truth, rel=0.06)  # with its skirt 1.2 to 1.3 times as much
-    assert table.mean_m[0] == pytest.approx(HEIGHT, rel=0.1)
+    assert table.mean_m[0] == pytest.approx(HEIGHT, rel=0.15)  # blurred; with its skirt 0.76
     assert table.volume_m3[0] == pytest.approx(HEIGHT * truth, rel=0.02)
 
 

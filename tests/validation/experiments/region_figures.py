@@ -17,7 +17,7 @@ from projects.model import Comparison, Floats
 
 TITLE = "Figures of change regions: area and volume of steps and bowls"
 LIMIT = 3000.0
-FIRST_SEED = 100  # on those before it the width of skirts was chosen
+FIRST_SEED = 100  # on some of those before it the width of skirts was chosen
 PAIRS = {"small": 1, "full": 8}
 NEAR = 0.02  # m: a region is that of the change if its centre lies so near
 TOLERANCE = 0.10  # of the area, in the mean
