@@ -21,6 +21,7 @@ from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surfa
 from projects.transforms import apply, invert, rotate
 
 EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only
+LEAST_SPREAD = 1.1  # of the farthest third's beginning to the nearest third's end; else noise decides who is in which
 N_ARMS = 200_000  # vertices that show where a third of the lever arm ends, at even steps
 GAP_STEPS = np.array([0.75, 1.0])  # spacings of the vertices to the nearest sample, where one class of gap ends
 
@@ -150,17 +151,22 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
         areas, keep_on_disk(distances), keep_on_disk(to_rim), keep_on_disk(sigma), shared, motion, is_stable, reasons,
         expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
         np.maximum(_gap_of(shell), np.append(_gap_of(other_shell), np.uint8(0))[nearest_corners(feet, other)]),
-        _thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED),
+        thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED),
     )  # fmt: skip
 
 
-def _thirds_of(points: Floats, centre: Floats, is_assessed: Bools) -> Ints:
-    """Return the third (n,) uint8 of the distance to `centre` that each vertex lies in, of those assessed."""
+def thirds_of(points: Floats, centre: Floats, is_assessed: Bools) -> Ints:
+    """Return the third (n,) uint8 of the distance to `centre` that each vertex lies in, of those assessed.
+
+    Of a nearly round body, whose lever arms are all alike, it is 0: which third a vertex is in would tell its noise.
+    """
     places, out = np.flatnonzero(is_assessed), np.zeros(len(points), dtype=np.uint8)
     if not len(places):
         return out
     some = np.linalg.norm(points[places[:: max(len(places) // N_ARMS, 1)]] - centre, axis=1)
     thirds = [quantile(some, 1.0 / 3.0), quantile(some, 2.0 / 3.0)]
+    if thirds[1] < LEAST_SPREAD * thirds[0]:
+        return out
     for block in blocks(len(out)):
         out[block] = np.searchsorted(thirds, np.linalg.norm(points[block] - centre, axis=1), side="right")
     return out

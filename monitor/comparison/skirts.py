@@ -16,7 +16,7 @@ from monitor.comparison.stars import Neighbours
 from projects.model import Bools, Floats, Ints
 
 HALF = 0.5  # of what is reached within the skirt's width: where the step lies
-WIDTH = 3  # edges: beside a step fits are as narrow as points allow, two to three cells of the surface
+WIDTH = 2  # edges: beside a step fits are as narrow as points allow, two to three cells of the surface
 LEVELS_OFF = 0.5  # of the rise within one width, in the next: a slope that goes on rises as much
 
 
@@ -30,9 +30,9 @@ def trim_skirts(side: Side, region: Ints, change: Floats) -> Ints:
 
     Notes
     -----
-    m1 and m2 are the largest changes of the region within three and six edges of a vertex, m its own. It is of the
-    skirt where m < m1 / 2 and m2 - m1 < (m1 - m) / 2: the change rises within three edges and levels off within the
-    next three. Where it goes on rising, as over a fracture that slopes in from an edge, or from the rim of a bowl,
+    m1 and m2 are the largest changes of the region within two and four edges of a vertex, m its own. It is of the
+    skirt where m < m1 / 2 and m2 - m1 < (m1 - m) / 2: the change rises within two edges and levels off within the
+    next two. Where it goes on rising, as over a fracture that slopes in from an edge, or from the rim of a bowl,
     nothing is cut; nor where a surface is a finished mesh, of whose fits nothing is known.
     """
     members = np.flatnonzero(region > 0).astype(np.int64)

@@ -8,6 +8,7 @@ from scipy.spatial.distance import cdist
 
 from monitor.comparison.correlation import Correlation, spherical
 from monitor.comparison.noise import CalmVertices, Noise, asked_scale, believe, count_witnesses, learn_sizes
+from monitor.comparison.side import thirds_of
 from monitor.comparison.strata import EVERY, KINDS, N_STRATA, SHAPE, stratum_of
 from projects.model import Floats, Ints
 
@@ -140,7 +141,7 @@ def test_strata_are_told_by_rim_roughness_view_gap_and_arm() -> None:
     assert sorted(np.concatenate(KINDS["view"])) == list(range(N_STRATA))
 
 
-def test_a_test_of_patches_takes_the_thirds_of_the_arm_as_one() -> None:
+def test_a_test_of_patches_takes_thethirds_of_the_arm_as_one() -> None:
     scales = np.ones(N_STRATA)
     scales[place(4, 0, arm=2)] = 3.0
     noise = Noise(0.1 * scales, scales, scales, NO_AGREEMENT, 0.001)
@@ -148,3 +149,15 @@ def test_a_test_of_patches_takes_the_thirds_of_the_arm_as_one() -> None:
     side = SimpleNamespace(surface=SimpleNamespace(roughness=np.array([0, 1])), to_rim=np.full(2, np.nan), view=best,
                            gap=best, arm=best, sigma_surfaces=np.full(2, 0.5))  # fmt: skip
     assert noise.variance_of(side) == pytest.approx([11.0 / 3.0 * 0.26, 0.26])  # (1 + 1 + 9) / 3, of 0.5^2 + 0.1^2
+
+
+def testthirds_of_the_lever_arm_are_of_long_bodies_and_not_of_the_noise_of_round_ones(
+    rng: np.random.Generator,
+) -> None:
+    d = rng.normal(size=(3000, 3))
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    noisy = d * (0.1 + 5e-5 * rng.normal(size=(3000, 1)))
+    every = np.ones(3000, dtype=bool)
+    assert not thirds_of(noisy, np.zeros(3), every).any()
+    long = thirds_of(noisy * [1.0, 1.0, 4.0], np.zeros(3), every)
+    assert np.bincount(long).tolist() == pytest.approx([1000] * 3, abs=2)
