@@ -21,12 +21,12 @@ METHOD = {
     "calibration": 2,
     "scan": 2,
     "targets": 1,
-    "network": 13,
+    "network": 14,
     "filtered": 4,
     "surface": 11,
     "mesh": 5,
     "quality": 1,
-    "comparison": 17,
+    "comparison": 18,
     "series": 1,
 }
 

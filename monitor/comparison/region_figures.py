@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected, Detection
@@ -21,6 +22,7 @@ from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, Registration
 
 Pair = tuple[Side, Side]
+N_AROUND = 7  # vertices, the place itself among them, that tell how large the largest change is
 UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
 MOST_UNKNOWN = 0.2  # of a region's area: with more of its margin not assessable, its volume is not known
 WHOLE = ("lost", "added")  # without any perpendicular: gone or come as a whole
@@ -75,7 +77,7 @@ def describe_region(number: int, views: list[RegionView]) -> list[Any]:
     area, sigma_area = combine([v.area for v in views], [v.sigma_area for v in views])
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
     mean, sigma_mean = combine([v.mean for v in views], [v.sigma_mean for v in views])
-    extreme, sigma_extreme = max((v.extreme for v in views), key=lambda e: abs(e[0]))
+    extreme, sigma_extreme = max((v.extreme for v in views), key=least_size)
     centroid = np.mean([v.centroid for v in views], axis=0)
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
     kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
@@ -181,29 +183,43 @@ def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, regis
 
 def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Ints], change_beyond: Floats,
                  ) -> tuple[float, float]:  # fmt: skip
-    """Return the largest change [m] and its sigma: the median around the place where the mean change is largest.
+    """Return the largest change [m] and its sigma: the median of seven vertices about the place where it is largest.
 
-    The neighbourhood is the seven nearest vertices: no single vertex decides; the sigma holds how their values scatter,
-    since the place itself is known to a vertex only. `parts` are the assessed vertices of the region and all of it:
-    those without a perpendicular count where they are more than `MOST_UNKNOWN` of the region, a piece that is gone;
-    there it is the distance to the nearest point of the other surface. Beside a worn patch they are folds and rims, and
-    no measure of its depth.
+    The place is where the mean change less 1.96 of the sigma there is largest: the largest of many is else the noisiest
+    of them. No single vertex decides; the sigma holds how the seven scatter, since the place itself is known to a
+    vertex only. `parts` are the assessed vertices of the region and all of it: those without a perpendicular count
+    where they are more than `MOST_UNKNOWN` of the region, a piece that is gone; there it is the distance to the nearest
+    point of the other surface, as sure as the assessed ones are in the median. Beside a worn patch they are folds and
+    rims, and no measure of its depth.
     """
     vertices, whole = parts
     if side.areas[vertices].sum() >= (1.0 - MOST_UNKNOWN) * side.areas[whole].sum():
         whole = vertices
+    whole = whole[side.is_assessed[whole] | np.isfinite(change_beyond[whole])]
+    if not len(whole):
+        return np.nan, np.nan
     has_foot = side.is_assessed[whole]
     value = np.where(has_foot, side.distances[whole], change_beyond[whole])
     mean = np.where(has_foot, found.sides[which].mean[whole], change_beyond[whole])
-    points = side.surface.vertices[whole]
-    peak = int(np.argmax(np.abs(np.nan_to_num(mean))))
-    distance = np.linalg.norm(points - points[peak], axis=1)
-    nearest = np.sort(distance)[min(6, len(distance) - 1)]
-    around = distance <= nearest
     known = vertices if len(vertices) else np.flatnonzero(side.is_assessed)
-    common = np.hypot(side.sigma_shared[known], side.sigma_motion[known])
-    sigma = float(np.median(np.sqrt(found.noise.variance_of(side, known) + common**2)))
-    return float(np.nanmedian(value[around])), float(np.hypot(sigma, np.nanstd(value[around])))
+    own = np.full(len(whole), float(np.median(sigma_of_vertices(side, found, known))))
+    own[has_foot] = sigma_of_vertices(side, found, whole[has_foot])
+    points = side.surface.vertices[whole]
+    _, around = cKDTree(points).query(points, k=[*range(1, min(N_AROUND, len(points)) + 1)])
+    sigma = np.hypot(np.median(own[around], axis=1), np.std(value[around], axis=1))
+    peak = int(np.argmax(np.abs(mean) - Z95 * sigma))
+    return float(np.median(value[around[peak]])), float(sigma[peak])
+
+
+def least_size(extreme: tuple[float, float]) -> float:
+    """Return how large a change and its sigma are at least, at 95 %; minus infinity where nothing is known."""
+    return float(np.nan_to_num(abs(extreme[0]) - Z95 * extreme[1], nan=-np.inf))
+
+
+def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
+    """Return one sigma (k,) [m] of the change of some vertices; what their scans disagree by is taken as stated."""
+    common = np.hypot(side.sigma_shared[vertices], side.sigma_motion[vertices])
+    return np.sqrt(found.noise.variance_of(side, vertices) + common**2)
 
 
 def sigma_of_area(side: Side, found: Detection, vertices: Ints, margin: Ints, correlation: Correlation) -> float:

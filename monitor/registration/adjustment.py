@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from monitor.declare import check_settings, setting
 from monitor.registration.covariance import about, moved_by
-from monitor.registration.matching import make_samples, with_relief
+from monitor.registration.matching import make_samples
 from monitor.registration.network import (
     Pairs,
     Scales,
@@ -41,7 +41,6 @@ from monitor.registration.scan_rivals import find_scan_rivals
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.snooping import TieFit, describe_ties, estimate_components, find_blunder
 from monitor.registration.ties import Ties, no_ties
-from monitor.registration.unevenness import weigh_unevenly
 from monitor.registration.witnesses import count_sharers, explains_misfit, gather_witnesses, pair_factors
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb
@@ -165,7 +164,6 @@ def adjust_scans(
     Minimizes sum w rho(n' (T_i p - T_j q) / sigma) + sum v' C^-1 v + sum |delta_i|^2 / prior^2 over point-to-plane
     pairs of all overlapping scans and over targets and control points, Huber first and Tukey when settled, by
     Gauss-Newton steps. Neighbouring residuals agree, so each pair of scans counts as many witnesses as it has patches.
-    Points weigh by their sigma, roughness and angles, and patches by their points, by as much as residuals show.
     The stated variances of targets and of control are raised by what their residuals show, and those that contradict
     the rest are left out (Baarda 1968). The prior on each scan's motion, turns and ways apart, is the misfit as given
     or, once the scans lie on each other, the variance component that the motions themselves show: it holds what few
@@ -226,8 +224,7 @@ def _beside_rivals(found: Adjustment, network: _Network, motions: Sequence[Float
 def _with_covariances(found: Adjustment, state: _State, network: _Network) -> Adjustment:
     """Return the adjustment with the covariance of each scan and, with control, of the whole."""
     is_absolute = bool(state.ties.has_control.any())
-    scales = weigh_unevenly(state.matches, state.motions, state.scales) if state.matches else state.scales
-    full = network_covariance(state.matches, state.motions, scales, state.solution, is_absolute=is_absolute)
+    full = network_covariance(state.matches, state.motions, state.scales, state.solution, is_absolute=is_absolute)
     centres = np.array(
         [apply(T, s.points.mean(axis=0)) for T, s in zip(state.motions, network.overlaps.samples, strict=True)]
     )
@@ -258,7 +255,7 @@ def _prepare(clouds: Iterable[PointCloud], settings: AdjustmentSettings, ties: T
     offset = np.mean(means, axis=0) - origin
     sides = [side.shifted(offset) for side in sides]
     chosen = [sample_source(side, settings.n_samples, rng) for side in sides]
-    samples = tuple(with_relief(make_samples(side, which), side) for side, which in zip(sides, chosen, strict=True))
+    samples = tuple(make_samples(side, which) for side, which in zip(sides, chosen, strict=True))
     spacing = float(np.median([np.median(side.spacing_of(w)) for side, w in zip(sides, chosen, strict=True)]))
     finest = settings.search_radius or 10.0 * spacing
     first = first_radius(sides, samples)
@@ -351,7 +348,6 @@ def _scales(
 ) -> Scales:
     """Return the scales of the weights; beside targets, patches have the variance that the means of their pair show."""
     scales = Scales(sigma, prior, network.lever, PATCH_IN_SPACINGS * network.overlaps.spacing, fine)
-    scales = weigh_unevenly(matches, motions, scales) if fine and matches else scales
     if not len(network.ties) or not matches:
         return scales
     return replace(

@@ -20,7 +20,6 @@ from projects.model import Bools, Floats, Ints
 from projects.transforms import apply
 
 Pairs = dict[tuple[int, int], Matches]
-CLIP = 3.0  # sigmas, beyond which a residual counts no more in the mean of its patch
 
 
 @dataclass(frozen=True)
@@ -36,8 +35,6 @@ class Scales:
         `pair_factors` sigma^2.
     fine : pairs that do not fit are dropped (Tukey), no longer only held down (Huber).
     pair_factors : of each pair of scans; 1 where left out.
-    spreads, trusts : of each pair of scans, of its residuals (k,): their own sigma over `sigma`, and the weight of
-        their patch over the mean of all; 1 where left out.
     pair_sharers : of each pair of scans, how many scans share a patch of theirs; 1 where left out. m scans bear
         m - 1 witnesses, and their m (m - 1) / 2 pairs, matched both ways, would be taken for m times as many.
     """
@@ -49,20 +46,6 @@ class Scales:
     fine: bool
     pair_factors: Mapping[tuple[int, int], float] = field(default_factory=dict)
     pair_sharers: Mapping[tuple[int, int], float] = field(default_factory=dict)
-    spreads: Mapping[tuple[int, int], Floats] = field(default_factory=dict)
-    trusts: Mapping[tuple[int, int], Floats] = field(default_factory=dict)
-
-    def standardize(self, key: tuple[int, int], residuals: Floats) -> Floats:
-        """Return the residuals (k,) [m] of a pair over the sigma of each."""
-        return np.asarray(residuals / (self.sigma * self.spreads.get(key, 1.0)))
-
-    def trust(self, key: tuple[int, int], n: int) -> Floats:
-        """Return the trust (n,) in the patches of a pair's residuals."""
-        return self.trusts.get(key, np.ones(n))
-
-    def held(self, key: tuple[int, int], n: int) -> tuple[Floats, Floats]:
-        """Return within what the residuals of a pair (n,) [m] count in the means of patches, and the trust in these."""
-        return CLIP * self.sigma * self.spreads.get(key, np.ones(n)), self.trust(key, n)
 
     def witness_share(self, key: tuple[int, int], points: Floats) -> float:
         """Return the weight, in units of 1 / sigma^2, of each of a pair's points (k, 3): its patches are witnesses."""
@@ -88,8 +71,7 @@ def pair_equations(matches: Pairs, motions: Sequence[Floats], scales: Scales) ->
         T = motions[j]
         points, normals = pair.points @ T[:3, :3].T + T[:3, 3], pair.normals @ T[:3, :3].T
         rows = motion_rows(points, normals, np.zeros(3)) * unit
-        weights = weigh(scales.standardize((i, j), pair.residuals)) * scales.trust((i, j), len(points))
-        weights *= scales.witness_share((i, j), points)
+        weights = weigh(pair.residuals / scales.sigma) * scales.witness_share((i, j), points)
         block = (rows * weights[:, None]).T @ rows
         pull = rows.T @ (weights * pair.residuals)
         normal[i, :, i] += block

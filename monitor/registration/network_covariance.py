@@ -36,8 +36,8 @@ def network_covariance(
     turned = _turn(pairs, motions)
     bread, meat = _tie_information(solution, scales, n)
     for key, (points, a, b, residuals) in turned.items():
-        slopes = tukey_slope(scales.standardize(key, residuals)) * pair_weights(key, points, scales)
-        _add_pair(bread, key, _information(points, (a, b), slopes, scales.lever))
+        slopes = tukey_slope(residuals / scales.sigma)
+        _add_pair(bread, key, pair_weight(key, points, scales) * _information(points, (a, b), slopes, scales.lever))
     meat[: 6 * n, : 6 * n] += sum((_score_covariance(turned, s, n, scales) for s in range(n)), np.zeros((6 * n, 6 * n)))
     inverse = np.linalg.pinv(bread, hermitian=True, rcond=1e-14)
     full = (inverse @ meat @ inverse)[: 6 * n, : 6 * n]
@@ -67,9 +67,9 @@ def _turn(pairs: Pairs, motions: Sequence[Floats]) -> Turned:
     }  # fmt: skip
 
 
-def pair_weights(key: tuple[int, int], points: Floats, scales: Scales) -> Floats:
-    """Return the weights (k,) [1 / m2] of the residuals of a pair of scans: its patches are its witnesses."""
-    return scales.trust(key, len(points)) * scales.witness_share(key, points) / scales.sigma**2
+def pair_weight(key: tuple[int, int], points: Floats, scales: Scales) -> float:
+    """Return the weight [1 / m2] of one residual of a pair of scans: its patches are its witnesses."""
+    return scales.witness_share(key, points) / scales.sigma**2
 
 
 def _tie_information(solution: Solution, scales: Scales, n: int) -> tuple[Floats, Floats]:
@@ -86,9 +86,9 @@ def _tie_information(solution: Solution, scales: Scales, n: int) -> tuple[Floats
 def _information(points: Floats, normals: tuple[Floats, Floats], slopes: Floats, lever: float) -> Floats:
     """Return the information (6, 6) that the shape of a pair holds, free of the noise of both its normals.
 
-    It is the pull with which residuals answer a motion, `slopes` (n,) of psi times each weight: what is held by places
-    that fit badly alone (a turn in the plane of a wall, by its edges) is held by little. With few points noise can
-    make it indefinite; what is negative is no information.
+    It is the pull with which residuals answer a motion, `slopes` (n,) of psi each: what is held by places that fit
+    badly alone (a turn in the plane of a wall, by the edges on it) is held by little. With few points noise can make
+    it indefinite; what is negative is no information.
     """
     a, b = normals
     unit = np.repeat([1.0 / lever, 1.0], 3)
@@ -122,21 +122,18 @@ def _score_covariance(turned: Turned, scan: int, n: int, scales: Scales) -> Floa
         other = key[1] if key[0] == scan else key[0]
         which = member[at : at + len(p)]
         at += len(p)
-        # by which residuals of this pair, and of this patch, are the larger
-        root = np.sqrt(scales.pair_factors.get(key, 1.0) / scales.trust(key, len(p)))
+        root = float(np.sqrt(scales.pair_factors.get(key, 1.0)))  # by which residuals of this pair are the larger
         row = motion_rows(p, 0.5 * (a + b), np.zeros(3)) * unit
-        psi = scales.standardize(key, residuals)
+        psi = residuals / scales.sigma
         slope = max(float(np.mean(tukey_slope(psi))), LEAST_SLOPE)
-        weighted = row * (slope * pair_weights(key, p, scales) * root)[:, None]
-        sums = _sum_into(which, weighted, len(count))
+        weight = slope * pair_weight(key, p, scales) * root
+        sums = weight * _sum_into(which, row, len(count))
         scores[:, 6 * scan : 6 * scan + 6] += sums
         scores[:, 6 * other : 6 * other + 6] -= sums
-        absorbed[other] = absorbed.get(other, np.zeros((len(count), 6))) + _sum_into(
-            which, row / root[:, None], len(count)
-        )
-        _add_pair(own, key, weighted.T @ weighted)
+        absorbed[other] = absorbed.get(other, np.zeros((len(count), 6))) + _sum_into(which, row / root, len(count))
+        _add_pair(own, key, weight**2 * row.T @ row)
         sign = 1.0 if key[0] == scan else -1.0
-        y.append(sign / (root * slope) * residuals * tukey_weights(psi))
+        y.append(sign * scales.sigma / (root * slope) * psi * tukey_weights(psi))
     values = np.concatenate(y)
     if len(count) < FEWEST_PATCHES:
         return np.asarray(np.mean(values**2) * scores.T @ scores)

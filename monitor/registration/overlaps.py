@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from monitor.registration.matching import Matches, MatchLimits, Samples, compare_relief, match
+from monitor.registration.matching import Matches, MatchLimits, Samples, match
 from monitor.registration.network import Pairs
 from monitor.registration.sampling import motion_rows
 from monitor.registration.sides import Side
@@ -49,7 +49,7 @@ class Overlaps:
         i, j = pair
         stride = self.strides.get(pair, 1)
         samples = self.samples[i].every(stride)
-        matches = compare_relief(match(samples, self.sides[j], T_second_first, limits, True), samples, self.sides[j])
+        matches = match(samples, self.sides[j], T_second_first, limits, True)
         if pair not in self.strides and len(matches) >= FEWEST_PAIRS:
             n_others = sum(first == i for first, _ in self.pairs)
             most = -(-n_others * len(self.samples[i].points) // MOST_MATCHES)

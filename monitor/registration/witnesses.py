@@ -19,6 +19,7 @@ from monitor.registration.weights import robust_scale
 from projects.model import Floats
 from projects.transforms import apply
 
+CLIP = 3.0  # sigmas, beyond which a residual counts no more in the mean of its patch
 EXPLAINED = 1.0 / 3.0  # of the variance of patches as given: what poses must explain to be better than those given
 BELIEVED = 4.0  # patches that what all pairs together show counts as, in each
 
@@ -64,7 +65,7 @@ def pair_factors(matches: Pairs, motions: Sequence[Floats], scales: Scales) -> d
     pairs = sorted({(min(key), max(key)) for key in matches})
     of_pair = {
         pair: _join([
-            _witnesses(matches, key, motions, scales.patch, *scales.held(key, len(matches[key])))
+            _witnesses(matches, key, motions, scales.patch, CLIP * scales.sigma)
             for key in (pair, pair[::-1]) if key in matches
         ])
         for pair in pairs
@@ -93,15 +94,13 @@ def count_sharers(matches: Pairs, motions: Sequence[Floats], patch: float) -> di
 
 
 def _witnesses(
-    matches: Pairs, key: tuple[int, int], motions: Sequence[Floats], patch: float, limit: Floats | float,
-    trust: Floats | float = 1.0,
-) -> Witnesses:  # fmt: skip
-    """Return the patches of the matches of one scan with another, residuals held within the limit [m] and, where
-    patches are trusted unlike, brought to what one of mean trust would scatter by."""
+    matches: Pairs, key: tuple[int, int], motions: Sequence[Floats], patch: float, limit: float
+) -> Witnesses:
+    """Return the patches of the matches of one scan with another, residuals held within the limit [m]."""
     pair = matches[key]
     numbers = np.unique(cell_numbers(apply(motions[key[1]], pair.points), patch), return_inverse=True)[1]
     counts = np.bincount(numbers).astype(float)
-    held = np.clip(pair.residuals, -limit, limit) * np.sqrt(trust)
+    held = np.clip(pair.residuals, -limit, limit)
     return Witnesses(np.bincount(numbers, held) / counts, counts)
 
 

@@ -58,6 +58,25 @@ def test_volume_between_curved_surfaces_is_that_of_the_bodies(rng: np.random.Gen
     assert 0.0 < region.sigma_area_m2 < 0.2 * region.area_m2
 
 
+def test_the_extreme_is_not_where_the_change_is_known_worst(rng: np.random.Generator) -> None:
+    def is_blurred(directions: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(directions - [np.sin(0.25), 0.0, np.cos(0.25)], axis=1) < 0.1
+
+    def worn(directions: np.ndarray) -> np.ndarray:
+        noise = rng.normal(0, 2e-5, len(directions))
+        return cap(-3e-3, 0.7)(directions) + noise + np.where(is_blurred(directions), -1.5e-3, 0.0)
+
+    reference = sphere(lambda v: rng.normal(0, 2e-5, len(v)))
+    compared = sphere(worn)
+    directions = compared.vertices / np.linalg.norm(compared.vertices, axis=1)[:, None]
+    states = np.where(is_blurred(directions), 8e-4, 2e-5)  # it errs there by two of the sigmas that it states
+    compared = Surface(compared.vertices, compared.faces, sigma=states)
+    reference = Surface(reference.vertices, reference.faces, sigma=np.full(len(reference.vertices), 2e-5))
+    region = compare(reference, compared, known(compared)).regions.iloc[0]
+    assert region.extreme_m == pytest.approx(-3e-3, abs=2e-4)
+    assert 1e-5 < region.sigma_extreme_m < 1e-4  # of its own place
+
+
 def test_two_changes_are_two_regions_the_larger_first(rng: np.random.Generator) -> None:
     def two(v: np.ndarray) -> np.ndarray:
         return cap(3e-3, 0.5)(v) + cap(-3e-3, 0.3)(-v) + rng.normal(0, 2e-5, len(v))
