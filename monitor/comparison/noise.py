@@ -23,7 +23,7 @@ from monitor.comparison.blocks import blocks
 from monitor.comparison.correlation import Correlation, estimate_correlation
 from monitor.comparison.error_parts import Parts, fit_parts
 from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor, least_floor
-from monitor.comparison.quantile import median, quantile
+from monitor.comparison.quantile import around_quantile, between, median, quantile
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
 from monitor.comparison.strata import EVERY, GROUPS, KINDS, N_STRATA, lies_at_rim, mean_of_arms, stratum_of
@@ -133,10 +133,13 @@ class CalmVertices(NamedTuple):
 
 def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     """Return the calm vertices of a side."""
-    places, stratum = np.flatnonzero(calm).astype(np.int32), stratum_of(side, spacing)[calm]
-    return CalmVertices(side.surface.vertices, places, keep_on_disk(side.distances[calm]),
-                        keep_on_disk(side.sigma_surfaces[calm]), keep_on_disk(side.sigma_shared[calm]),
-                        keep_on_disk(side.sigma_motion[calm]), stratum)  # fmt: skip
+    places, stratum = np.flatnonzero(calm).astype(np.int32), stratum_of(side, spacing)
+    all_calm = CalmVertices(side.surface.vertices, places, side.distances, side.sigma_surfaces, side.sigma_shared,
+                            side.sigma_motion, stratum)  # fmt: skip
+    if calm.all():
+        return all_calm
+    distances, own, shared, motion = (keep_on_disk(part[calm]) for part in all_calm[2:6])
+    return CalmVertices(side.surface.vertices, places, distances, own, shared, motion, stratum[calm])
 
 
 def learn_sizes(
@@ -148,10 +151,11 @@ def learn_sizes(
     groups before have shown: all; classes of each kind (`ORDER`), some again, whose factors the others have moved; and
     all again. A factor is believed as far as the group's witnesses go.
     """
-    parts, factors = _learn_parts(calm, share, known, rng), np.ones(N_STRATA)
+    sizes = [np.bincount(c.stratum, minlength=N_STRATA) for c in calm]
+    parts, factors = _learn_parts(calm, sizes, share, known, rng), np.ones(N_STRATA)
     calm = [c._replace(own=_mix(c, parts)) for c in calm]
     for group in GROUPS:
-        n_witnesses = _count(calm, group, known, rng)
+        n_witnesses = _count(calm, sizes, group, known, rng)
         if n_witnesses >= FEWEST_WITNESSES:
             held_by = STATED_WITNESSES if len(group) == N_STRATA else ALIKE_WITNESSES
             factors[group] *= believe(asked_scale(calm, group, factors, share), n_witnesses, held_by)
@@ -166,13 +170,12 @@ def _mix(calm: CalmVertices, parts: Parts) -> Floats:
     return keep_on_disk(out)
 
 
-def _learn_parts(
-    calm: Sequence[CalmVertices], share: float, known: Correlation | None, rng: np.random.Generator
-) -> Parts:
+def _learn_parts(calm: Sequence[CalmVertices], sizes: Sequence[Ints], share: float, known: Correlation | None,
+                 rng: np.random.Generator) -> Parts:  # fmt: skip
     """Return the parts that the distances show; as stated, above a floor, where nobody knows how many witnesses there
     are."""
     distances, *stated = _draw_evenly(calm)
-    n_witnesses = _count(calm, EVERY, known, rng)
+    n_witnesses = _count(calm, sizes, EVERY, known, rng)
     if n_witnesses < FEWEST_WITNESSES:
         return Parts(1.0, 1.0, estimate_floor(distances, np.sqrt(sum(s**2 for s in stated)), share))
     return fit_parts(distances, (stated[0], stated[1], stated[2]), n_witnesses)
@@ -199,20 +202,37 @@ def believe(asked: float, n_witnesses: float, held_by: float) -> float:
     return float(max(asked, 1e-300) ** (n_witnesses / (n_witnesses + held_by)))
 
 
-def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | None, rng: np.random.Generator) -> float:
-    """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness."""
+def _count(calm: Sequence[CalmVertices], sizes: Sequence[Ints], members: Ints, known: Correlation | None,
+           rng: np.random.Generator) -> float:  # fmt: skip
+    """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness.
+
+    `sizes` (N_STRATA,) are how many vertices each stratum holds on each side.
+    """
     if known is None:
         return 0.0
-    sizes = [int(np.bincount(c.stratum, minlength=N_STRATA)[members].sum()) for c in calm]
-    most = calm[int(np.argmax(sizes))]
-    return count_witnesses(most.points, most.places[_is_of(most.stratum, members)], known, rng)
+    held = [int(n[members].sum()) for n in sizes]
+    most, n = calm[int(np.argmax(held))], max(held)
+    some = most.places[_find_members(most.stratum, _mark(members), _draw_ranks(n, rng))]
+    return _worth(most.points[some], n, known)
 
 
-def _is_of(stratum: Ints, members: Ints) -> Bools:
-    """Return whether each stratum number (n,) is one of `members`."""
+def _mark(members: Ints) -> Bools:
+    """Return whether each stratum (N_STRATA,) is one of `members`."""
     table = np.zeros(N_STRATA, dtype=np.bool_)
     table[members] = True
-    return table[stratum]
+    return table
+
+
+@jit(nopython=True, cache=True)
+def _find_members(stratum, is_member, ranks):  # type: ignore[no-untyped-def]
+    """Return where the vertices are that have these `ranks`, rising, among those whose stratum is a member."""
+    out, at, rank = np.empty(len(ranks), dtype=np.int64), 0, 0
+    for k in range(len(ranks)):
+        while not is_member[stratum[at]] or rank < ranks[k]:
+            rank += is_member[stratum[at]]
+            at += 1
+        out[k] = at
+    return out
 
 
 def count_witnesses(points: Floats, places: Ints, correlation: Correlation, rng: np.random.Generator) -> float:
@@ -222,11 +242,19 @@ def count_witnesses(points: Floats, places: Ints, correlation: Correlation, rng:
     The squares of normal errors with correlation rho correlate with rho^2 (Isserlis 1918), so a variance learned from
     n of them is as sure as one from n / (1 + (n - 1) mean rho^2) independent ones.
     """
-    n = len(places)
+    return _worth(points[places[_draw_ranks(len(places), rng)]], len(places), correlation)
+
+
+def _draw_ranks(n: int, rng: np.random.Generator) -> Ints:
+    """Return which of n vertices show how many witnesses all are, rising; all where they are few."""
+    return np.arange(n) if n <= N_PAIRED else np.sort(rng.choice(n, N_PAIRED, replace=False))
+
+
+def _worth(points: Floats, n: int, correlation: Correlation) -> float:
+    """Return how many independent errors n are worth that lie as the `points` (k, 3) [m] drawn from them do."""
     if n < 2:
         return float(n)
-    some = places if n <= N_PAIRED else places[np.sort(rng.choice(n, N_PAIRED, replace=False))]
-    return n / (1.0 + (n - 1) * float(np.mean(correlation.at(pdist(points[some])) ** 2)))
+    return n / (1.0 + (n - 1) * float(np.mean(correlation.at(pdist(points)) ** 2)))
 
 
 def asked_scale(calm: Sequence[CalmVertices], members: Ints, factors: Floats, share: float) -> float:
@@ -243,19 +271,26 @@ def asked_scale(calm: Sequence[CalmVertices], members: Ints, factors: Floats, sh
     """
     asked = np.full(N_STRATA, np.nan)
     asked[members] = factors[members]
-    ratios, z, found = np.empty(sum(len(c.stratum) for c in calm)), float(norm.ppf(0.5 + 0.5 * share)), []
-    for is_within in (False, True):
-        used = 0
-        for c in calm:
-            used = _add_ratios(c, asked, z, is_within, ratios, used)
-        found.append(quantile(ratios[:used], share))
-    return float(np.sqrt(max(found[0], 0.5 * found[1])))
+    ratios, z = np.empty(sum(len(c.stratum) for c in calm)), float(norm.ppf(0.5 + 0.5 * share))
+    low, high, t = around_quantile(_gather_ratios(calm, asked, z, False, ratios), share)
+    found = between(low, high, t)
+    if low > 0.51:  # the other ratios lie between these and 1: at most twice as large from here on
+        return float(np.sqrt(found))
+    return float(np.sqrt(max(found, 0.5 * quantile(_gather_ratios(calm, asked, z, True, ratios), share))))
+
+
+def _gather_ratios(calm: Sequence[CalmVertices], factors: Floats, z: float, is_within: bool, room: Floats) -> Floats:
+    """Return (d^2 / z^2 - motion^2) / own^2, or d^2 / z^2 / (own^2 + motion^2) where `is_within`, of the vertices whose
+    stratum has a factor (not NaN), in the `room` for all."""
+    used = 0
+    for c in calm:
+        used = _add_ratios(c, factors, z, is_within, room, used)
+    return room[:used]
 
 
 @jit(nopython=True, cache=True)
 def _add_ratios(calm, factors, z, is_within, ratios, used):  # type: ignore[no-untyped-def]
-    """Write (d^2 / z^2 - motion^2) / own^2, or d^2 / z^2 / (own^2 + motion^2) where `is_within`, from `used` on, of the
-    vertices whose stratum has a factor (not NaN); return how many are used then."""
+    """Write the ratios of one side from `used` on; return how many are used then."""
     for i in range(len(calm.stratum)):
         factor = factors[calm.stratum[i]]
         if not np.isnan(factor):
