@@ -39,9 +39,10 @@ from monitor.comparison.smoothing import smooth_distances
 from monitor.comparison.stars import Neighbours
 from monitor.comparison.strata import stratum_of
 from monitor.comparison.units import Units, judge_noise, unit_size
+from monitor.threads import map_threads
 from projects.model import Bools, Floats, Ints, Registration
 
-Sizes = list[list[Patches]]  # [size][side]
+Both = tuple[Patches, Patches]  # of the reference and the compared side
 
 SUSPECT = 1e-3  # p value up to which a patch does not teach the noise, significant or not
 N_ROUNDS = 2  # of learning from what the last test left unchanged
@@ -54,7 +55,7 @@ class Tested:
 
     `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
     largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
-    first; `n_tested` patches in all; `p_values` [size][side] of them.
+    first; `n_tested` patches in all; `p_values` (p, s) of them on each side.
     """
 
     units: tuple[Units, Units]
@@ -65,7 +66,7 @@ class Tested:
     size: float
     errors: tuple[PatchErrors, ...]
     n_tested: int
-    p_values: list[list[Floats]]
+    p_values: tuple[Floats, Floats]
 
 
 @dataclass(frozen=True)
@@ -145,39 +146,32 @@ def lay_out(sides: tuple[Side, Side], noise: Noise, registration: Registration, 
 
 
 def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, level: float,
-                errors_of: Callable[[Sizes], tuple[PatchErrors, ...]]) -> Tested:  # fmt: skip
+                errors_of: Callable[[Both], tuple[PatchErrors, ...]]) -> Tested:  # fmt: skip
     """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter."""
     units = [judge_noise(u, s, noise, c) for u, s, c in zip(layout.units, sides, calm, strict=True)]
-    sizes = [[measure_patches(o, u, r, k, noise.correlation)
-              for o, u, r in zip(pair, units, layout.reaches, strict=True)]
-             for k, pair in enumerate(layout.outlines)]  # fmt: skip
-    errors = errors_of(sizes)
-    p_values = [[_test(p, e) for p in pair] for e, pair in zip(errors, sizes, strict=True)]
-    tested = np.concatenate([v[p.is_whole] for values, pair in zip(p_values, sizes, strict=True)
-                             for v, p in zip(values, pair, strict=True)])  # fmt: skip
-    (gained, lost), (gained_compared, lost_compared) = (
-        least_of_patches(layout.reaches[k], np.column_stack([pair[k].means for pair in sizes]),
-                         np.column_stack([values[k] for values in p_values])) for k in range(2)
-    )  # fmt: skip
-    return Tested((units[0], units[1]), layout.reaches, (gained, gained_compared), (lost, lost_compared),
-                  benjamini_hochberg(tested, level), layout.size, errors, len(tested), p_values)  # fmt: skip
+    both = tuple(measure_patches(o, u, r, noise.correlation)
+                 for o, u, r in zip(layout.outlines, units, layout.reaches, strict=True))  # fmt: skip
+    errors = errors_of((both[0], both[1]))
+    p_values = [_test(p, errors) for p in both]
+    tested = np.concatenate([v[p.is_whole] for v, p in zip(p_values, both, strict=True)])
+    least = [least_of_patches(r, p.means, v) for r, p, v in zip(layout.reaches, both, p_values, strict=True)]
+    gained, lost = zip(*least, strict=True)
+    return Tested((units[0], units[1]), layout.reaches, gained, lost, benjamini_hochberg(tested, level), layout.size,
+                  errors, len(tested), (p_values[0], p_values[1]))  # fmt: skip
 
 
-def learn_errors(learn: Callable[[Floats], PatchErrors], sizes: Sizes) -> tuple[PatchErrors, ...]:
+def learn_errors(learn: Callable[[Floats], PatchErrors], both: Both) -> tuple[PatchErrors, ...]:
     """Return how the patches of each size scatter, learned from the calm ones of both sides."""
-    return tuple(learn(np.concatenate([_standardize(p)[p.is_whole & p.is_calm] for p in pair])) for pair in sizes)
+    z = [np.where(p.is_whole & p.is_calm, p.means / p.sigmas, np.nan) for p in both]
+    return tuple(learn(np.concatenate([v[~np.isnan(v)] for v in of_size]))
+                 for of_size in zip(z[0].T, z[1].T, strict=True))  # fmt: skip
 
 
-def _test(patches: Patches, errors: PatchErrors) -> Floats:
-    """Return the p value of each patch, 1 for scraps."""
-    out = np.ones(len(patches.means))
-    out[patches.is_whole] = errors.p_values(_standardize(patches)[patches.is_whole])
-    return out
-
-
-def _standardize(patches: Patches) -> Floats:
-    """Return mean over sigma of each patch."""
-    return patches.means / patches.sigmas
+def _test(patches: Patches, errors: tuple[PatchErrors, ...]) -> Floats:
+    """Return the p value of each patch (p, s), 1 for scraps."""
+    z = patches.means / patches.sigmas
+    columns = map_threads(lambda k: errors[k].p_values(z[:, k]), range(len(errors)))
+    return np.where(patches.is_whole, np.column_stack(columns), 1.0)
 
 
 def away_from(side: Side, test: Tested, which: int) -> Bools:

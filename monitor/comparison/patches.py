@@ -10,9 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr, stdtr
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.reaches import Reaches, average_over, gather_reaches, sum_areas
 from monitor.comparison.side import Side
@@ -36,7 +38,7 @@ NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distributi
 
 @dataclass(frozen=True)
 class Patches:
-    """Patches of one size around each unit of one side, (p,) each: `means`, `sigmas` [m], `is_whole` (not a scrap),
+    """Patches of every size around each unit of one side, (p, s) each: `means`, `sigmas` [m], `is_whole` (not a scrap),
     `is_calm`."""
 
     means: Floats
@@ -54,13 +56,14 @@ class PatchErrors:
 
     def p_values(self, z: Floats) -> Floats:
         """Return two-sided p values of standardized means."""
-        return np.asarray(2.0 * student.sf(np.abs(z) / self.scale, self.dof))
+        away = -np.abs(z) / self.scale
+        return np.asarray(2.0 * (ndtr(away) if self.dof >= NORMAL else stdtr(self.dof, away)))
 
 
 @dataclass(frozen=True)
 class Outlines:
-    """What is known of the patches of one size before the noise is, (p,) each: `areas` [m2], `n_vertices`, `means` [m]
-    of the change, variance `common2` [m2] of what no averaging removes, `is_whole` (not a scrap)."""
+    """What is known of the patches of one side before the noise is, (p, s) each: `areas` [m2], `n_vertices`, `means`
+    [m] of the change, variance `common2` [m2] of what no averaging removes, `is_whole` (not a scrap)."""
 
     areas: Floats
     n_vertices: Ints
@@ -71,13 +74,12 @@ class Outlines:
 
 @dataclass(frozen=True)
 class Layout:
-    """Units of edge `size` [m] on both sides, around each the `reaches` of its patches, and the `outlines` of these
-    [size of patch][side]."""
+    """Units of edge `size` [m] on both sides, around each the `reaches` of its patches, and the `outlines` of these."""
 
     size: float
     units: tuple[Units, Units]
     reaches: tuple[Reaches, Reaches]
-    outlines: list[list[Outlines]]
+    outlines: tuple[Outlines, Outlines]
 
 
 def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registration) -> Layout:
@@ -85,41 +87,41 @@ def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registr
     radii = patch_radii(size, 0.5 * sum(float(s.areas[s.is_assessed].sum()) for s in sides))
     units = [summarize_units(s, cut_units(s, size), registration) for s in sides]
     reaches = [gather_reaches(u.centres, u.motion_rows[:, 3:], radii) for u in units]
-    outlines = [[outline_patches(u, r, k, registration) for u, r in zip(units, reaches, strict=True)]
-                for k in range(len(radii))]  # fmt: skip
-    return Layout(size, (units[0], units[1]), (reaches[0], reaches[1]), outlines)
+    outlines = [outline_patches(u, r, len(radii), registration) for u, r in zip(units, reaches, strict=True)]
+    return Layout(size, (units[0], units[1]), (reaches[0], reaches[1]), (outlines[0], outlines[1]))
 
 
 def lay_out_again(layout: Layout, sides: tuple[Side, Side], registration: Registration) -> Layout:
     """Return the same patches of the same surfaces with other distances."""
     units = [summarize_units(s, u.number, registration) for s, u in zip(sides, layout.units, strict=True)]
-    outlines = [[outline_patches(u, r, k, registration) for u, r in zip(units, layout.reaches, strict=True)]
-                for k in range(len(layout.outlines))]  # fmt: skip
-    return replace(layout, units=(units[0], units[1]), outlines=outlines)
+    n_sizes = layout.outlines[0].areas.shape[1]
+    outlines = [outline_patches(u, r, n_sizes, registration) for u, r in zip(units, layout.reaches, strict=True)]
+    return replace(layout, units=(units[0], units[1]), outlines=(outlines[0], outlines[1]))
 
 
-def outline_patches(units: Units, reaches: Reaches, size: int, registration: Registration) -> Outlines:
-    """Return what is known of the patches of one size (0: the units alone) without the noise."""
-    areas, n_vertices = sum_areas(reaches, size, units.areas, units.n_vertices)
+def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: Registration) -> Outlines:
+    """Return what is known of the patches of every size (0: the units alone) without the noise."""
+    areas, n_vertices = sum_areas(reaches, n_sizes, units.areas, units.n_vertices)
     figures = np.column_stack([units.means, units.shared, units.motion_rows])
-    averages = average_over(reaches, size, units.areas, areas, figures)
-    rows = np.ascontiguousarray(averages[:, 2:])
-    motion2 = np.maximum(np.einsum("pi,ij,pj->p", rows, registration.covariance, rows), 0.0)
-    return Outlines(
-        areas, n_vertices,
-        means=averages[:, 0].copy(),
-        common2=motion2 + averages[:, 1] ** 2,  # what its scans disagree by is common to a patch
-        is_whole=areas >= SMALLEST_SHARE * np.median(areas) if len(areas) else np.zeros(0, dtype=np.bool_),
-    )  # fmt: skip
+    means, common2 = np.empty(areas.shape), np.empty(areas.shape)
+    for block in blocks(len(areas)):
+        averages = average_over(reaches, block.start, units.areas, areas[block], figures)
+        rows = np.ascontiguousarray(averages[..., 2:]).reshape(-1, 6)
+        motion2 = np.maximum(np.einsum("pi,ij,pj->p", rows, registration.covariance, rows), 0.0)
+        means[block] = averages[..., 0]
+        common2[block] = motion2.reshape(-1, n_sizes) + averages[..., 1] ** 2  # scans disagree all over a patch
+    is_whole = areas >= SMALLEST_SHARE * np.median(areas, axis=0) if len(areas) else np.zeros(areas.shape, dtype=bool)
+    return Outlines(areas, n_vertices, means, common2, is_whole)
 
 
-def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, size: int, correlation: Correlation) -> Patches:
-    """Return the patches of one size (0: the units alone), with their means and what limits them."""
+def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlation: Correlation) -> Patches:
+    """Return the patches of every size, with their means and what limits them."""
     figures = np.column_stack([units.variances, units.calm_shares])
-    within2, calm_shares = average_over(reaches, size, units.areas, outlines.areas, figures).T
-    kept = kept_variance(outlines.areas, outlines.n_vertices, correlation)
-    sigmas = np.sqrt(np.maximum(within2 * kept + outlines.common2, 1e-300))
-    return Patches(outlines.means, sigmas, outlines.is_whole, calm_shares > 0.5)
+    averages = average_over(reaches, 0, units.areas, outlines.areas, figures)
+    kept = np.column_stack([kept_variance(*of_size, correlation)
+                            for of_size in zip(outlines.areas.T, outlines.n_vertices.T, strict=True)])  # fmt: skip
+    sigmas = np.sqrt(np.maximum(averages[..., 0] * kept + outlines.common2, 1e-300))
+    return Patches(outlines.means, sigmas, outlines.is_whole, averages[..., 1] > 0.5)
 
 
 def patch_radii(size: float, area: float) -> list[float]:

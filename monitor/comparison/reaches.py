@@ -13,8 +13,10 @@ from numba import jit, prange
 from scipy.sparse import csr_matrix
 
 from monitor.comparison.scratch import keep_on_disk
+from monitor.threads import map_threads
 from projects.model import Floats, Ints
 
+N_PIECES = 16  # of the cubes, for threads
 COSINE = 0.5  # units that look more than 60 degrees apart do not belong together
 
 
@@ -47,11 +49,13 @@ def gather_reaches(centres: Floats, normals: Floats, radii: list[float]) -> Reac
 
     `centres` (u, 3) [m]; `normals` (u, 3) of any length. The first radius is 0: the unit alone.
     """
-    sorted_units = _sort_units(centres, normals, radii)
-    counts = np.zeros(len(centres) + 1, dtype=np.int64)
-    _count_near(sorted_units, counts)
-    starts = np.cumsum(counts)
-    rising, sizes = _turn_around(starts, *_list_near(sorted_units, starts))
+    near = _sort_units(centres, normals, radii)
+    n_cells = len(near.keys)
+    bounds = [n_cells * k // N_PIECES for k in range(N_PIECES + 1)]
+    pieces = map_threads(lambda k: _list_near(near, bounds[k], bounds[k + 1]), range(N_PIECES))
+    counts, units, sizes = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    del pieces
+    starts, rising, sizes = _turn_around(near.units, counts, units, sizes)
     return Reaches(starts, keep_on_disk(rising), keep_on_disk(sizes))
 
 
@@ -83,17 +87,21 @@ def members_of(reaches: Reaches, size: int, patches: Ints) -> csr_matrix:
 @jit(nopython=True, cache=True)
 def _first_size(near, a, b):  # type: ignore[no-untyped-def]
     """Return the first size of patch around the unit at place a that the one at b belongs to; 255 where to none."""
+    if a == b:
+        return 0
     x, y = near.centres[a, 0] - near.centres[b, 0], near.centres[a, 1] - near.centres[b, 1]
     z = near.centres[a, 2] - near.centres[b, 2]
-    distance2 = x * x + y * y + z * z
-    size, n_sizes = 1, len(near.radii2)
-    while size < n_sizes and distance2 > near.radii2[size]:
-        size += 1
-    if a == b or size >= n_sizes:
-        return 0 if a == b else 255
+    distance2, n_sizes = x * x + y * y + z * z, len(near.radii2)
+    if n_sizes == 1 or distance2 > near.radii2[-1]:
+        return 255
     cosine = near.normals[a, 0] * near.normals[b, 0] + near.normals[a, 1] * near.normals[b, 1]
     cosine += near.normals[a, 2] * near.normals[b, 2]
-    return size if cosine >= COSINE * near.lengths[a] * near.lengths[b] else 255
+    if cosine < COSINE * near.lengths[a] * near.lengths[b]:
+        return 255
+    size = 1
+    while distance2 > near.radii2[size]:
+        size += 1
+    return size
 
 
 @jit(nopython=True, cache=True)
@@ -105,74 +113,76 @@ def _rows_around(near, cell, rows):  # type: ignore[no-untyped-def]
         rows[k, 1] = near.starts[np.searchsorted(near.keys, middle + 2)]
 
 
-@jit(nopython=True, cache=True)
-def _count_near(near, counts):  # type: ignore[no-untyped-def]
-    """Write how many units lie around unit u into counts[u + 1]."""
-    for cell in range(len(near.keys)):
-        rows = np.empty((9, 2), dtype=np.int64)
+@jit(nopython=True, cache=True, nogil=True)
+def _list_near(near, first, last):  # type: ignore[no-untyped-def]
+    """Return how many units lie around each unit of some cubes, by place; these, in the order of the cubes, and their
+    sizes."""
+    rows, room = np.empty((9, 2), dtype=np.int64), 0
+    for cell in range(first, last):
+        _rows_around(near, cell, rows)
+        room += (near.starts[cell + 1] - near.starts[cell]) * (rows[:, 1] - rows[:, 0]).sum()
+    counts, at = np.zeros(near.starts[last] - near.starts[first], dtype=np.int32), 0
+    units, sizes = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.uint8)
+    for cell in range(first, last):
         _rows_around(near, cell, rows)
         for a in range(near.starts[cell], near.starts[cell + 1]):
-            n = 0
-            for k in range(9):
-                for b in range(rows[k, 0], rows[k, 1]):
-                    n += _first_size(near, a, b) < 255
-            counts[near.units[a] + 1] = n
-
-
-@jit(nopython=True, cache=True)
-def _list_near(near, starts):  # type: ignore[no-untyped-def]
-    """Return the units around each unit, in the order of the cubes, and their sizes."""
-    units, sizes = np.empty(starts[-1], dtype=np.int32), np.empty(starts[-1], dtype=np.uint8)
-    for cell in range(len(near.keys)):
-        rows = np.empty((9, 2), dtype=np.int64)
-        _rows_around(near, cell, rows)
-        for a in range(near.starts[cell], near.starts[cell + 1]):
-            at = starts[near.units[a]]
+            before = at
             for k in range(9):
                 for b in range(rows[k, 0], rows[k, 1]):
                     size = _first_size(near, a, b)
                     if size < 255:
                         units[at], sizes[at] = near.units[b], size
                         at += 1
-    return units, sizes
+            counts[a - near.starts[first]] = at - before
+    return counts, units[:at].copy(), sizes[:at].copy()
 
 
 @jit(nopython=True, cache=True)
-def _turn_around(starts, units, sizes):  # type: ignore[no-untyped-def]
-    """Return the same lists rising: each unit in turn is written to those around it."""
+def _turn_around(unit_at, counts, units, sizes):  # type: ignore[no-untyped-def]
+    """Return starts, and the lists of all places rising: each unit in turn is written to those around it."""
+    n = len(unit_at)
+    starts, first, place_of = np.zeros(n + 1, dtype=np.int64), np.zeros(n + 1, dtype=np.int64), np.empty(n, np.int64)
+    for place in range(n):
+        place_of[unit_at[place]] = place
+        first[place + 1] = first[place] + counts[place]
+    for u in range(n):
+        starts[u + 1] = starts[u] + counts[place_of[u]]
     rising, their_sizes, filled = np.empty_like(units), np.empty_like(sizes), starts[:-1].copy()
-    for u in range(len(starts) - 1):
-        for k in range(starts[u], starts[u + 1]):
+    for u in range(n):
+        for k in range(first[place_of[u]], first[place_of[u] + 1]):
             at = filled[units[k]]
             rising[at], their_sizes[at] = u, sizes[k]
             filled[units[k]] += 1
-    return rising, their_sizes
+    return starts, rising, their_sizes
 
 
-@jit(nopython=True, cache=True)
-def sum_areas(reaches, size, areas, n_vertices):  # type: ignore[no-untyped-def]
-    """Return area (p,) [m2] and number of vertices (p,) of the patches of one size around each unit."""
-    whole, counts = np.zeros(len(areas)), np.zeros(len(areas), dtype=np.int64)
-    for p in range(len(areas)):
+@jit(nopython=True, parallel=True, cache=True)
+def sum_areas(reaches, n_sizes, areas, n_vertices):  # type: ignore[no-untyped-def]
+    """Return area (p, s) [m2] and number of vertices (p, s) of the patches of every size around each unit."""
+    whole, counts = np.zeros((len(areas), n_sizes)), np.zeros((len(areas), n_sizes), dtype=np.int64)
+    for p in prange(len(areas)):
         for k in range(reaches.starts[p], reaches.starts[p + 1]):
-            if reaches.sizes[k] <= size:
-                whole[p] += areas[reaches.units[k]]
-                counts[p] += n_vertices[reaches.units[k]]
+            u = reaches.units[k]
+            for size in range(reaches.sizes[k], n_sizes):
+                whole[p, size] += areas[u]
+                counts[p, size] += n_vertices[u]
     return whole, counts
 
 
 @jit(nopython=True, parallel=True, cache=True)
-def average_over(reaches, size, areas, whole, values):  # type: ignore[no-untyped-def]
-    """Return the area-weighted mean (p, c) of the units' values (u, c) over the patches of one size around each unit,
-    whose areas are `whole` (p,)."""
-    means = np.zeros((len(whole), values.shape[1]))
+def average_over(reaches, first, areas, whole, values):  # type: ignore[no-untyped-def]
+    """Return the area-weighted means (k, s, c) of the units' values (u, c) over the patches of every size around units
+    from `first` on, whose areas are `whole` (k, s)."""
+    n_sizes, n_values = whole.shape[1], values.shape[1]
+    means = np.zeros((len(whole), n_sizes, n_values))
     for p in prange(len(whole)):
         per_area = 1.0 / whole[p]
-        for k in range(reaches.starts[p], reaches.starts[p + 1]):
-            if reaches.sizes[k] <= size:
-                weight = areas[reaches.units[k]] * per_area
-                for c in range(values.shape[1]):
-                    means[p, c] += weight * values[reaches.units[k], c]
+        for k in range(reaches.starts[first + p], reaches.starts[first + p + 1]):
+            u = reaches.units[k]
+            for size in range(reaches.sizes[k], n_sizes):
+                weight = areas[u] * per_area[size]
+                for c in range(n_values):
+                    means[p, size, c] += weight * values[u, c]
     return means
 
 
@@ -182,14 +192,16 @@ def least_of_patches(reaches, means, p_values):  # type: ignore[no-untyped-def]
 
     `means` and `p_values` (p, s) are of the patches of each size around each unit; 1 where there is none.
     """
-    n = len(means)
-    above, below = np.ones(n), np.ones(n)
+    n, n_sizes = means.shape
+    above, below, from_size = np.ones(n), np.ones(n), np.ones((n, n_sizes + 1, 2))
+    for p in prange(n):  # the least of each size and all larger ones
+        for size in range(n_sizes - 1, -1, -1):
+            for k in range(2):
+                counts = means[p, size] < 0.0 if k else means[p, size] > 0.0
+                least = from_size[p, size + 1, k]
+                from_size[p, size, k] = min(least, p_values[p, size]) if counts else least
     for u in prange(n):
         for k in range(reaches.starts[u], reaches.starts[u + 1]):
-            patch = reaches.units[k]
-            for size in range(reaches.sizes[k], means.shape[1]):
-                if means[patch, size] > 0.0:
-                    above[u] = min(above[u], p_values[patch, size])
-                elif means[patch, size] < 0.0:
-                    below[u] = min(below[u], p_values[patch, size])
+            least = from_size[reaches.units[k], reaches.sizes[k]]
+            above[u], below[u] = min(above[u], least[0]), min(below[u], least[1])
     return above, below

@@ -160,8 +160,8 @@ def hold_patches(sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints
         at = np.flatnonzero((parts[k] >= 0) & (units.number >= 0))
         change = side.areas[at] * side.distances[at]
         of_units = coo_matrix((change, (units.number[at], parts[k][at])), shape=(len(units.means), n_parts)).tocsr()
-        for size, p_values in enumerate(test.p_values):
-            significant = np.flatnonzero(p_values[k] <= level / test.n_tested)
+        for size, p_values in enumerate(test.p_values[k].T):
+            significant = np.flatnonzero(p_values <= level / test.n_tested)
             if not (len(significant) and n_parts):
                 continue
             members = members_of(test.reaches[k], size, significant)

@@ -79,14 +79,15 @@ def test_patches_hold_the_units_within_reach_that_look_the_same_way(rng: np.rand
     unit = normals / np.linalg.norm(normals, axis=1)[:, None]
     means, p_values = rng.normal(size=(300, 3)), rng.uniform(size=(300, 3))
     above, below = np.ones(300), np.ones(300)
+    whole, counts = sum_areas(reaches, 3, areas, np.full(300, 2))
+    averages = average_over(reaches, 100, areas, whole[100:], values)
     for size, radius in enumerate(radii):
         near = (cdist(centres, centres) <= radius) & (unit @ unit.T >= 0.5) | np.eye(300, dtype=bool)
         assert np.array_equal(members_of(reaches, size, np.arange(300)).toarray() > 0.0, near)
-        whole, counts = sum_areas(reaches, size, areas, np.full(300, 2))
-        np.testing.assert_allclose(whole, near @ areas, rtol=1e-14)
-        assert np.array_equal(counts, 2 * near.sum(axis=1))
-        averages = average_over(reaches, size, areas, whole, values)
-        np.testing.assert_allclose(averages, (near @ (areas[:, None] * values)) / whole[:, None], atol=1e-14)
+        np.testing.assert_allclose(whole[:, size], near @ areas, rtol=1e-14)
+        assert np.array_equal(counts[:, size], 2 * near.sum(axis=1))
+        wanted = (near @ (areas[:, None] * values))[100:] / whole[100:, size, None]
+        np.testing.assert_allclose(averages[:, size], wanted, atol=1e-14)
         for least, sign in ((above, 1.0), (below, -1.0)):
             p = np.where(np.sign(means[:, size]) == sign, p_values[:, size], 1.0)
             np.minimum(least, np.where(near, p, 1.0).min(axis=1), out=least)
