@@ -2,7 +2,7 @@
 
 A point stands over a face's interior where its foot lies inside; over an edge or a vertex where every face around
 has its nearest point there (so the foot is a perpendicular of the whole surface, `papers/002`: closest in normal
-direction). Points are taken along a Morton curve in fixed chunks, each search begun at the face found last.
+direction). Points are taken along a Morton curve in fixed chunks, in runs that are looked for together (`packets`).
 """
 
 from __future__ import annotations
@@ -10,18 +10,19 @@ from __future__ import annotations
 import numpy as np
 from numba import jit, prange
 
+from monitor.comparison.packets import MOST_LEAVES, MOST_POINTS, gather_leaves, nearest_in_leaves
 from monitor.comparison.search import (
     ANY,
     DEPTH,
     LOOKING,
     STANDING,
+    foot_on_face,
     is_way_crossed,
     nearest_point,
-    point_of,
     stands_over,
 )
 from monitor.comparison.stars import face_across, face_normal
-from monitor.comparison.triangles import CORNER_A, EDGE_AB, along, dot, sub
+from monitor.comparison.triangles import CORNER_A, EDGE_AB, FACE, along, dot, sub
 
 CHUNK = 512
 NO_FOOT, FOOT, ON_BORDER, BEHIND_SHEET, NOTHING_NEAR = range(5)
@@ -40,37 +41,74 @@ def find_feet(tree, points, normals, order, limits):  # type: ignore[no-untyped-
     distance, outcome = np.full(n, np.nan), np.zeros(n, dtype=np.uint8)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         stack, bounds = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
-        last = -1
-        for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
-            i = order[k]
-            p = local_point(tree, points, i)
-            looks = (normals[i, 0], normals[i, 1], normals[i, 2])
-            found = nearest_point(tree, p, looks, limits, last, LOOKING, stack, bounds)
-            if found[1] >= 0 and not stands_over(tree, p, found):  # rare: then only faces that p stands over
-                found = nearest_point(tree, p, looks, limits, found[1], STANDING, stack, bounds)
-            if found[1] < 0:
-                is_near = nearest_point(tree, p, looks, limits, last, ANY, stack, bounds)[1] >= 0
-                outcome[i] = NO_FOOT if is_near else NOTHING_NEAR
-                weights[i, 0] = 1.0
-                continue
-            last = found[1]
-            face[i] = tree.order[last]
-            weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - (found[2] + found[3]), found[2], found[3]
-            foot = point_of(tree, last, found[2], found[3])
-            distance[i] = np.copysign(np.sqrt(found[0]), dot(sub(p, foot), normal_at(tree, last, found[4])))
-            if is_on_border(tree, last, found[4]):
-                outcome[i] = ON_BORDER
-            elif found[5] < found[0] and is_way_crossed(tree, p, foot, stack):
-                outcome[i] = BEHIND_SHEET
-            else:
-                outcome[i] = FOOT
+        leaves, room = np.empty(MOST_LEAVES, dtype=np.int64), np.empty((8, MOST_LEAVES))
+        last, first, end, margin, longest = -1, chunk * CHUNK, min((chunk + 1) * CHUNK, n), -1.0, MOST_POINTS
+        while first < end:  # a run of points; the first by itself, which shows how wide the margin must be
+            upto, n_leaves = first + 1, 0
+            if margin >= 0.0:
+                upto = min(first + longest, end)
+                low, high = _box_of(tree.shift, points, order, first, upto)
+                n_leaves = gather_leaves(tree, _widen(low, -margin), _widen(high, margin), leaves, room, stack)
+                if n_leaves < 0 and upto - first > 1:
+                    longest = (upto - first) // 2
+                    continue
+            widest2 = 0.0
+            for k in range(first, upto):
+                i = order[k]
+                p = local_point(tree.shift, points, i)
+                looks = (normals[i, 0], normals[i, 1], normals[i, 2])
+                found = nearest_in_leaves(tree, p, looks, limits, n_leaves, leaves, room)
+                if found[1] < 0 or found[0] > margin * margin:
+                    seed = found[1] if found[1] >= 0 else last
+                    found = nearest_point(tree, p, looks, limits, seed, LOOKING, stack, bounds)
+                if found[1] >= 0 and found[4] != FACE and not stands_over(tree, p, found):  # rare: then only faces that
+                    found = nearest_point(tree, p, looks, limits, found[1], STANDING, stack, bounds)  # p stands over
+                if found[1] < 0:
+                    is_near = nearest_point(tree, p, looks, limits, last, ANY, stack, bounds)[1] >= 0
+                    outcome[i] = NO_FOOT if is_near else NOTHING_NEAR
+                    weights[i, 0] = 1.0
+                    continue
+                last, widest2 = found[1], max(widest2, found[0])
+                face[i] = tree.order[last]
+                weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - (found[2] + found[3]), found[2], found[3]
+                distance[i], outcome[i] = _look_at_foot(tree, p, found, stack)
+            margin, first, longest = 2.0 * np.sqrt(widest2), upto, min(2 * longest, MOST_POINTS)
     return face, weights, distance, outcome
 
 
-@jit(nopython=True, cache=True)
-def local_point(tree, points, i):  # type: ignore[no-untyped-def]
-    """Return point i in the tree's coordinates."""
-    return (points[i, 0] - tree.shift[0], points[i, 1] - tree.shift[1], points[i, 2] - tree.shift[2])
+@jit(nopython=True, cache=True, forceinline=True)
+def _look_at_foot(tree, p, found, stack):  # type: ignore[no-untyped-def]
+    """Return the signed distance to the foot that was found, and the outcome."""
+    f, feature = found[1], found[4]
+    foot, normal = foot_on_face(tree.vertices, tree.faces, tree.shift, f, found[2], found[3])
+    if feature != FACE:
+        normal = normal_at(tree, f, feature)
+    distance = np.copysign(np.sqrt(found[0]), dot(sub(p, foot), normal))
+    if feature != FACE and is_on_border(tree, f, feature):
+        return distance, ON_BORDER
+    return distance, BEHIND_SHEET if found[5] < found[0] and is_way_crossed(tree, p, foot, stack) else FOOT
+
+
+@jit(nopython=True, cache=True, forceinline=True)
+def _box_of(shift, points, order, first, upto):  # type: ignore[no-untyped-def]
+    """Return low and high corner of the box of a run of points, in the tree's coordinates."""
+    low = high = local_point(shift, points, order[first])
+    for k in range(first + 1, upto):
+        p = local_point(shift, points, order[k])
+        low = (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2]))
+        high = (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2]))
+    return low, high
+
+
+@jit(nopython=True, cache=True, forceinline=True)
+def _widen(p, by):  # type: ignore[no-untyped-def]
+    return (p[0] + by, p[1] + by, p[2] + by)
+
+
+@jit(nopython=True, cache=True, forceinline=True)
+def local_point(shift, points, i):  # type: ignore[no-untyped-def]
+    """Return point i in coordinates less `shift`."""
+    return (points[i, 0] - shift[0], points[i, 1] - shift[1], points[i, 2] - shift[2])
 
 
 @jit(nopython=True, cache=True)

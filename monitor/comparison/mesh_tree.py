@@ -87,17 +87,17 @@ def _are_finite(vertices, faces):  # type: ignore[no-untyped-def]
     return True
 
 
-@jit(nopython=True, cache=True)
-def leaf_of_node(tree, node):  # type: ignore[no-untyped-def]
+@jit(nopython=True, cache=True, forceinline=True)
+def leaf_of_node(deepest, n_leaves, node):  # type: ignore[no-untyped-def]
     """Return which leaf, from left to right, a node at the bottom of the tree is: the deepest level comes first."""
-    return node - tree.deepest if node >= tree.deepest else node - tree.deepest + tree.n_leaves
+    return node - deepest if node >= deepest else node - deepest + n_leaves
 
 
-@jit(nopython=True, cache=True)
-def node_of_leaf(tree, leaf):  # type: ignore[no-untyped-def]
+@jit(nopython=True, cache=True, forceinline=True)
+def node_of_leaf(deepest, n_leaves, leaf):  # type: ignore[no-untyped-def]
     """Return the node of a leaf."""
-    node = leaf + tree.deepest
-    return node if node < 2 * tree.n_leaves - 1 else node - tree.n_leaves
+    node = leaf + deepest
+    return node if node < 2 * n_leaves - 1 else node - n_leaves
 
 
 @jit(nopython=True, parallel=True, cache=True)
@@ -105,7 +105,7 @@ def _fill_leaves(tree, star_angles, half_angles):  # type: ignore[no-untyped-def
     """Write the box and the normal cones of every leaf."""
     nodes, n_faces = tree.nodes, len(tree.faces)
     for leaf in prange(tree.n_leaves):
-        node = node_of_leaf(tree, leaf)
+        node = node_of_leaf(tree.deepest, tree.n_leaves, leaf)
         low, high, axis = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf), (0.0, 0.0, 0.0)
         first, last = leaf * FACES_PER_LEAF, min((leaf + 1) * FACES_PER_LEAF, n_faces)
         for f in range(first, last):

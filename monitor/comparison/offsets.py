@@ -14,7 +14,7 @@ from numba import jit, prange
 from monitor.comparison.feet import CHUNK, is_on_border, local_point, normal_at
 from monitor.comparison.mesh_tree import MeshTree
 from monitor.comparison.morton import point_order
-from monitor.comparison.search import ANY, DEPTH, nearest_point, point_of
+from monitor.comparison.search import ANY, DEPTH, foot_on_face, nearest_point
 from monitor.comparison.triangles import dot, sub
 from projects.model import Bools, Floats, Ints
 
@@ -54,12 +54,13 @@ def _find_nearest(tree: Any, points: Any, order: Any, limit: float) -> Any:
         last = -1
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
             i = order[k]
-            p = local_point(tree, points, i)
+            p = local_point(tree.shift, points, i)
             best = nearest_point(tree, p, p, (limit, 0.0), last, ANY, stack, bounds)
             if best[1] < 0:
                 continue
             last = best[1]
-            away = sub(p, point_of(tree, last, best[2], best[3]))
+            foot, _ = foot_on_face(tree.vertices, tree.faces, tree.shift, last, best[2], best[3])
+            away = sub(p, foot)
             normal = normal_at(tree, last, best[4])
             height, size = dot(away, normal), np.sqrt(best[0])
             face[i], distances[i] = tree.order[last], np.copysign(size, height)

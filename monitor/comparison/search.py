@@ -38,40 +38,46 @@ def nearest_point(tree, p, looks, limits, seed, kind, stack, bounds):  # type: i
     face, weight b, weight c, feature, squared distance from which p's way there may be barred by a face that looks
     elsewhere); face -1 where there is none.
     """
+    nodes, vertices, faces, shift = tree.nodes, tree.vertices, tree.faces, tree.shift
     best = (limits[0] * limits[0], -1, 0.0, 0.0, FACE, 0.0 if kind == STANDING else np.inf)
-    n_inner, n_faces = tree.n_leaves - 1, len(tree.faces)
-    top = _lay_out_climb(tree, seed, stack, bounds)
+    n_inner, n_faces = tree.n_leaves - 1, len(faces)
+    top = _lay_out_climb(tree.deepest, tree.n_leaves, seed, stack, bounds)
     while top > 0:
         top -= 1
         node, bound = stack[top], bounds[top]
         if bound < 0.0:
-            bound = box_distance2(p, tree.nodes, node)
-            if bound <= best[0] and not _may_hold(tree, p, looks, node, kind):
-                best = _barred(best, bound)
+            bound = box_distance2(p, nodes, node)
+            if bound <= best[0] and not _may_hold(nodes, p, looks, node, kind):
+                best = barred(best, bound)
                 continue
         if bound > best[0]:
             continue
         if node >= n_inner:
-            first = leaf_of_node(tree, node) * FACES_PER_LEAF
-            for f in range(first, min(first + FACES_PER_LEAF, n_faces)):
-                best = _try_face(tree, p, looks, limits[1], kind, f, bound, best)
+            first = leaf_of_node(tree.deepest, tree.n_leaves, node) * FACES_PER_LEAF
+            last = min(first + FACES_PER_LEAF, n_faces)
+            if kind != STANDING:
+                best = try_faces(vertices, faces, shift, p, looks, limits[1], kind, first, last, bound, best)
+                continue
+            for f in range(first, last):
+                found = try_faces(vertices, faces, shift, p, looks, limits[1], kind, f, f + 1, bound, best)
+                best = found if found[1] == best[1] or stands_over(tree, p, found) else best
             continue
         near, far = 2 * node + 1, 2 * node + 2
-        near2, far2 = box_distance2(p, tree.nodes, near), box_distance2(p, tree.nodes, far)
+        near2, far2 = box_distance2(p, nodes, near), box_distance2(p, nodes, far)
         if far2 < near2:
             near, far, near2, far2 = far, near, far2, near2
         for child, child2 in ((far, far2), (near, near2)):
             if child2 <= best[0]:
-                if _may_hold(tree, p, looks, child, kind):
+                if _may_hold(nodes, p, looks, child, kind):
                     stack[top], bounds[top] = child, child2
                     top += 1
                 else:
-                    best = _barred(best, child2)
+                    best = barred(best, child2)
     return best
 
 
 @jit(nopython=True, cache=True)
-def _lay_out_climb(tree, seed, stack, bounds):  # type: ignore[no-untyped-def]
+def _lay_out_climb(deepest, n_leaves, seed, stack, bounds):  # type: ignore[no-untyped-def]
     """Fill the stack with the leaf of face `seed` on top and the nodes beside its way to the root; return its height.
 
     Bounds are -1: not known yet. Without a seed the root stands alone.
@@ -79,7 +85,7 @@ def _lay_out_climb(tree, seed, stack, bounds):  # type: ignore[no-untyped-def]
     if seed < 0:
         stack[0], bounds[0] = 0, -1.0
         return 1
-    node = node_of_leaf(tree, seed // FACES_PER_LEAF)
+    node = node_of_leaf(deepest, n_leaves, seed // FACES_PER_LEAF)
     height, above = 1, node
     while above > 0:
         above = (above - 1) // 2
@@ -94,11 +100,11 @@ def _lay_out_climb(tree, seed, stack, bounds):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True, forceinline=True)
-def _may_hold(tree, p, looks, node, kind):  # type: ignore[no-untyped-def]
+def _may_hold(nodes, p, looks, node, kind):  # type: ignore[no-untyped-def]
     """Whether a face below a node may count."""
     if kind == ANY:
         return True
-    return cone_looks(looks, tree.nodes, node) and (kind == LOOKING or _may_stand(tree.nodes, node, p))
+    return cone_looks(looks, nodes, node) and (kind == LOOKING or _may_stand(nodes, node, p))
 
 
 @jit(nopython=True, cache=True, forceinline=True)
@@ -125,48 +131,58 @@ def _may_stand(nodes, i, p):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True, forceinline=True)
-def _barred(best, bound2):  # type: ignore[no-untyped-def]
+def barred(best, bound2):  # type: ignore[no-untyped-def]
     """Return `best`, with a face that looks elsewhere at this squared distance or more."""
     return (best[0], best[1], best[2], best[3], best[4], min(best[5], bound2))
 
 
 @jit(nopython=True, cache=True, forceinline=True)
-def point_of(tree, f, weight_b, weight_c):  # type: ignore[no-untyped-def]
-    """Return the point of face f with these weights."""
-    a, b, c = corner_of(tree, f, 0), corner_of(tree, f, 1), corner_of(tree, f, 2)
-    return along(along(a, weight_b, sub(b, a)), weight_c, sub(c, a))
+def foot_on_face(vertices, faces, shift, f, weight_b, weight_c):  # type: ignore[no-untyped-def]
+    """Return the point of face f with these weights, and the face's normal, as long as twice its area."""
+    a, b = _corner(vertices, shift, faces[f, 0]), _corner(vertices, shift, faces[f, 1])
+    ab, ac = sub(b, a), sub(_corner(vertices, shift, faces[f, 2]), a)
+    return along(along(a, weight_b, ab), weight_c, ac), cross(ab, ac)
 
 
 @jit(nopython=True, cache=True, forceinline=True)
-def _try_face(tree, p, looks, cos_angle, kind, f, bound2, best):  # type: ignore[no-untyped-def]
-    """Return `best`, or the nearest point of face f where it is nearer and the face counts."""
-    a, b, c = corner_of(tree, f, 0), corner_of(tree, f, 1), corner_of(tree, f, 2)
-    if _box_distance2_of_face(p, a, b, c) > best[0] * (1.0 + 1e-9):  # it cannot be nearer, nor bar the way
-        return best
-    ab, ac = sub(b, a), sub(c, a)
-    if kind != ANY:
-        area = cross(ab, ac)
-        same = dot(area, looks)
-        if same <= 0.0 or same * same < cos_angle * cos_angle * dot(area, area):
-            return _barred(best, bound2)
-    weight_b, weight_c, feature = closest_on_triangle(p, a, b, c)
-    away = sub(p, along(along(a, weight_b, ab), weight_c, ac))
-    distance2 = dot(away, away)
-    if distance2 > best[0] or (distance2 == best[0] and 0 <= best[1] <= f):
-        return best
-    candidate = (distance2, f, weight_b, weight_c, feature, best[5])
-    return best if kind == STANDING and not stands_over(tree, p, candidate) else candidate
+def try_faces(vertices, faces, shift, p, looks, cos_angle, kind, first, last, bound2, best):  # type: ignore[no-untyped-def]
+    """Return `best`, or the nearest point of the faces from `first` to `last` where it is nearer and its face counts.
+
+    Ten arguments, and no tree: what is put into its caller with a tuple of arrays counts references to each of them.
+    """
+    best2, face, best_b, best_c, best_feature, barred2 = best
+    for f in range(first, last):
+        a, b = _corner(vertices, shift, faces[f, 0]), _corner(vertices, shift, faces[f, 1])
+        c = _corner(vertices, shift, faces[f, 2])
+        if _box_distance2_of_face(p, a, b, c) > best2 * (1.0 + 1e-9):  # it cannot be nearer, nor bar the way
+            continue
+        ab, ac = sub(b, a), sub(c, a)
+        if kind != ANY:
+            area = cross(ab, ac)
+            same = dot(area, looks)
+            if same <= 0.0 or same * same < cos_angle * cos_angle * dot(area, area):
+                barred2 = min(barred2, bound2)
+                continue
+        weight_b, weight_c, feature = closest_on_triangle(p, a, b, c)
+        away = sub(p, along(along(a, weight_b, ab), weight_c, ac))
+        distance2 = dot(away, away)
+        if distance2 < best2 or (distance2 == best2 and not 0 <= face <= f):
+            best2, face, best_b, best_c, best_feature = distance2, f, weight_b, weight_c, feature
+    return best2, face, best_b, best_c, best_feature, barred2
+
+
+@jit(nopython=True, cache=True, forceinline=True)
+def _corner(vertices, shift, v):  # type: ignore[no-untyped-def]
+    return (vertices[v, 0] - shift[0], vertices[v, 1] - shift[1], vertices[v, 2] - shift[2])
 
 
 @jit(nopython=True, cache=True, forceinline=True)
 def _box_distance2_of_face(p, a, b, c):  # type: ignore[no-untyped-def]
     """Return the squared distance of p to the box around three corners; 0 inside."""
-    total = 0.0
-    for k in range(3):
-        low, high = min(min(a[k], b[k]), c[k]), max(max(a[k], b[k]), c[k])
-        gap = max(max(low - p[k], p[k] - high), 0.0)
-        total += gap * gap
-    return total
+    x = max(max(min(min(a[0], b[0]), c[0]) - p[0], p[0] - max(max(a[0], b[0]), c[0])), 0.0)
+    y = max(max(min(min(a[1], b[1]), c[1]) - p[1], p[1] - max(max(a[1], b[1]), c[1])), 0.0)
+    z = max(max(min(min(a[2], b[2]), c[2]) - p[2], p[2] - max(max(a[2], b[2]), c[2])), 0.0)
+    return x * x + y * y + z * z
 
 
 @jit(nopython=True, cache=True)
@@ -176,7 +192,8 @@ def stands_over(tree, p, candidate):  # type: ignore[no-untyped-def]
     if feature >= CORNER_A:
         return _stands_over_vertex(tree, p, tree.faces[f, feature - CORNER_A])
     if feature >= EDGE_AB:
-        away = sub(p, point_of(tree, f, candidate[2], candidate[3]))
+        foot, _ = foot_on_face(tree.vertices, tree.faces, tree.shift, f, candidate[2], candidate[3])
+        away = sub(p, foot)
         return _stands_over_edge(tree, away, f, feature - EDGE_AB)
     return True
 
@@ -229,7 +246,7 @@ def is_way_crossed(tree, p, foot, stack):  # type: ignore[no-untyped-def]
             stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
             top += 2
             continue
-        first = leaf_of_node(tree, node) * FACES_PER_LEAF
+        first = leaf_of_node(tree.deepest, tree.n_leaves, node) * FACES_PER_LEAF
         for f in range(first, min(first + FACES_PER_LEAF, n_faces)):
             t = crosses_triangle(p, direction, corner_of(tree, f, 0), corner_of(tree, f, 1), corner_of(tree, f, 2))
             if 1e-6 < t < 1.0 - 1e-6:

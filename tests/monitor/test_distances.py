@@ -9,7 +9,9 @@ import pytest
 import trimesh
 
 from monitor.comparison.distances import Feet, interpolate_at_feet, normal_distances
+from monitor.comparison.feet import FOOT, find_feet
 from monitor.comparison.mesh_tree import build_tree
+from monitor.comparison.morton import point_order
 from monitor.comparison.search import ANY, DEPTH, LOOKING, STANDING, nearest_point
 from monitor.comparison.stars import angle_weighted_normals, make_mesh
 from projects.errors import ComparisonError
@@ -321,3 +323,19 @@ def test_points_that_no_face_of_a_node_can_stand_under_are_passed_by_without_los
             for t in (tree, tree._replace(nodes=nodes))
         ]
         assert both[0] == both[1]
+
+
+def test_points_that_lie_side_by_side_find_what_each_finds_alone(rng: np.random.Generator) -> None:
+    other = rough_ball(rng)
+    d = rng.normal(size=(1500, 3))
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    height = np.where(
+        d[:, 2] > 0.3, 0.002 * rng.normal(size=1500), 0.3 * d[:, 2]
+    )  # beside the surface, and far from it
+    points, tree = d * (1.0 + height)[:, None], build_tree(other, np.zeros(3), np.pi / 3)
+    together = find_feet(tree, points, d, point_order(points), (0.25, 0.5))
+    alone = [find_feet(tree, points[i : i + 1], d[i : i + 1], np.zeros(1, np.int32), (0.25, 0.5)) for i in range(1500)]
+    for figure, figures in zip(together, zip(*alone, strict=True), strict=True):
+        np.testing.assert_array_equal(figure, np.concatenate(figures))
+    assert (together[3] == FOOT).sum() > 500
+    assert (together[0] < 0).any()

@@ -31,7 +31,9 @@ def one_patch_over(side: Any, p: float) -> Any:
     units = SimpleNamespace(number=np.arange(n), areas=side.areas, means=side.distances)
     reaches = Reaches(np.append(0, np.full(n, n)), np.arange(n), np.zeros(n, dtype=np.uint8))
     p_values = np.append(p, np.ones(n - 1))
-    return SimpleNamespace(units=(units, units), reaches=(reaches, reaches), p_values=[p_values[:, None]] * 2, n_tested=2)
+    return SimpleNamespace(
+        units=(units, units), reaches=(reaches, reaches), p_values=[p_values[:, None]] * 2, n_tested=2
+    )
 
 
 @pytest.mark.parametrize(
