@@ -9,11 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import jit, prange
+from numba import jit
 
 from monitor.comparison.morton import Cells, face_order
-from monitor.comparison.stars import corner_of, face_normal, make_mesh, survey_vertices
-from monitor.comparison.triangles import along, dot
+from monitor.comparison.stars import less, make_mesh, survey_vertices
+from monitor.comparison.triangles import along, cross, dot, sub, unit
+from monitor.threads import run_tasks
 from projects.errors import ComparisonError
 from projects.model import Bools, Floats, Ints, Surface
 
@@ -62,7 +63,7 @@ def build_tree(surface: Surface, shift: Floats, max_angle: float, cells: Cells |
     deepest = (1 << (len(nodes).bit_length() - 1)) - 1
     tree = MeshTree(*mesh, order, nodes, n_leaves, deepest, normals, areas, is_border)
     half_angles = np.empty(len(nodes), dtype=np.float32)
-    _fill_leaves(tree, star_angles, half_angles)
+    run_tasks(_fill_leaves, n_leaves, tree, star_angles, half_angles)
     _fill_inner(nodes, half_angles)
     nodes[:, 9] = np.where(half_angles + max_angle < np.pi, np.cos(half_angles + max_angle) - 1e-5, -2.0)
     return tree
@@ -71,20 +72,9 @@ def build_tree(surface: Surface, shift: Floats, max_angle: float, cells: Cells |
 def require_faces(surface: Surface) -> tuple[Floats, Ints]:
     """Return vertices and faces; raise `ComparisonError` where there is no face, or one that is not finite."""
     vertices, faces = np.ascontiguousarray(surface.vertices), np.asarray(surface.faces)
-    if not len(faces) or not _are_finite(vertices, faces):
+    if not len(faces) or not (np.isfinite(vertices).all() or np.isfinite(vertices[faces]).all()):
         raise ComparisonError(f"a surface with {len(faces)} faces of finite vertices cannot be compared; give a mesh")
     return vertices, faces
-
-
-@jit(nopython=True, cache=True)
-def _are_finite(vertices, faces):  # type: ignore[no-untyped-def]
-    """Whether all corners of all faces are finite."""
-    for f in range(len(faces)):
-        for k in range(3):
-            v = faces[f, k]
-            if not np.isfinite(vertices[v, 0] + vertices[v, 1] + vertices[v, 2]):
-                return False
-    return True
 
 
 @jit(nopython=True, cache=True, forceinline=True)
@@ -100,27 +90,37 @@ def node_of_leaf(deepest, n_leaves, leaf):  # type: ignore[no-untyped-def]
     return node if node < 2 * n_leaves - 1 else node - n_leaves
 
 
-@jit(nopython=True, parallel=True, cache=True)
-def _fill_leaves(tree, star_angles, half_angles):  # type: ignore[no-untyped-def]
-    """Write the box and the normal cones of every leaf."""
-    nodes, n_faces = tree.nodes, len(tree.faces)
-    for leaf in prange(tree.n_leaves):
+@jit(nopython=True, cache=True, nogil=True)
+def _fill_leaves(begin, end, tree, star_angles, half_angles):  # type: ignore[no-untyped-def]
+    """Write the box and the normal cones of the leaves from `begin` to `end`."""
+    nodes, faces, normals, n_faces = tree.nodes, tree.faces, tree.vertex_normals, len(tree.faces)
+    vertices, shift, looks = tree.vertices, tree.shift, np.empty((FACES_PER_LEAF, 3))
+    for leaf in range(begin, end):
         node = node_of_leaf(tree.deepest, tree.n_leaves, leaf)
         low, high, axis = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf), (0.0, 0.0, 0.0)
         first, last = leaf * FACES_PER_LEAF, min((leaf + 1) * FACES_PER_LEAF, n_faces)
         for f in range(first, last):
-            axis = along(axis, 1.0, face_normal(tree, f))
-            for corner in range(3):
-                p = corner_of(tree, f, corner)
+            a, b, c = (
+                less(vertices, faces[f, 0], shift),
+                less(vertices, faces[f, 1], shift),
+                less(vertices, faces[f, 2], shift),
+            )
+            normal = unit(cross(sub(b, a), sub(c, a)))
+            looks[f - first, 0], looks[f - first, 1], looks[f - first, 2] = normal
+            axis = along(axis, 1.0, normal)
+            for p in (a, b, c):
                 low = (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2]))
                 high = (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2]))
         length = np.sqrt(dot(axis, axis))
-        half, around = (0.0, 0.0) if length > 0.0 else (np.pi, np.pi)
+        least, least_around, widest = 1.0, 1.0, 0.0
         for f in range(first, last if length > 0.0 else first):
-            half = max(half, _angle(dot(face_normal(tree, f), axis) / length))
+            normal = (looks[f - first, 0], looks[f - first, 1], looks[f - first, 2])
+            least = min(least, dot(normal, axis) / length)
             for corner in range(3):
-                v = tree.faces[f, corner]
-                around = max(around, _angle(dot(tree.vertex_normals[v], axis) / length) + star_angles[v])
+                v = faces[f, corner]
+                at = (normals[v, 0], normals[v, 1], normals[v, 2])
+                least_around, widest = min(least_around, dot(at, axis) / length), max(widest, star_angles[v])
+        half, around = (_angle(least), _angle(least_around) + widest) if length > 0.0 else (np.pi, np.pi)
         half_angles[node], nodes[node, 10] = half, min(around, np.pi)
         for k in range(3):
             margin = 1e-6 * max(abs(low[k]), abs(high[k]))  # float32 keeps seven digits

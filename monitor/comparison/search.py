@@ -23,6 +23,7 @@ from monitor.comparison.triangles import (
     cross,
     crosses_triangle,
     dot,
+    less,
     sub,
 )
 
@@ -139,8 +140,8 @@ def barred(best, bound2):  # type: ignore[no-untyped-def]
 @jit(nopython=True, cache=True, forceinline=True)
 def foot_on_face(vertices, faces, shift, f, weight_b, weight_c):  # type: ignore[no-untyped-def]
     """Return the point of face f with these weights, and the face's normal, as long as twice its area."""
-    a, b = _corner(vertices, shift, faces[f, 0]), _corner(vertices, shift, faces[f, 1])
-    ab, ac = sub(b, a), sub(_corner(vertices, shift, faces[f, 2]), a)
+    a, b = less(vertices, faces[f, 0], shift), less(vertices, faces[f, 1], shift)
+    ab, ac = sub(b, a), sub(less(vertices, faces[f, 2], shift), a)
     return along(along(a, weight_b, ab), weight_c, ac), cross(ab, ac)
 
 
@@ -152,8 +153,8 @@ def try_faces(vertices, faces, shift, p, looks, cos_angle, kind, first, last, bo
     """
     best2, face, best_b, best_c, best_feature, barred2 = best
     for f in range(first, last):
-        a, b = _corner(vertices, shift, faces[f, 0]), _corner(vertices, shift, faces[f, 1])
-        c = _corner(vertices, shift, faces[f, 2])
+        a, b = less(vertices, faces[f, 0], shift), less(vertices, faces[f, 1], shift)
+        c = less(vertices, faces[f, 2], shift)
         if _box_distance2_of_face(p, a, b, c) > best2 * (1.0 + 1e-9):  # it cannot be nearer, nor bar the way
             continue
         ab, ac = sub(b, a), sub(c, a)
@@ -169,11 +170,6 @@ def try_faces(vertices, faces, shift, p, looks, cos_angle, kind, first, last, bo
         if distance2 < best2 or (distance2 == best2 and not 0 <= face <= f):
             best2, face, best_b, best_c, best_feature = distance2, f, weight_b, weight_c, feature
     return best2, face, best_b, best_c, best_feature, barred2
-
-
-@jit(nopython=True, cache=True, forceinline=True)
-def _corner(vertices, shift, v):  # type: ignore[no-untyped-def]
-    return (vertices[v, 0] - shift[0], vertices[v, 1] - shift[1], vertices[v, 2] - shift[2])
 
 
 @jit(nopython=True, cache=True, forceinline=True)

@@ -9,12 +9,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import jit, prange
+from numba import jit
 
-from monitor.comparison.triangles import along, cross, dot, sub
+from monitor.comparison.triangles import along, cross, dot, less, sub, unit
+from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
-
-CHUNK = 4096  # vertices that a thread takes at once, with one buffer
 
 
 class Mesh(NamedTuple):  # a named tuple, since kernels take it whole; a `MeshTree` has these fields too
@@ -54,7 +53,10 @@ def survey_vertices(mesh: Mesh) -> tuple[Floats, Floats, Floats, Bools]:
     ----------
     Baerentzen and Aanaes (2005), Signed distance computation using the angle weighted pseudonormal.
     """
-    return _survey_stars(mesh, _widest_star(mesh))
+    n = len(mesh.vertices)
+    out = np.empty((n, 3)), np.empty(n), np.empty(n, dtype=np.float32), np.empty(n, dtype=np.bool_)
+    run_tasks(_survey_stars, n, mesh, _widest_star(mesh), *out)
+    return out
 
 
 def angle_weighted_normals(mesh: Mesh) -> Floats:
@@ -70,9 +72,11 @@ def vertex_areas(mesh: Mesh) -> Floats:
 def gather_neighbours(mesh: Any) -> Neighbours:
     """Return the neighbours of each vertex of a mesh."""
     widest, counts = _widest_star(mesh), np.zeros(len(mesh.vertices) + 1, dtype=np.int32)
-    _count_neighbours(mesh, widest, counts)
+    run_tasks(_count_neighbours, len(mesh.vertices), mesh, widest, counts)
     starts = np.cumsum(counts, dtype=np.int32)
-    return Neighbours(starts, _list_neighbours(mesh, widest, starts))
+    near = np.empty(starts[-1], dtype=np.int32)
+    run_tasks(_list_neighbours, len(mesh.vertices), mesh, widest, starts, near)
+    return Neighbours(starts, near)
 
 
 def free_edges(mesh: Any, is_border: Bools) -> Ints:
@@ -117,8 +121,7 @@ def _gather_stars(faces, n_vertices):  # type: ignore[no-untyped-def]
 @jit(nopython=True, cache=True, forceinline=True)
 def vertex_of(mesh, v):  # type: ignore[no-untyped-def]
     """Return vertex v, less the mesh's shift, as a tuple."""
-    return (mesh.vertices[v, 0] - mesh.shift[0], mesh.vertices[v, 1] - mesh.shift[1],
-            mesh.vertices[v, 2] - mesh.shift[2])  # fmt: skip
+    return less(mesh.vertices, v, mesh.shift)
 
 
 @jit(nopython=True, cache=True, forceinline=True)
@@ -131,10 +134,7 @@ def corner_of(mesh, f, k):  # type: ignore[no-untyped-def]
 def face_normal(mesh, f):  # type: ignore[no-untyped-def]
     """Return the unit normal of face f; zeros where it has no area."""
     a = corner_of(mesh, f, 0)
-    n = cross(sub(corner_of(mesh, f, 1), a), sub(corner_of(mesh, f, 2), a))
-    length = np.sqrt(dot(n, n))
-    scale = 1.0 / length if length > 0.0 else 0.0
-    return (n[0] * scale, n[1] * scale, n[2] * scale)
+    return unit(cross(sub(corner_of(mesh, f, 1), a), sub(corner_of(mesh, f, 2), a)))
 
 
 @jit(nopython=True, cache=True)
@@ -160,24 +160,24 @@ def face_across(mesh, f, side):  # type: ignore[no-untyped-def]
     return first // 3 if first != here else -1
 
 
-@jit(nopython=True, cache=True)
-def _edge_ends(mesh, v, ends):  # type: ignore[no-untyped-def]
+@jit(nopython=True, cache=True, forceinline=True)
+def _edge_ends(faces, starts, around, v, ends):  # type: ignore[no-untyped-def]
     """Write the other ends of the edges of v's faces at v, one for each face; return how many they are."""
     n, before = 0, -1
-    for s in range(mesh.star_starts[v], mesh.star_starts[v + 1]):
-        f = mesh.star_faces[s]
+    for s in range(starts[v], starts[v + 1]):
+        f = around[s]
         if f == before:
             continue
         before = f
         for k in range(3):
-            a, b = mesh.faces[f, k], mesh.faces[f, (k + 1) % 3]
+            a, b = faces[f, k], faces[f, k + 1 if k < 2 else 0]
             if (a == v) != (b == v):
                 ends[n] = b if a == v else a
                 n += 1
     return n
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def _keep_once(ends, n):  # type: ignore[no-untyped-def]
     """Bring the first `n` ends into rising order, each once, in front; return how many they are."""
     kept = 0
@@ -194,29 +194,24 @@ def _keep_once(ends, n):  # type: ignore[no-untyped-def]
     return kept
 
 
-@jit(nopython=True, cache=True)
-def _count_neighbours(mesh, widest, counts):  # type: ignore[no-untyped-def]
+@jit(nopython=True, cache=True, nogil=True)
+def _count_neighbours(first, last, mesh, widest, counts):  # type: ignore[no-untyped-def]
     """Write how many neighbours vertex v has into counts[v + 1]."""
-    n = len(mesh.vertices)
-    for chunk in range((n + CHUNK - 1) // CHUNK):
-        ends = np.empty(widest, dtype=np.int32)
-        for v in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
-            counts[v + 1] = _keep_once(ends, _edge_ends(mesh, v, ends))
+    faces, starts, around, ends = mesh.faces, mesh.star_starts, mesh.star_faces, np.empty(widest, dtype=np.int32)
+    for v in range(first, last):
+        counts[v + 1] = _keep_once(ends, _edge_ends(faces, starts, around, v, ends))
 
 
-@jit(nopython=True, cache=True)
-def _list_neighbours(mesh, widest, starts):  # type: ignore[no-untyped-def]
-    n = len(mesh.vertices)
-    out = np.empty(starts[-1], dtype=np.int32)
-    for chunk in range((n + CHUNK - 1) // CHUNK):
-        ends = np.empty(widest, dtype=np.int32)
-        for v in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
-            for k in range(_keep_once(ends, _edge_ends(mesh, v, ends))):
-                out[starts[v] + k] = ends[k]
-    return out
+@jit(nopython=True, cache=True, nogil=True)
+def _list_neighbours(first, last, mesh, widest, places, out):  # type: ignore[no-untyped-def]
+    """Write the neighbours of vertex v from places[v] on."""
+    faces, starts, around, ends = mesh.faces, mesh.star_starts, mesh.star_faces, np.empty(widest, dtype=np.int32)
+    for v in range(first, last):
+        for k in range(_keep_once(ends, _edge_ends(faces, starts, around, v, ends))):
+            out[places[v] + k] = ends[k]
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, forceinline=True)
 def _has_lone_end(ends, n):  # type: ignore[no-untyped-def]
     """Whether one of the first `n` ends is there once only: its edge has one face."""
     for i in range(n):
@@ -238,37 +233,37 @@ def _find_free_sides(mesh, is_border):  # type: ignore[no-untyped-def]
     return out
 
 
-@jit(nopython=True, cache=True)
-def _weigh_star(mesh, v):  # type: ignore[no-untyped-def]
-    """Return the angle-weighted unit normal of vertex v, zeros without faces, and a third of the faces' area."""
-    at, total, area = vertex_of(mesh, v), (0.0, 0.0, 0.0), 0.0
-    for s in range(mesh.star_starts[v], mesh.star_starts[v + 1]):
-        f = mesh.star_faces[s]
-        k = 0 if mesh.faces[f, 0] == v else 1 if mesh.faces[f, 1] == v else 2
-        to_next, to_last = sub(corner_of(mesh, f, (k + 1) % 3), at), sub(corner_of(mesh, f, (k + 2) % 3), at)
+@jit(nopython=True, cache=True, forceinline=True)
+def _weigh_star(vertices, faces, starts, around, shift, v, looks):  # type: ignore[no-untyped-def]
+    """Return the angle-weighted unit normal of vertex v, zeros without faces, and a third of the faces' area; write the
+    unit normals of these (k, 3), zeros without area."""
+    at, total, area = less(vertices, v, shift), (0.0, 0.0, 0.0), 0.0
+    for s in range(starts[v], starts[v + 1]):
+        f = around[s]
+        k = 0 if faces[f, 0] == v else 1 if faces[f, 1] == v else 2
+        following, last = faces[f, k + 1 if k < 2 else 0], faces[f, k - 1 if k > 0 else 2]
+        to_next, to_last = sub(less(vertices, following, shift), at), sub(less(vertices, last, shift), at)
         across = cross(to_next, to_last)
         size = np.sqrt(dot(across, across))
         area += size / 6.0
         if size > 0.0:
             total = along(total, np.arctan2(size, dot(to_next, to_last)) / size, across)
-    length = np.sqrt(dot(total, total))
-    scale = 1.0 / length if length > 0.0 else 0.0
-    return (total[0] * scale, total[1] * scale, total[2] * scale), area
+        scale = 1.0 / size if size > 0.0 else 0.0
+        for c in range(3):
+            looks[s - starts[v], c] = across[c] * scale
+    return unit(total), area
 
 
-@jit(nopython=True, parallel=True, cache=True)
-def _survey_stars(mesh, widest):  # type: ignore[no-untyped-def]
-    n = len(mesh.vertices)
-    normals, areas, angles = np.empty((n, 3)), np.empty(n), np.empty(n, dtype=np.float32)
-    is_border = np.empty(n, dtype=np.bool_)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        ends = np.empty(widest, dtype=np.int32)
-        for v in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
-            normal, areas[v] = _weigh_star(mesh, v)
-            normals[v, 0], normals[v, 1], normals[v, 2] = normal
-            is_border[v] = _has_lone_end(ends, _edge_ends(mesh, v, ends))
-            least = -1.0 if is_border[v] else 1.0
-            for s in range(mesh.star_starts[v], mesh.star_starts[v + 1]):
-                least = min(least, dot(normal, face_normal(mesh, mesh.star_faces[s])))
-            angles[v] = np.arccos(max(least, -1.0)) if least < 1.0 else 0.0
-    return normals, areas, angles, is_border
+@jit(nopython=True, cache=True, nogil=True)
+def _survey_stars(first, last, mesh, widest, normals, areas, angles, is_border):  # type: ignore[no-untyped-def]
+    """Write the figures of the vertices from `first` to `last`; see `survey_vertices`."""
+    vertices, faces, starts, around, shift = mesh.vertices, mesh.faces, mesh.star_starts, mesh.star_faces, mesh.shift
+    ends, looks = np.empty(widest, dtype=np.int32), np.empty((widest, 3))
+    for v in range(first, last):
+        normal, areas[v] = _weigh_star(vertices, faces, starts, around, shift, v, looks)
+        normals[v, 0], normals[v, 1], normals[v, 2] = normal
+        is_border[v] = _has_lone_end(ends, _edge_ends(faces, starts, around, v, ends))
+        least = -1.0 if is_border[v] else 1.0
+        for k in range(starts[v + 1] - starts[v]):
+            least = min(least, normal[0] * looks[k, 0] + normal[1] * looks[k, 1] + normal[2] * looks[k, 2])
+        angles[v] = np.arccos(max(least, -1.0)) if least < 1.0 else 0.0
