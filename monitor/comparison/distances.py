@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import jit
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER
@@ -16,6 +17,7 @@ from monitor.comparison.portions import search_feet
 from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.stars import angle_weighted_normals, make_mesh
+from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
 
@@ -59,12 +61,18 @@ def unit_normals(surface: Surface, from_faces: Floats | None = None) -> Floats:
 
 def nearest_corners(feet: Feet, other: Surface) -> Ints:
     """Return the vertex (n,) of the other surface nearest to each foot on its face by weight, -1 without a foot."""
-    out = np.full(len(feet.faces), -1, dtype=np.int32)
-    for block in blocks(len(out)):
-        has_foot = np.flatnonzero(feet.faces[block] >= 0)
-        corner = feet.weights[block][has_foot].argmax(axis=1)
-        out[block][has_foot] = other.faces[feet.faces[block][has_foot], corner]
+    out = np.empty(len(feet.faces), dtype=np.int32)
+    run_tasks(_find_corners, len(out), feet.faces, feet.weights, np.asarray(other.faces), out)
     return out
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _find_corners(first, last, at, weights, faces, out):  # type: ignore[no-untyped-def]
+    """Write the corner of the face `at` (n,) with the largest weight, of equal ones the first; -1 without a face."""
+    for i in range(first, last):
+        k = 1 if weights[i, 1] > weights[i, 0] else 0
+        k = 2 if weights[i, 2] > weights[i, k] else k
+        out[i] = faces[at[i], k] if at[i] >= 0 else -1
 
 
 def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: float = np.pi / 3) -> Feet:
@@ -120,11 +128,20 @@ def _rim_of_feet(feet: Feet, shell: Shell) -> Floats:
 
 
 def interpolate_at_feet(values: Floats, other: Surface, feet: Feet) -> Floats:
-    """Return a vertex quantity (n_other, ...) of the other surface at the feet; NaN without a foot."""
-    out = np.empty((len(feet.faces), *values.shape[1:]))
-    for block in blocks(len(out)):
-        out[block] = _at_feet(values, other, feet, block)
+    """Return a vertex quantity (n_other,) of the other surface at the feet (n,); NaN without a foot."""
+    out = np.empty(len(feet.faces))
+    run_tasks(_weigh_corners, len(out), values, np.asarray(other.faces), feet.faces, feet.weights, out)
     return out
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _weigh_corners(first, last, values, faces, at, weights, out):  # type: ignore[no-untyped-def]
+    """Write the weighted mean of the values at the corners of the face `at` (n,); NaN without a face."""
+    for i in range(first, last):
+        f, out[i] = at[i], np.nan
+        if f >= 0:
+            ends = weights[i, 0] * values[faces[f, 0]] + weights[i, 2] * values[faces[f, 2]]
+            out[i] = ends + weights[i, 1] * values[faces[f, 1]]
 
 
 def _at_feet(values: Floats, other: Surface, feet: Feet, block: slice) -> Floats:

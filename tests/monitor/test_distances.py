@@ -61,7 +61,7 @@ def test_foot_weights_give_the_foot_back(rng: np.random.Generator) -> None:
     points = np.column_stack([rng.uniform(0.1, 0.9, (50, 2)), rng.uniform(-0.1, 0.1, 50)])
     other = square(5)
     feet = measure(points, np.tile([0, 0, 1.0], (50, 1)), other)
-    foot = interpolate_at_feet(other.vertices, other, feet)
+    foot = np.column_stack([interpolate_at_feet(other.vertices[:, k], other, feet) for k in range(3)])
     np.testing.assert_allclose(foot, points * [1, 1, 0], atol=1e-15)
 
 
