@@ -10,13 +10,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import jit
 from scipy.optimize import minimize
 
+from monitor.threads import run_tasks
 from projects.model import Floats
 
 DOF = 6.0  # of Student's t: errors have tails, and what has changed a little and was not found lies there
 NORMAL2 = 1.305  # with this the variance of normal errors is found: E[(nu + 1) k x^2 / (nu + k x^2)] = 1, x normal
 STATED = math.log(2.0)  # one sigma of the logarithm of what is stated: it may be off by a factor of two
+N_CHUNKS = 64  # whose sums are added up in their order, for threads
 BOUNDS = ((-5.0, 5.0), (-5.0, 5.0), (-7.0, 3.0))  # of the logarithms: of both scales, of the floor over the errors
 
 
@@ -45,18 +48,34 @@ def fit_parts(distances: Floats, stated: tuple[Floats, Floats, Floats], n_witnes
     size = float(np.median(np.abs(distances)))
     if not size > 0.0:
         return Parts(1.0, 1.0, 0.0)
-    d2, parts = (distances / size) ** 2, np.column_stack([*stated[:2], np.full(len(distances), size)]) / size
-    parts2, motion2 = parts**2, (stated[2] / size) ** 2 + 1e-12
+    figures = np.column_stack([distances, *stated]) / size
+    figures *= figures
+    sums = np.empty((N_CHUNKS, 4))
 
     def cost(p: Floats) -> tuple[float, Floats]:
-        scaled = parts2 * np.exp(2.0 * p)
-        v = scaled.sum(axis=1) + motion2
-        q = NORMAL2 * d2 / (DOF * v)
-        slope = (0.5 - 0.5 * (DOF + 1.0) * q / (1.0 + q)) / v  # by v
-        value = 0.5 * np.mean(np.log(v) + (DOF + 1.0) * np.log1p(q))
+        run_tasks(_add_up, N_CHUNKS, figures, np.exp(2.0 * p), sums)
+        value, *slopes = sums.sum(axis=0) / len(figures)
         held = np.array([p[0], p[1], 0.0]) / STATED**2
-        gradient = n_witnesses * 2.0 * (slope @ scaled) / len(d2) + held
+        gradient = n_witnesses * 2.0 * np.array(slopes) + held
         return n_witnesses * float(value) + 0.5 * float(held @ p), gradient
 
     found = minimize(cost, np.array([0.0, 0.0, -1.0]), jac=True, method="L-BFGS-B", bounds=BOUNDS).x
     return Parts(math.exp(found[0]), math.exp(found[1]), size * math.exp(found[2]))
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _add_up(begin, end, figures, scales2, sums):  # type: ignore[no-untyped-def]
+    """Write for each chunk the sums of minus the logarithm of the likelihood, and of its slopes by `scales2` (3,), each
+    times its scale; `figures` (n, 4) are squares of distance, surfaces, scans and registration over the size."""
+    for chunk in range(begin, end):
+        value, slopes = 0.0, np.zeros(3)
+        for i in range(len(figures) * chunk // N_CHUNKS, len(figures) * (chunk + 1) // N_CHUNKS):
+            first, second = scales2[0] * figures[i, 1], scales2[1] * figures[i, 2]
+            v = first + second + scales2[2] + figures[i, 3] + 1e-12
+            q = NORMAL2 * figures[i, 0] / (DOF * v)
+            slope = (0.5 - 0.5 * (DOF + 1.0) * q / (1.0 + q)) / v
+            value += 0.5 * (np.log(v) + (DOF + 1.0) * np.log1p(q))
+            slopes[0] += slope * first
+            slopes[1] += slope * second
+            slopes[2] += slope * scales2[2]
+        sums[chunk, 0], sums[chunk, 1:] = value, slopes
