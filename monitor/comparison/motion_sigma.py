@@ -1,6 +1,6 @@
 """What the uncertainty of a motion makes of distances along normals: `registration.covariance.propagate`, in threads.
 
-In: the motion's covariance, points and normals. Out: one sigma of each point.
+In: the motion's covariance; points and normals, or rows of J. Out: one sigma of each point, or variances.
 """
 
 from __future__ import annotations
@@ -28,8 +28,28 @@ def _propagate(first, last, covariance, centre, points, normals, out):  # type: 
     for p in range(first, last):
         normal = (normals[p, 0], normals[p, 1], normals[p, 2])
         arm = (points[p, 0] - centre[0], points[p, 1] - centre[1], points[p, 2] - centre[2])
-        row[:3], row[3:], total = cross(arm, normal), normal, 0.0
-        for i in range(6):
-            for j in range(6):
-                total += row[i] * covariance[i, j] * row[j]
-        out[p] = np.sqrt(total) if not total < 0.0 else 0.0
+        row[:3], row[3:] = cross(arm, normal), normal
+        out[p] = np.sqrt(_variance(covariance, row))
+
+
+def motion_variance(covariance: Floats, rows: Floats) -> Floats:
+    """Return the variance (n,) [m2] of J (w, t) for rows J (n, 6)."""
+    out = np.empty(len(rows))
+    run_tasks(_square, len(out), np.asarray(covariance, dtype=float), rows, out)
+    return out
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _square(first, last, covariance, rows, out):  # type: ignore[no-untyped-def]
+    for p in range(first, last):
+        out[p] = _variance(covariance, rows[p])
+
+
+@jit(nopython=True, cache=True)
+def _variance(covariance, row):  # type: ignore[no-untyped-def]
+    """Return row C row', not below 0; NaN where the row is."""
+    total = 0.0
+    for i in range(6):
+        for j in range(6):
+            total += row[i] * covariance[i, j] * row[j]
+    return total if not total < 0.0 else 0.0

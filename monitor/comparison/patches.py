@@ -14,9 +14,9 @@ from scipy.special import ndtr, stdtr
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from monitor.comparison.blocks import blocks
 from monitor.comparison.correlation import Correlation, kept_variance
-from monitor.comparison.reaches import Reaches, average_over, gather_reaches, sum_areas
+from monitor.comparison.motion_sigma import motion_variance
+from monitor.comparison.reaches import Reaches, gather_reaches, sum_over
 from monitor.comparison.side import Side
 from monitor.comparison.units import Units, cut_units, summarize_units
 from projects.model import Bools, Floats, Ints, Registration
@@ -32,6 +32,7 @@ REACHES = (
 LARGEST_SHARE = 0.05  # of the surface's area, for a patch: what is larger cannot be told from what is common to all
 SMALLEST_SHARE = 0.25  # of the median patch of its size: smaller ones are scraps at borders and not tested
 FEWEST_PATCHES = 20  # that a scatter is learned from
+AT_ONCE = 1 << 14  # patches whose figures are held at once: 8 MiB
 FIRST_DOF = 4.0  # of Student's t in the first look
 NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distribution
 
@@ -101,23 +102,28 @@ def lay_out_again(layout: Layout, sides: tuple[Side, Side], registration: Regist
 
 def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: Registration) -> Outlines:
     """Return what is known of the patches of every size (0: the units alone) without the noise."""
-    areas, n_vertices = sum_areas(reaches, n_sizes, units.areas, units.n_vertices)
-    figures = np.column_stack([units.means, units.shared, units.motion_rows])
-    means, common2 = np.empty(areas.shape), np.empty(areas.shape)
-    for block in blocks(len(areas)):
-        averages = average_over(reaches, block.start, units.areas, areas[block], figures)
-        rows = np.ascontiguousarray(averages[..., 2:]).reshape(-1, 6)
-        motion2 = np.maximum(np.einsum("pi,ij,pj->p", rows, registration.covariance, rows), 0.0)
+    weighted = units.areas[:, None] * np.column_stack([units.means, units.shared, units.motion_rows])
+    figures, shape = np.column_stack([units.areas, units.n_vertices, weighted]), (len(weighted), n_sizes)
+    areas, n_vertices, means, common2 = np.empty(shape), np.empty(shape, np.int64), np.empty(shape), np.empty(shape)
+    for first in range(0, len(weighted), AT_ONCE):
+        block = slice(first, min(first + AT_ONCE, len(weighted)))
+        sums = sum_over(reaches, n_sizes, figures, block)
+        areas[block], n_vertices[block] = sums[..., 0], sums[..., 1]
+        averages = sums[..., 2:] / sums[..., :1]
+        motion2 = motion_variance(registration.covariance, averages[..., 2:].reshape(-1, 6))
         means[block] = averages[..., 0]
-        common2[block] = motion2.reshape(-1, n_sizes) + averages[..., 1] ** 2  # scans disagree all over a patch
+        common2[block] = (
+            motion2.reshape(-1, n_sizes) + averages[..., 1] ** 2
+        )  # what its scans disagree by is common to a patch
     is_whole = areas >= SMALLEST_SHARE * np.median(areas, axis=0) if len(areas) else np.zeros(areas.shape, dtype=bool)
     return Outlines(areas, n_vertices, means, common2, is_whole)
 
 
 def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlation: Correlation) -> Patches:
     """Return the patches of every size, with their means and what limits them."""
-    figures = np.column_stack([units.variances, units.calm_shares])
-    averages = average_over(reaches, 0, units.areas, outlines.areas, figures)
+    weighted = units.areas[:, None] * np.column_stack([units.variances, units.calm_shares])
+    sums = sum_over(reaches, outlines.areas.shape[1], weighted, slice(0, len(weighted)))
+    averages = sums / outlines.areas[..., None]
     kept = np.column_stack([kept_variance(*of_size, correlation)
                             for of_size in zip(outlines.areas.T, outlines.n_vertices.T, strict=True)])  # fmt: skip
     sigmas = np.sqrt(np.maximum(averages[..., 0] * kept + outlines.common2, 1e-300))

@@ -13,7 +13,7 @@ from numba import jit, prange
 from scipy.sparse import csr_matrix
 
 from monitor.comparison.scratch import keep_on_disk
-from monitor.threads import map_threads
+from monitor.threads import map_threads, run_tasks
 from projects.model import Floats, Ints
 
 N_PIECES = 16  # of the cubes, for threads
@@ -156,34 +156,25 @@ def _turn_around(unit_at, counts, units, sizes):  # type: ignore[no-untyped-def]
     return starts, rising, their_sizes
 
 
-@jit(nopython=True, parallel=True, cache=True)
-def sum_areas(reaches, n_sizes, areas, n_vertices):  # type: ignore[no-untyped-def]
-    """Return area (p, s) [m2] and number of vertices (p, s) of the patches of every size around each unit."""
-    whole, counts = np.zeros((len(areas), n_sizes)), np.zeros((len(areas), n_sizes), dtype=np.int64)
-    for p in prange(len(areas)):
-        for k in range(reaches.starts[p], reaches.starts[p + 1]):
-            u = reaches.units[k]
-            for size in range(reaches.sizes[k], n_sizes):
-                whole[p, size] += areas[u]
-                counts[p, size] += n_vertices[u]
-    return whole, counts
+def sum_over(reaches: Reaches, n_sizes: int, values: Floats, which: slice) -> Floats:
+    """Return the sums (k, s, c) of the units' values (u, c) over the patches of every size around those in `which`."""
+    sums = np.zeros((which.stop - which.start, n_sizes, values.shape[1]))
+    run_tasks(_sum_over, len(sums), reaches, which.start, values, sums)
+    return sums
 
 
-@jit(nopython=True, parallel=True, cache=True)
-def average_over(reaches, first, areas, whole, values):  # type: ignore[no-untyped-def]
-    """Return the area-weighted means (k, s, c) of the units' values (u, c) over the patches of every size around units
-    from `first` on, whose areas are `whole` (k, s)."""
-    n_sizes, n_values = whole.shape[1], values.shape[1]
-    means = np.zeros((len(whole), n_sizes, n_values))
-    for p in prange(len(whole)):
-        per_area = 1.0 / whole[p]
-        for k in range(reaches.starts[first + p], reaches.starts[first + p + 1]):
-            u = reaches.units[k]
-            for size in range(reaches.sizes[k], n_sizes):
-                weight = areas[u] * per_area[size]
-                for c in range(n_values):
-                    means[p, size, c] += weight * values[u, c]
-    return means
+@jit(nopython=True, cache=True, nogil=True)
+def _sum_over(begin, end, reaches, first, values, sums):  # type: ignore[no-untyped-def]
+    """Write the sums of the patches from `begin` to `end`: what each size adds to those before, then all together."""
+    starts, units, sizes, n_values = reaches.starts, reaches.units, reaches.sizes, values.shape[1]
+    for p in range(begin, end):
+        for k in range(starts[first + p], starts[first + p + 1]):
+            u, size = units[k], sizes[k]
+            for c in range(n_values):
+                sums[p, size, c] += values[u, c]
+        for size in range(1, sums.shape[1]):
+            for c in range(n_values):
+                sums[p, size, c] += sums[p, size - 1, c]
 
 
 @jit(nopython=True, parallel=True, cache=True)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import jit, prange
+from numba import jit
 
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
+from monitor.comparison.stars import Neighbours
+from monitor.threads import run_tasks
 from projects.model import Floats
 
 MOST_STEPS = 400
+N_CHUNKS = 64  # whose sums are added up in their order, for threads
 
 
 def smooth_distances(side: Side, radius: float, lod95: Floats | None = None) -> Floats:
@@ -26,57 +29,74 @@ def smooth_distances(side: Side, radius: float, lod95: Floats | None = None) -> 
     measured.
     """
     neighbours, is_assessed = side.neighbours, side.is_assessed
-    shares = keep_on_disk(_share_out(neighbours, side.distances, np.zeros(0) if lod95 is None else lod95))
     stride2 = 6.0 / 7.0 * _mean_length2(side.surface.vertices, neighbours)  # six neighbours and the vertex itself
     n_steps = min(max(round(0.5 * radius**2 / max(stride2, 1e-300)), 1), MOST_STEPS)  # E r^2 = 2 s^2, R^2 = 4 s^2
+    shares = np.zeros(0)
+    if lod95 is not None:
+        shares = np.empty(len(neighbours.vertices))
+        run_tasks(_share_out, len(is_assessed), neighbours, side.distances, lod95, shares)
+        shares = keep_on_disk(shares) if n_steps > 1 else shares
     mass = np.where(is_assessed, side.areas, 0.0)
     total = mass * np.where(is_assessed, side.distances, 0.0)
     for _ in range(n_steps):
-        mass, total = _take_step(neighbours, shares, mass, total)
+        new = np.empty(len(mass)), np.empty(len(mass))
+        run_tasks(_take_step, len(mass), neighbours, shares, mass, total, *new)
+        mass, total = new
     return np.where(is_assessed, total / np.maximum(mass, 1e-300), np.nan)
 
 
-@jit(nopython=True, parallel=True, cache=True)
-def _share_out(neighbours, distances, lod95):  # type: ignore[no-untyped-def]
-    """Return what each vertex gives to each of its neighbours in a step: an even share where distances agree, less
-    where they do not; an even one where `lod95` is empty, and beside what is not assessed.
+@jit(nopython=True, cache=True, nogil=True)
+def _share_out(first, last, neighbours, distances, lod95, shares):  # type: ignore[no-untyped-def]
+    """Write what each vertex gives to each of its neighbours in a step: an even share where distances agree, less where
+    they do not; an even one beside what is not assessed.
 
     lod95 is 1.96 sigma of one distance; the difference of two scatters by the root of their squares.
     """
-    starts, out = neighbours.starts, np.empty(len(neighbours.vertices))
-    for v in prange(len(distances)):
+    starts, vertices = neighbours.starts, neighbours.vertices
+    for v in range(first, last):
         for k in range(starts[v], starts[v + 1]):
-            w = neighbours.vertices[k]
-            out[k] = 1.0 / (1.0 + max(starts[v + 1] - starts[v], starts[w + 1] - starts[w]))
-            if len(lod95):
-                step2 = (distances[v] - distances[w]) ** 2 / (lod95[v] ** 2 + lod95[w] ** 2)
-                if np.isfinite(step2):
-                    out[k] *= np.exp(-step2)
-    return out
+            w = vertices[k]
+            share = 1.0 / (1.0 + max(starts[v + 1] - starts[v], starts[w + 1] - starts[w]))
+            step2 = (distances[v] - distances[w]) ** 2 / (lod95[v] ** 2 + lod95[w] ** 2)
+            shares[k] = share * np.exp(-step2) if np.isfinite(step2) else share
 
 
-@jit(nopython=True, cache=True)
-def _mean_length2(points, neighbours):  # type: ignore[no-untyped-def]
+def _mean_length2(points: Floats, neighbours: Neighbours) -> float:
     """Return the mean squared length of the edges; 7 / 6 where there is none."""
-    total = 0.0
-    for v in range(len(points)):
-        for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
-            w = neighbours.vertices[k]
-            if w > v:
-                x, y, z = points[v, 0] - points[w, 0], points[v, 1] - points[w, 1], points[v, 2] - points[w, 2]
-                total += x * x + y * y + z * z
-    return 2.0 * total / len(neighbours.vertices) if len(neighbours.vertices) else 7.0 / 6.0
+    if not len(neighbours.vertices):
+        return 7.0 / 6.0
+    sums = np.zeros(N_CHUNKS)
+    run_tasks(_add_lengths2, N_CHUNKS, points, neighbours, sums)
+    return 2.0 * float(sums.sum()) / len(neighbours.vertices)
 
 
-@jit(nopython=True, parallel=True, cache=True)
-def _take_step(neighbours, shares, mass, total):  # type: ignore[no-untyped-def]
-    """Return mass and total after one step of the walk: its share goes to each neighbour, the rest stays."""
-    new_mass, new_total = np.empty(len(mass)), np.empty(len(mass))
-    for v in prange(len(mass)):
+@jit(nopython=True, cache=True, nogil=True)
+def _add_lengths2(begin, end, points, neighbours, sums):  # type: ignore[no-untyped-def]
+    """Write the sums of the squared lengths of the edges whose lower end lies in each chunk of the vertices."""
+    starts, vertices = neighbours.starts, neighbours.vertices
+    for chunk in range(begin, end):
+        for v in range(len(points) * chunk // N_CHUNKS, len(points) * (chunk + 1) // N_CHUNKS):
+            for k in range(starts[v], starts[v + 1]):
+                w = vertices[k]
+                if w > v:
+                    x, y, z = points[v, 0] - points[w, 0], points[v, 1] - points[w, 1], points[v, 2] - points[w, 2]
+                    sums[chunk] += x * x + y * y + z * z
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _take_step(first, last, neighbours, shares, mass, total, new_mass, new_total):  # type: ignore[no-untyped-def]
+    """Write mass and total after one step of the walk: its share goes to each neighbour, an even one where `shares` are
+    empty; the rest stays."""
+    starts, vertices, is_even = neighbours.starts, neighbours.vertices, len(shares) == 0
+    for v in range(first, last):
         given, here, there = 0.0, 0.0, 0.0
-        for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
-            given += shares[k]
-            here += shares[k] * mass[neighbours.vertices[k]]
-            there += shares[k] * total[neighbours.vertices[k]]
+        for k in range(starts[v], starts[v + 1]):
+            w = vertices[k]
+            if is_even:
+                share = 1.0 / (1.0 + max(starts[v + 1] - starts[v], starts[w + 1] - starts[w]))
+            else:
+                share = shares[k]
+            given += share
+            here += share * mass[w]
+            there += share * total[w]
         new_mass[v], new_total[v] = here + (1.0 - given) * mass[v], there + (1.0 - given) * total[v]
-    return new_mass, new_total
