@@ -23,6 +23,7 @@ N_SAMPLES = 2000  # vertices whose pairs show the correlation at each scale
 FEWEST_VERTICES = 50  # that a correlation is learned from
 N_NEAR = 24  # of each sample at each scale
 N_BINS = 20
+LEAF = 32  # points in a leaf of a tree that is asked little
 N_RANGES = 8
 NODES = np.polynomial.legendre.leggauss(48)  # and their weights
 
@@ -41,6 +42,12 @@ class Correlation:
         rho = spherical(distance[..., None] / self.ranges[used]) @ self.sills[used]
         return np.where(distance > 0.0, rho, 1.0)
 
+    def mean_square(self, points: Floats) -> float:
+        """Return the mean squared correlation of pairs of points (n, 3) [m], n > 1."""
+        used = self.sills > 0.0
+        total = _sum_squares(np.ascontiguousarray(points), self.sills[used], self.ranges[used])
+        return float(total) / (0.5 * len(points) * (len(points) - 1))
+
     @property
     def area(self) -> float:
         """Area [m2] that counts as one witness: the integral of rho over the plane, pi / 5 sum sill r^2."""
@@ -50,6 +57,24 @@ class Correlation:
     def length(self) -> float:
         """Correlation length [m]: radius of the disc of that area."""
         return float(np.sqrt(self.area / np.pi))
+
+
+@jit(nopython=True, cache=True)
+def _sum_squares(points, sills, ranges):  # type: ignore[no-untyped-def]
+    """Return the sum of the squared correlation over all pairs of points."""
+    total = 0.0
+    for i in range(len(points)):
+        for j in range(i):
+            x, y, z = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+            distance, rho = np.sqrt(x * x + y * y + z * z), 0.0
+            for k in range(len(sills)):
+                if distance < ranges[k]:
+                    u = distance / ranges[k]
+                    rho += sills[k] * (1.0 - u * (1.5 - 0.5 * u * u))
+            if distance == 0.0:
+                rho = 1.0
+            total += rho * rho
+    return total
 
 
 def spherical(u: Floats) -> Floats:
@@ -111,8 +136,8 @@ def _pair_products(places: tuple[Floats, Ints], errors: Floats, spacing: float, 
     lags, products = [], []
     for reach in 4.0 * spacing * 2.0 ** np.arange(np.ceil(np.log2(max(longest / (4.0 * spacing), 1.0))) + 1):
         share = min(N_NEAR * spacing**2 / (np.pi * reach**2), 1.0)
-        drawn = rng.choice(n, min(max(int(share * n), N_NEAR + 1), n), replace=False)
-        tree = cKDTree(points[which[drawn]], balanced_tree=False, compact_nodes=False)  # made faster than it is asked
+        drawn = np.sort(rng.choice(n, min(max(int(share * n), N_NEAR + 1), n), replace=False))  # near in memory too
+        tree = cKDTree(points[which[drawn]], LEAF, compact_nodes=False, balanced_tree=False)  # made faster than asked
         lag, near = tree.query(points[which[some]], k=min(N_NEAR + 1, len(drawn)))
         lags.append(lag.ravel())
         products.append((errors[some][:, None] * errors[drawn[near]]).ravel())

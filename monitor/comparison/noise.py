@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import jit
-from scipy.spatial.distance import pdist
 from scipy.stats import norm
 
 from monitor.comparison.blocks import blocks
@@ -254,7 +253,7 @@ def _worth(points: Floats, n: int, correlation: Correlation) -> float:
     """Return how many independent errors n are worth that lie as the `points` (k, 3) [m] drawn from them do."""
     if n < 2:
         return float(n)
-    return n / (1.0 + (n - 1) * float(np.mean(correlation.at(pdist(points)) ** 2)))
+    return n / (1.0 + (n - 1) * correlation.mean_square(points))
 
 
 def asked_scale(calm: Sequence[CalmVertices], members: Ints, factors: Floats, share: float) -> float:
