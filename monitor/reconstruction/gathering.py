@@ -46,6 +46,7 @@ class Sites(NamedTuple):
     normals: Floats  # (n, 3)
     which: Ints  # (k,) those to work on, sorted by block
     starts: Ints  # (b + 1,)
+    alongs: Floats  # (n, 3) the direction in which each one's window is stretched; zero for discs
 
 
 class Near(NamedTuple):
@@ -73,10 +74,10 @@ def block_edge(radius: float) -> float:
     return radius / BUCKETS_PER_RADIUS
 
 
-def block_sites(vertices: Floats, normals: Floats, which: Ints, radius: float) -> Sites:
+def block_sites(vertices: Floats, normals: Floats, which: Ints, radius: float, alongs: Floats | None = None) -> Sites:
     """Return the vertices `which`, blocked for fits within `radius` (m): in cubes of `block_edge`."""
     order, _, starts, _, _ = sort_by_cell(vertices.take(which, axis=0), block_edge(radius))
-    return Sites(vertices, normals, which[order], starts)
+    return Sites(vertices, normals, which[order], starts, np.zeros_like(vertices) if alongs is None else alongs)
 
 
 @jit(nopython=True, cache=True)
@@ -88,6 +89,22 @@ def tangent_frame(normal: Floats) -> Any:
     else:
         tx, ty, tz = -nz, 0.0, nx
     length = np.sqrt(tx * tx + ty * ty + tz * tz)
+    tx, ty, tz = tx / length, ty / length, tz / length
+    return (tx, ty, tz), (ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx)
+
+
+@jit(nopython=True, cache=True)
+def frame_along(normal: Floats, along: Floats) -> Any:
+    """Two unit vectors that make a right-handed frame with `normal`, the first of them as near to `along` as can be.
+
+    Any two where `along` is zero, or along the normal.
+    """
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    up = along[0] * nx + along[1] * ny + along[2] * nz
+    tx, ty, tz = along[0] - up * nx, along[1] - up * ny, along[2] - up * nz
+    length = np.sqrt(tx * tx + ty * ty + tz * tz)
+    if length < 0.1:
+        return tangent_frame(normal)
     tx, ty, tz = tx / length, ty / length, tz / length
     return (tx, ty, tz), (ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx)
 
@@ -150,15 +167,20 @@ def find_near(level: Any, sites: Any, block: int, reach: float, rows: Ints, near
 
 # Sums over what is near may be taken in vector order: it is fixed when compiling, hence the same for any threads.
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def sum_normals(values: Floats, n: int, vertex: Floats, normal: Floats, radius: float, gate: float) -> Any:
-    """Points within `radius` and `gate` of a vertex that look its way: how many, and the sum of their normals."""
+def sum_normals(
+    values: Floats, n: int, vertex: Floats, normal: Floats, along: Floats, radius: float, stretch: float, gate: float
+) -> Any:
+    """Points within a window (see `gather_patch`) that look a vertex's way: how many, and the sum of their normals."""
+    (tx, ty, tz), _ = frame_along(normal, along)
+    less = 1.0 - 1.0 / (stretch * stretch)
     vx, vy, vz, nx, ny, nz = vertex[0], vertex[1], vertex[2], normal[0], normal[1], normal[2]
     n_points, sx, sy, sz, radius2 = 0.0, 0.0, 0.0, 0.0, radius * radius
     for k in range(np.uint64(n)):
         dx, dy, dz = values[PLACE_X, k] - vx, values[PLACE_Y, k] - vy, values[PLACE_Z, k] - vz
         ax, ay, az, count = values[NORMAL_X, k], values[NORMAL_Y, k], values[NORMAL_Z, k], values[N_POINTS, k]
         z = dx * nx + dy * ny + dz * nz
-        excess = max(abs(z) - gate, dx * dx + dy * dy + dz * dz - z * z - radius2)
+        u = dx * tx + dy * ty + dz * tz
+        excess = max(abs(z) - gate, dx * dx + dy * dy + dz * dz - z * z - less * u * u - radius2)
         weight = count if excess <= 0.0 else 0.0
         weight = weight if ax * nx + ay * ny + az * nz > COS_ONE_WAY else 0.0
         n_points += weight
@@ -169,10 +191,10 @@ def sum_normals(values: Floats, n: int, vertex: Floats, normal: Floats, radius: 
 
 
 @jit(nopython=True, cache=True)
-def mean_normal(near: Any, n_near: int, vertex: Floats, normal: Floats, radius: float, gate: float,
-                out: Floats) -> bool:  # fmt: skip
+def mean_normal(near: Any, n_near: int, vertex: Floats, normal: Floats, along: Floats, radius: float, stretch: float,
+                gate: float, out: Floats) -> bool:  # fmt: skip
     """Unit mean normal of the points of the vertex's sheet, in `out`; False where there are too few."""
-    n_points, sx, sy, sz = sum_normals(near.values, n_near, vertex, normal, radius, gate)
+    n_points, sx, sy, sz = sum_normals(near.values, n_near, vertex, normal, along, radius, stretch, gate)
     length = np.sqrt(sx * sx + sy * sy + sz * sz)
     if n_points < 4 or length < 1e-9:
         return False
@@ -181,14 +203,18 @@ def mean_normal(near: Any, n_near: int, vertex: Floats, normal: Floats, radius: 
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def mark_excess(values: Floats, n: int, vertex: Floats, normal: Floats, rim2: float, gate: float) -> None:
+def mark_excess(
+    values: Floats, n: int, vertex: Floats, normal: Floats, along: Any, rim2: float, stretch: float, gate: float
+) -> None:
     """Write to the row `EXCESS` how far each group lies beyond the rim, the gate and the angle: inside if at most 0."""
     vx, vy, vz, nx, ny, nz = vertex[0], vertex[1], vertex[2], normal[0], normal[1], normal[2]
+    (tx, ty, tz), less = along, 1.0 - 1.0 / (stretch * stretch)
     for k in range(np.uint64(n)):
         dx, dy, dz = values[PLACE_X, k] - vx, values[PLACE_Y, k] - vy, values[PLACE_Z, k] - vz
         z = dx * nx + dy * ny + dz * nz
+        u = dx * tx + dy * ty + dz * tz
         cosine = values[NORMAL_X, k] * nx + values[NORMAL_Y, k] * ny + values[NORMAL_Z, k] * nz
-        beyond = dx * dx + dy * dy + dz * dz - z * z - rim2
+        beyond = dx * dx + dy * dy + dz * dz - z * z - less * u * u - rim2
         values[EXCESS, k] = max(beyond, abs(z) - gate, COS_ONE_WAY - cosine)
 
 
@@ -203,17 +229,18 @@ def pick(values: Floats, n: int, picked: Ints) -> Any:
 
 
 @jit(nopython=True, cache=True)
-def gather_patch(level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, radius: float, gate: float,
-                 patch: Floats, picked: Ints) -> Any:  # fmt: skip
+def gather_patch(level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, along: Floats, radius: float,
+                 stretch: float, gate: float, patch: Floats, picked: Ints) -> Any:  # fmt: skip
     """Collect the groups of the vertex's sheet into `patch`, in units of `radius`; their number, and of points.
 
+    The window is a disc of `radius`, or an ellipse, `stretch` times as long in the direction `along`, which is u.
     `picked` receives which of `near` these are.
     """
-    (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
+    (tx, ty, tz), (bx, by, bz) = frame_along(normal, along)
     has_spread = len(level.spreads) > 0
     per = 1.0 / radius
     rim2 = (OVER_THE_RIM * radius) ** 2 if has_spread else radius * radius
-    mark_excess(near.values, n_near, vertex, normal, rim2, gate)
+    mark_excess(near.values, n_near, vertex, normal, (tx, ty, tz), rim2, stretch, gate)
     n = pick(near.values, n_near, picked)
     nx, ny, nz = normal[0], normal[1], normal[2]
     n_points = 0.0
@@ -231,14 +258,14 @@ def gather_patch(level: Any, near: Any, n_near: int, vertex: Floats, normal: Flo
             p = np.uint64(near.groups[np.uint64(picked[k])])
             for q in range(np.uint64(6)):
                 patch[np.uint64(SPREAD_UU) + q, k] = level.spreads[p, q]
-        turn_spreads(patch, n, normal, per)
+        turn_spreads(patch, n, normal, along, per)
     return n, n_points
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def turn_spreads(patch: Floats, n: int, normal: Floats, per: float) -> None:
+def turn_spreads(patch: Floats, n: int, normal: Floats, along: Floats, per: float) -> None:
     """Turn the spreads of a patch from xx xy xz yy yz zz to its frame and units."""
-    (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
+    (tx, ty, tz), (bx, by, bz) = frame_along(normal, along)
     nx, ny, nz = per * normal[0], per * normal[1], per * normal[2]
     tx, ty, tz, bx, by, bz = per * tx, per * ty, per * tz, per * bx, per * by, per * bz
     for k in range(np.uint64(n)):
@@ -257,9 +284,9 @@ def turn_spreads(patch: Floats, n: int, normal: Floats, per: float) -> None:
 
 
 @jit(nopython=True, cache=True)
-def tilt(normal: Floats, slope_u: float, slope_v: float) -> None:
+def tilt(normal: Floats, along: Floats, slope_u: float, slope_v: float) -> None:
     """Turn `normal` in place to that of a patch with these slopes in its frame."""
-    (tx, ty, tz), (bx, by, bz) = tangent_frame(normal)
+    (tx, ty, tz), (bx, by, bz) = frame_along(normal, along)
     length = np.sqrt(1.0 + slope_u * slope_u + slope_v * slope_v)
     x = (normal[0] - slope_u * tx - slope_v * bx) / length
     y = (normal[1] - slope_u * ty - slope_v * by) / length

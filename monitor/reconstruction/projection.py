@@ -64,6 +64,26 @@ class Reach(NamedTuple):
     is_flat: Bools
     is_fourth: Bools
     misfit: Floats
+    furrows: Furrows | None = None
+
+    def take(self, which: Ints) -> Reach:
+        """Return what holds at the vertices selected, by discs alone."""
+        return Reach(self.curved[which], self.flat[which], self.is_flat[which], self.is_fourth[which],
+                     self.misfit[which])  # fmt: skip
+
+
+class Furrows(NamedTuple):
+    """Vertices whose fits are stretched: along what is alike along and narrow across, as furrows, edges and folds are.
+
+    Of each of the vertices `which` (k,): `rung` of the ladder across, less than none for radii below its first;
+    `stretch`, how many times as long the window is; `misfit` (m); and the direction `alongs` (n, 3) of all vertices.
+    """
+
+    which: Ints
+    rung: Ints
+    stretch: Floats
+    misfit: Floats
+    alongs: Floats
 
 
 class Projection(NamedTuple):
@@ -106,9 +126,14 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
     sheet. Where a curved patch would extrapolate a plane is taken. A move beyond `max_shift` (m) means that the fit
     is not about this vertex: it is refused.
     """
-    out = np.zeros((len(vertices), 9))
+    out, misfit = np.zeros((len(vertices), 9)), reach.misfit
     last = len(samples.radii) - 1
-    fourth = np.flatnonzero(reach.is_fourth & ~reach.is_flat & (reach.curved < last))
+    if reach.furrows is not None:
+        _project_along(vertices, normals, samples, reach.furrows, max_shift, out)
+        misfit = misfit.copy()
+        misfit[reach.furrows.which] = reach.furrows.misfit
+        misfit = np.where(out[:, OUT_SUPPORT] > 0.0, misfit, reach.misfit)
+    fourth = np.flatnonzero(reach.is_fourth & ~reach.is_flat & (reach.curved < last) & (out[:, OUT_SUPPORT] == 0.0))
     _project_all(vertices, normals, samples, 4, np.minimum(reach.curved + 1, last), fourth, max_shift, out)
     curved = np.flatnonzero(~reach.is_flat & (out[:, OUT_SUPPORT] == 0.0))
     _project_all(vertices, normals, samples, 2, reach.curved, curved, max_shift, out)
@@ -119,7 +144,7 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
     return Projection(
         vertices=np.where(is_fitted[:, None], out[:, PLACE], vertices),
         normals=np.where(is_fitted[:, None], out[:, NORMAL], normals),
-        sigma=np.where(is_fitted, np.hypot(out[:, OUT_SIGMA], reach.misfit), np.nan),
+        sigma=np.where(is_fitted, np.hypot(out[:, OUT_SIGMA], misfit), np.nan),
         scatter=np.where(is_fitted, out[:, OUT_SCATTER], np.nan),
         n_support=np.abs(out[:, OUT_SUPPORT]).astype(np.int32),
         is_fitted=is_fitted,
@@ -135,13 +160,34 @@ def _project_all(
         at_rung = which[rungs[which] == rung]
         if len(at_rung):
             sites = block_sites(vertices, normals, at_rung, radius)
-            sizes = (radius, gate_height(radius, samples.noise), max_shift)
+            sizes = (radius, 1.0, gate_height(radius, samples.noise), max_shift)
             run_tasks(_project, len(sites.starts) - 1, sites, samples.levels[rung], sizes, degree, out)
+
+
+def _project_along(
+    vertices: Floats, normals: Floats, samples: Samples, furrows: Furrows, max_shift: float, out: Floats
+) -> None:
+    """Project the vertices of furrows, those of one size together."""
+    for rung, stretch in np.unique(np.column_stack([furrows.rung, furrows.stretch]), axis=0):
+        here = furrows.which[(furrows.rung == rung) & (furrows.stretch == stretch)]
+        radius = float(samples.radii[0] * LADDER_RATIO**rung)
+        sites = block_sites(vertices, normals, here, radius, furrows.alongs)
+        sizes = (radius, float(stretch), gate_height(radius, samples.noise), max_shift)
+        run_tasks(_project, len(sites.starts) - 1, sites, samples.levels[max(int(rung), 0)], sizes, 2, out)
 
 
 @jit(nopython=True, cache=True)
 def project_one(
-    level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, sizes: Any, degree: int, room: Any, row: Floats
+    level: Any,
+    near: Any,
+    n_near: int,
+    vertex: Floats,
+    normal: Floats,
+    along: Floats,
+    sizes: Any,
+    degree: int,
+    room: Any,
+    row: Floats,
 ) -> None:
     """Project one vertex: frame from the mean normal of its points, then once more from slope and place fitted.
 
@@ -149,18 +195,20 @@ def project_one(
     would take the points of another part of the sheet, or of another sheet.
     """
     fit, place = room.fit, room.place
-    radius, gate, max_shift = sizes
+    radius, stretch, gate, max_shift = sizes
     own = row[NORMAL]
-    if not mean_normal(near, n_near, vertex, normal, radius, gate, own):
+    if not mean_normal(near, n_near, vertex, normal, along, radius, stretch, gate, own):
         return
     place[:] = vertex
     slope2, n_points = 0.0, 0.0
     for _ in range(MOST_TURNS):
-        n, n_points = gather_patch(level, near, n_near, place, own, radius, gate, room.patch, room.picked)
+        n, n_points = gather_patch(
+            level, near, n_near, place, own, along, radius, stretch, gate, room.patch, room.picked
+        )
         if degree == 4:
             if not fit_fourth(room, n, radius):
                 return
-        elif not fit_patch(room.patch, n, radius, 1.0, degree, room.work, fit, room.influence):
+        elif not fit_patch(room.patch, n, radius, 1.0, stretch, degree, room.work, fit, room.influence):
             return
         if degree > 1 and not fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED:
             return
@@ -168,7 +216,7 @@ def project_one(
         if slope2 > STEEPEST2:
             break
         place += fit[HEIGHT] * own
-        tilt(own, fit[SLOPE_U], fit[SLOPE_V])
+        tilt(own, along, fit[SLOPE_U], fit[SLOPE_V])
         if slope2 < UPRIGHT**2:
             break
     row[OUT_SUPPORT] = -n_points
@@ -188,10 +236,10 @@ def fit_fourth(room: Any, n: int, radius: float) -> bool:
     Schucany & Sommers 1977). All else is the narrower patch's. False where one of them cannot be.
     """
     fit, influence = room.fit, room.influence
-    if not fit_patch(room.patch, n, radius, 1.0, CURVED, room.work, fit, room.wider):
+    if not fit_patch(room.patch, n, radius, 1.0, 1.0, CURVED, room.work, fit, room.wider):
         return False
     wider = fit[HEIGHT]
-    if not fit_patch(room.patch, n, radius, 1.0 / LADDER_RATIO, CURVED, room.work, fit, influence):
+    if not fit_patch(room.patch, n, radius, 1.0 / LADDER_RATIO, 1.0, CURVED, room.work, fit, influence):
         return False
     carry = 1.0 / (LADDER_RATIO**BIAS_POWER - 1.0)
     fit[HEIGHT] += carry * (fit[HEIGHT] - wider)
@@ -205,9 +253,9 @@ def fit_fourth(room: Any, n: int, radius: float) -> bool:
 
 @jit(nopython=True, cache=True, nogil=True)
 def _project(first: int, last: int, sites: Sites, level: Level, sizes: Any, degree: int, out: Floats) -> None:
-    """Project the vertices of the blocks `first` to `last`, for `run_tasks`; sizes are radius, gate, longest way."""
-    radius, gate, _ = sizes
-    reach = np.hypot(OVER_THE_RIM * radius, gate)
+    """Project the vertices of the blocks `first` to `last`, for `run_tasks`; sizes are radius, stretch, gate, limit."""
+    radius, stretch, gate, _ = sizes
+    reach = np.hypot(OVER_THE_RIM * stretch * radius, gate)
     rows, near, room = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM), patch_room(ROOM)
     for block in range(first, last):
         n_near, near = find_near(level, sites, block, reach, rows, near)
@@ -215,4 +263,5 @@ def _project(first: int, last: int, sites: Sites, level: Level, sizes: Any, degr
             room = patch_room(2 * n_near)
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
-            project_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, degree, room, out[i])
+            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[i]
+            project_one(level, near, n_near, vertex, normal, along, sizes, degree, room, out[i])

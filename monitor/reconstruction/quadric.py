@@ -88,7 +88,7 @@ def mean_squares(patch: Floats, n: int, c: Floats, heights: Floats, squares: Flo
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def place_weights(patch: Floats, n: int, per2: float, weights: Floats) -> None:
+def place_weights(patch: Floats, n: int, per2: float, along2: float, weights: Floats) -> None:
     """Weights (2, n) by place: points of each group times the mean of max(1 - t^2, 0), and how that follows 1 - t^2.
 
     The square t^2 is that of the distance over the span. At the rim a group is taken to lie evenly across it: with the
@@ -98,8 +98,8 @@ def place_weights(patch: Floats, n: int, per2: float, weights: Floats) -> None:
     for i in range(np.uint64(n)):
         count, u, v = patch[COUNT, i], patch[U, i], patch[V, i]
         suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
-        pu, qv = per2 * u, per2 * v
-        inside = 1.0 - (pu * u + qv * v + per2 * (suu + svv))
+        pu, qv = along2 * u, per2 * v
+        inside = 1.0 - (pu * u + qv * v + along2 * suu + per2 * svv)
         half = np.sqrt(max(12.0 * (pu * pu * suu + 2.0 * pu * qv * suv + qv * qv * svv), 0.0)) + 1e-12
         share = min(max((inside + half) / (2.0 * half), 0.0), 1.0)
         weights[0, i] = count * (inside if inside > half else share * share * half)
@@ -126,7 +126,7 @@ def weigh(patch: Floats, n: int, placed: Floats, squares: Floats, scale2: float,
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def plane_matrix(patch: Floats, n: int, per2: float, weights: Floats, a: Floats) -> None:
+def plane_matrix(patch: Floats, n: int, per2: float, along2: float, weights: Floats, a: Floats) -> None:
     """Fill the normal matrix of a plane.
 
     Its sums are over points: within a group, products of the means and what covariances add, also those with the
@@ -137,7 +137,7 @@ def plane_matrix(patch: Floats, n: int, per2: float, weights: Floats, a: Floats)
     for i in range(np.uint64(n)):
         u, v, w = patch[U, i], patch[V, i], weights[0, i]
         suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
-        du, dv = -2.0 * per2 * weights[1, i] * u, -2.0 * per2 * weights[1, i] * v
+        du, dv = -2.0 * along2 * weights[1, i] * u, -2.0 * per2 * weights[1, i] * v
         e1, e2 = du * suu + dv * suv, du * suv + dv * svv
         p1, p2 = w * u + e1, w * v + e2
         s0 += w
@@ -150,9 +150,9 @@ def plane_matrix(patch: Floats, n: int, per2: float, weights: Floats, a: Floats)
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def curved_matrix(patch: Floats, n: int, per2: float, weights: Floats, a: Floats) -> None:
+def curved_matrix(patch: Floats, n: int, per2: float, along2: float, weights: Floats, a: Floats) -> None:
     """Fill the normal matrix of a curved patch; see `plane_matrix`."""
-    plane_matrix(patch, n, per2, weights, a)
+    plane_matrix(patch, n, per2, along2, weights, a)
     s30 = s31 = s32 = s33 = s40 = s41 = s42 = s43 = s44 = 0.0
     s50 = s51 = s52 = s53 = s54 = s55 = 0.0
     for i in range(np.uint64(n)):
@@ -160,7 +160,7 @@ def curved_matrix(patch: Floats, n: int, per2: float, weights: Floats, a: Floats
         suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
         uu, uv, vv, u2, v2 = u * u + suu, u * v + suv, v * v + svv, 2.0 * u, 2.0 * v
         k31, k32, k41, k42, k51, k52 = u2 * suu, u2 * suv, v * suu + u * suv, v * suv + u * svv, v2 * suv, v2 * svv
-        du, dv = -2.0 * per2 * weights[1, i] * u, -2.0 * per2 * weights[1, i] * v
+        du, dv = -2.0 * along2 * weights[1, i] * u, -2.0 * per2 * weights[1, i] * v
         e1, e2 = du * suu + dv * suv, du * suv + dv * svv
         e3, e4, e5 = du * k31 + dv * k32, du * k41 + dv * k42, du * k51 + dv * k52
         p3, p4, p5 = w * uu + e3, w * uv + e4, w * vv + e5
@@ -185,14 +185,16 @@ def curved_matrix(patch: Floats, n: int, per2: float, weights: Floats, a: Floats
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def right_side(patch: Floats, n: int, per2: float, heights: Floats, weights: Floats, rhs: Floats) -> None:
+def right_side(
+    patch: Floats, n: int, per2: float, along2: float, heights: Floats, weights: Floats, rhs: Floats
+) -> None:
     """Fill the right-hand side (6,) of a curved patch, its first three of a plane too; see `plane_matrix`."""
     h0 = h1 = h2 = h3 = h4 = h5 = 0.0
     for i in range(np.uint64(n)):
         u, v, w, h, hu, hv = patch[U, i], patch[V, i], weights[0, i], heights[0, i], heights[1, i], heights[2, i]
         suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
         uu, uv, vv, u2, v2 = u * u + suu, u * v + suv, v * v + svv, 2.0 * u, 2.0 * v
-        du, dv = -2.0 * per2 * weights[1, i], -2.0 * per2 * weights[1, i]
+        du, dv = -2.0 * along2 * weights[1, i], -2.0 * per2 * weights[1, i]
         du, dv = du * u, dv * v
         e1, e2, eh = du * suu + dv * suv, du * suv + dv * svv, du * hu + dv * hv
         e4 = v * e1 + u * e2
@@ -223,14 +225,14 @@ def sum_up(patch: Floats, n: int, g: Floats, squares: Floats, weights: Floats, i
 
 
 @jit(nopython=True, cache=True, fastmath={"reassoc", "contract"}, error_model="numpy")
-def medians_of_groups(patch: Floats, n: int, per2: float, squares: Floats, buffer: Floats) -> Any:
+def medians_of_groups(patch: Floats, n: int, per2: float, along2: float, squares: Floats, buffer: Floats) -> Any:
     """Mean squares (n,) of groups within the span over the median of such means, infinite beyond: number and mean."""
     used, total = 0.0, 0.0
     for i in range(np.uint64(n)):
         u, v = patch[U, i], patch[V, i]
         less = 1.0 - 2.0 / (9.0 * patch[COUNT, i])
         one = squares[i] / (less * less * less)  # of chi2 over its degrees (Wilson & Hilferty)
-        is_inside = per2 * (u * u + v * v) < 1.0
+        is_inside = along2 * u * u + per2 * v * v < 1.0
         buffer[i] = one if is_inside else np.inf
         used += 1.0 if is_inside else 0.0
         total += one if is_inside else 0.0
@@ -264,9 +266,9 @@ def median(values: Floats, n: int, used: float, mean: float) -> float:
 
 
 @jit(nopython=True, cache=True)
-def robust_scale2(patch: Floats, n: int, per2: float, squares: Floats, m: int, buffer: Floats) -> float:
+def robust_scale2(patch: Floats, n: int, per2: float, along2: float, squares: Floats, m: int, buffer: Floats) -> float:
     """Variance of a point from the median of the groups' mean squares; -1 where they are too few for m unknowns."""
-    used, mean = medians_of_groups(patch, n, per2, squares, buffer)
+    used, mean = medians_of_groups(patch, n, per2, along2, squares, buffer)
     if used < m + 4:
         return -1.0
     if not mean > 1e-18:
@@ -276,11 +278,20 @@ def robust_scale2(patch: Floats, n: int, per2: float, squares: Floats, m: int, b
 
 @jit(nopython=True, cache=True)
 def fit_patch(
-    patch: Floats, n: int, radius: float, span: float, degree: int, work: Any, out: Floats, influence: Floats
+    patch: Floats,
+    n: int,
+    radius: float,
+    span: float,
+    stretch: float,
+    degree: int,
+    work: Any,
+    out: Floats,
+    influence: Floats,
 ) -> bool:
     """Fit a plane (`degree` 1) or curved patch (2) to the first n groups of `patch`; False where it cannot be.
 
-    `patch` (10, n) is in units of `radius` (m), of which the fit takes the share `span`. `out` receives height, slope
+    `patch` (10, n) is in units of `radius` (m), of which the fit takes the share `span`, and `stretch` times as much
+    along u. `out` receives height, slope
     along u, slope along v, standard error per unit sigma, sigma, effective number, and the sum of the slopes that both
     curvatures make at the rim. `influence[i]` is how far the height moves with a point of group i: the heights of two
     fits to the same groups differ by sigma * |influence - influence'|. `work` is as of `fit_room`. By least squares
@@ -288,25 +299,26 @@ def fit_patch(
     """
     c, a, g, heights, squares, placed, weights, buffer = work
     m, per2 = (3 if degree == 1 else 6), 1.0 / (span * span)
+    along2 = per2 / (stretch * stretch)
     c[:] = 0.0
-    place_weights(patch, n, per2, placed)
+    place_weights(patch, n, per2, along2, placed)
     flatten(patch, n, c, heights)
-    if not solve_patch(patch, n, per2, heights, placed, a, c, m):
+    if not solve_patch(patch, n, per2, along2, heights, placed, a, c, m):
         return False
     if degree == 2:
         flatten(patch, n, c, heights)
-        right_side(patch, n, per2, heights, placed, c)
+        right_side(patch, n, per2, along2, heights, placed, c)
         substitute(a, c, m)
     scale2, n_cut, k = 0.0, 1.0, 0
     while n_cut > 0.0 and k < MOST_PASSES:
         if degree == 2:
             flatten(patch, n, c, heights)
         mean_squares(patch, n, c, heights, squares)
-        scale2 = robust_scale2(patch, n, per2, squares, m, buffer)
+        scale2 = robust_scale2(patch, n, per2, along2, squares, m, buffer)
         if scale2 < 0.0:
             return False
         n_cut = weigh(patch, n, placed, squares, scale2, weights)
-        if not solve_patch(patch, n, per2, heights, weights, a, c, m):
+        if not solve_patch(patch, n, per2, along2, heights, weights, a, c, m):
             return False
         k += 1
     g[:] = 0.0
@@ -326,16 +338,16 @@ def fit_patch(
 
 @jit(nopython=True, cache=True)
 def solve_patch(
-    patch: Floats, n: int, per2: float, heights: Floats, weights: Floats, a: Floats, c: Floats, m: int
+    patch: Floats, n: int, per2: float, along2: float, heights: Floats, weights: Floats, a: Floats, c: Floats, m: int
 ) -> bool:
     """Set c (6,) to the least squares plane (m 3) or curved patch (6); `a` becomes its factor. False where singular."""
     if m == 3:
-        plane_matrix(patch, n, per2, weights, a)
+        plane_matrix(patch, n, per2, along2, weights, a)
     else:
-        curved_matrix(patch, n, per2, weights, a)
+        curved_matrix(patch, n, per2, along2, weights, a)
     if not a[0, 0] > 0.0 or not factorise(a, m):
         return False
-    right_side(patch, n, per2, heights, weights, c)
+    right_side(patch, n, per2, along2, heights, weights, c)
     substitute(a, c, m)
     c[m:] = 0.0
     return True

@@ -83,6 +83,16 @@ class Probes(NamedTuple):
     stated: Floats  # (n,) m, one sigma of the points there as stated; NaN where nothing is
 
 
+class Climbed(NamedTuple):
+    """Where the climb came to at each probe (n,), and what is known there of the curved patch last taken."""
+
+    reach: Reach
+    is_ended: Bools  # by evidence of a bias
+    error2: Floats  # m2, of noise
+    misfit2: Floats  # m2, of the bias, all of it
+    noise2: Floats  # m2, of one point
+
+
 def make_ladder(cell: float, noise: float, narrowest: float, widest: float, noise_share: float) -> Ladder:
     """Return radii from `narrowest` cells (or six sigmas) to `widest` cells, and the standard error wanted.
 
@@ -107,17 +117,21 @@ def choose_reach(
 
     `stated` is what the points state of their own noise: what scatters beyond it is relief.
     """
+    probes, nearest = spread_probes(vertices, normals, stated)
+    return climb(probes, samples, ladder).reach.take(nearest)
+
+
+def spread_probes(vertices: Floats, normals: Floats, stated: Stated | None) -> tuple[Probes, Ints]:
+    """Return probes among the vertices (n, 3), and for each vertex (n,) the nearest one."""
     probes = np.arange(0, len(vertices), VERTICES_PER_PROBE)
     tree = cKDTree(vertices[probes])
     distance, pool = tree.query(vertices[probes], k=[*range(1, min(N_POOLED, len(probes)) + 1)], workers=2)
     area = np.pi * float(np.median(distance[:, -1])) ** 2 / pool.shape[1]
     own = stated.at(vertices[probes]) if stated else np.full(len(probes), np.nan)
-    at_probes = climb(Probes(vertices[probes], normals[probes], pool, area, own), samples, ladder)
-    nearest = tree.query(vertices, workers=2)[1]
-    return Reach(*(values[nearest] for values in at_probes))
+    return Probes(vertices[probes], normals[probes], pool, area, own), tree.query(vertices, workers=2)[1]
 
 
-def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
+def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     """Go up the ladder at every probe until a radius is refused or the wanted standard error is reached.
 
     A radius that is only doubtful is passed over; two doubtful ones in succession end the climb, since a bias grows
@@ -132,19 +146,19 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
     curved, flat = np.zeros(n, np.int64), np.zeros(n, np.int64)
     risk, flat_risk = np.full(n, np.inf), np.full(n, np.inf)
     misfit2, flat_misfit2, own_error2 = np.zeros(n), np.zeros(n), np.full(n, np.inf)
-    is_fourth = np.zeros(n, bool)
+    is_fourth, is_ended = np.zeros(n, bool), np.zeros(n, bool)
     climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     for k, radius in enumerate(ladder.radii):
         inner = np.where(np.isfinite(risk), ladder.radii[curved] / radius, 1.0)
         asked, source = pick_apart(probes, climbing, radius)
         rows = probe(probes.vertices, probes.normals, asked, samples, k, inner)[source]
         noise2 = np.where(np.isnan(noise2), noise_variance(rows[:, SCATTER], probes.stated, pool), noise2)
-        error2, flat_error2 = (noise2 * _pooled(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
+        error2, flat_error2 = (noise2 * mean_of_pool(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
         n_apart = count_apart(pool.shape[1], probes.area, radius)
-        step = _compare(rows[:, STEP], rows[:, STEP_UNIT2] * noise2, pool, n_apart)
-        flat_step = _compare(rows[:, FLAT_STEP], rows[:, FLAT_STEP_UNIT2] * noise2, pool, n_apart)
+        step = compare_steps(rows[:, STEP], rows[:, STEP_UNIT2] * noise2, pool, n_apart)
+        flat_step = compare_steps(rows[:, FLAT_STEP], rows[:, FLAT_STEP_UNIT2] * noise2, pool, n_apart)
         has_fit = np.isfinite(risk)
-        is_steep = np.abs(_pooled(rows[:, CURVATURE], pool)) > MOST_BENT
+        is_steep = np.abs(mean_of_pool(rows[:, CURVATURE], pool)) > MOST_BENT
         is_doubtful = (is_steep | step.is_doubtful | is_bent(step, radius, probes.area)) & has_fit
         bends = (step.is_refused | (is_doubtful & doubted)) & has_fit & np.isfinite(error2)
         per2 = 1.0 / np.maximum(1.0 - inner[source] ** BIAS_POWER, 0.5) ** 2
@@ -152,6 +166,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         ends, shrinks = climbing & bends, per2 * inner ** (2 * BIAS_POWER)
         below2 = np.where(ends, shrinks * np.where(is_steep, step.excess2, np.fmax(step.excess2, step.here2)), 0.0)
         is_fourth |= ends & ~is_steep & ((1.0 - FOURTH_LEFT2) * shrinks * step.here2 > FOURTH_COST * own_error2)
+        is_ended |= ends
         misfit2, risk = np.maximum(misfit2, below2), risk + np.maximum(below2 - misfit2, 0.0)
         climbing &= ~has_fit | (np.isfinite(error2) & ~bends)
         doubted = is_doubtful
@@ -166,11 +181,14 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Reach:
         climbing &= ~(np.where(flat_risk < risk, flat_error2, error2) <= ladder.wanted**2)
         if not climbing.any():
             break
-    own_error2 = np.where(is_fourth, own_error2, 0.0)
-    risk += FOURTH_COST * own_error2 - np.where(is_fourth, (1.0 - FOURTH_LEFT2) * misfit2, 0.0)
+    whole2 = misfit2
+    risk += FOURTH_COST * np.where(is_fourth, own_error2, 0.0) - np.where(
+        is_fourth, (1.0 - FOURTH_LEFT2) * misfit2, 0.0
+    )
     misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
-    return Reach(curved, flat, is_flat, is_fourth, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
+    reach = Reach(curved, flat, is_flat, is_fourth, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
+    return Climbed(reach, is_ended, own_error2, whole2, noise2)
 
 
 def pick_apart(probes: Probes, climbing: Bools, radius: float) -> tuple[Ints, Ints]:
@@ -199,13 +217,13 @@ def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
     of the surface shows them to understate: relief finer than these fits scatters about them too, and what serves as
     its noise would let any wider fit pass.
     """
-    pooled2 = _pooled(scatter**2, pool)
+    pooled2 = mean_of_pool(scatter**2, pool)
     ratio = scatter / stated
     known = np.isfinite(ratio)
     if not known.any():
         return pooled2
     scale = max(float(np.median(ratio[known])), 1.0)
-    return np.fmin(pooled2, scale**2 * _pooled(stated**2, pool))
+    return np.fmin(pooled2, scale**2 * mean_of_pool(stated**2, pool))
 
 
 def count_apart(n: int, area: float, radius: float) -> float:
@@ -238,32 +256,37 @@ class Departure(NamedTuple):
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def _pooled(values: Floats, pool: Ints, n_next: int = 1 << 30) -> Floats:
-    """Mean over each probe's neighbours, of which the next `n_next` count; NaN where none has a value."""
+def mean_of_pool(values: Floats, pool: Ints, n_next: int = 1 << 30) -> Floats:
+    """Mean over each probe's neighbours, of which the next `n_next` count; NaN where none has a value.
+
+    Numbers below none in the pool stand for no neighbour.
+    """
     out = np.empty(len(pool))
     for i in range(len(pool)):
         total, count = 0.0, 0
         for k in range(min(pool.shape[1], n_next)):
             value = values[pool[i, k]]
-            if np.isfinite(value):
+            if pool[i, k] >= 0 and np.isfinite(value):
                 total += value
                 count += 1
         out[i] = total / count if count > 0 else np.nan
     return out
 
 
-def _compare(step: Floats, variance: Floats, pool: Ints, n_apart: float) -> Departure:
+def compare_steps(step: Floats, variance: Floats, pool: Ints, n_apart: float | Floats) -> Departure:
     """Judge departures (n,) against the variance (n,) that noise gives them, pooled over the probes around."""
     chance = np.sqrt(2.0 / n_apart)
     with np.errstate(invalid="ignore", divide="ignore"):
         own = step**2 / variance
-        pooled = _pooled(np.minimum(own, CLIPPED), pool) / MEAN_CLIPPED
+        pooled = mean_of_pool(np.minimum(own, CLIPPED), pool) / MEAN_CLIPPED
         is_refused = (pooled > 1.0 + REFUSAL * chance) | (own > OWN_REFUSAL)
-        one_sided = np.abs(_pooled(np.clip(step / np.sqrt(variance), -2.0, 2.0), pool)) > ONE_SIDED / np.sqrt(n_apart)
+        one_sided = np.abs(mean_of_pool(np.clip(step / np.sqrt(variance), -2.0, 2.0), pool)) > ONE_SIDED / np.sqrt(
+            n_apart
+        )
         is_doubtful = pooled > 1.0 + DOUBT * chance
-    expected = _pooled(variance, pool)
+    expected = mean_of_pool(variance, pool)
     excess2 = np.nan_to_num(np.maximum(pooled - 1.0, 0.0) * expected)
-    here2 = np.nan_to_num(np.maximum(_pooled(step**2 - variance, pool, N_HERE), 0.0))
+    here2 = np.nan_to_num(np.maximum(mean_of_pool(step**2 - variance, pool, N_HERE), 0.0))
     return Departure(own, is_refused, is_doubtful, one_sided, excess2, here2, expected * chance)
 
 
@@ -276,24 +299,36 @@ def is_supported(fit: Floats) -> bool:
 
 @jit(nopython=True, cache=True)
 def probe_one(
-    level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, sizes: Any, room: Any, row: Floats
+    level: Any,
+    near: Any,
+    n_near: int,
+    vertex: Floats,
+    normal: Floats,
+    along: Floats,
+    sizes: Any,
+    room: Any,
+    row: Floats,
 ) -> None:
     """Compare three fits at one probe: curved within the radius, curved within the last taken, plane."""
     held, other, fit_other, own = room
     patch, work, influence, fit = held.patch, held.work, held.influence, held.fit
     radius, gate, inner = sizes
-    if not mean_normal(near, n_near, vertex, normal, radius, gate, own):
+    if not mean_normal(near, n_near, vertex, normal, along, radius, 1.0, gate, own):
         return
-    n, _ = gather_patch(level, near, n_near, vertex, own, radius, gate, patch, held.picked)
-    if not fit_patch(patch, n, radius, 1.0, CURVED, work, fit, influence):
+    n, _ = gather_patch(level, near, n_near, vertex, own, along, radius, 1.0, gate, patch, held.picked)
+    if not fit_patch(patch, n, radius, 1.0, 1.0, CURVED, work, fit, influence):
         return
     if not is_supported(fit):
         return
     row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
-    if inner < 1.0 and fit_patch(patch, n, radius, inner, CURVED, work, fit_other, other) and is_supported(fit_other):
+    if (
+        inner < 1.0
+        and fit_patch(patch, n, radius, inner, 1.0, CURVED, work, fit_other, other)
+        and is_supported(fit_other)
+    ):
         row[STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[STEP_UNIT2] = apart2(patch, n, influence, other)
-    if fit_patch(patch, n, radius, 1.0, PLANE, work, fit_other, other):
+    if fit_patch(patch, n, radius, 1.0, 1.0, PLANE, work, fit_other, other):
         row[FLAT_UNIT] = fit_other[UNIT_ERROR]
         row[FLAT_STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[FLAT_STEP_UNIT2] = apart2(patch, n, influence, other)
@@ -336,4 +371,5 @@ def _probe(
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
             sizes = (radius, gate, inner[i])
-            probe_one(level, near, n_near, sites.vertices[i], sites.normals[i], sizes, room, rows[i])
+            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[i]
+            probe_one(level, near, n_near, vertex, normal, along, sizes, room, rows[i])

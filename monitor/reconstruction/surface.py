@@ -18,6 +18,7 @@ from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
 from monitor.reconstruction.coverage import count_uncovered
 from monitor.reconstruction.faces import least_cosines
+from monitor.reconstruction.furrows import choose_fits
 from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
@@ -25,7 +26,7 @@ from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, Samples, project_vertices, sum_up_samples
-from monitor.reconstruction.reach import Ladder, Stated, choose_reach, make_ladder
+from monitor.reconstruction.reach import Ladder, Stated, make_ladder
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
@@ -215,11 +216,12 @@ def settle(
     used, faces = compact(len(vertices), faces)
     vertices = vertices.take(used, axis=0)
     outward = vertex_normals(vertices, faces)
-    reach = choose_reach(vertices, outward, samples, ladder, stated)
+    reach = choose_fits(vertices, outward, samples, ladder, stated)
     reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
     projection = project_vertices(vertices, outward, samples, reach, cell + GATE_SIGMAS * samples.noise)
     automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))
     automatic["flat_share"] = float(np.mean(reach.is_flat))
+    automatic["stretched_share"] = 0.0 if reach.furrows is None else len(reach.furrows.which) / len(vertices)
     keep = all_corners(projection.is_fitted, faces)
     counts["faces_without_support"] = int(np.count_nonzero(~keep))
     faces = faces.compress(keep, axis=0)

@@ -20,7 +20,7 @@ def fit(u, v, z, radius, degree):
     n = len(u)
     out, influence = np.empty(7), np.empty(n)
     patch = np.vstack([u / radius, v / radius, z / radius, np.ones(n), np.zeros((6, n))])
-    assert fit_patch(patch, n, radius, 1.0, degree, fit_room(n), out, influence)
+    assert fit_patch(patch, n, radius, 1.0, 1.0, degree, fit_room(n), out, influence)
     return out, influence
 
 
