@@ -13,6 +13,7 @@ from numba import jit
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER
+from monitor.comparison.morton import box_of
 from monitor.comparison.portions import search_feet
 from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.shell import Shell, make_shell
@@ -39,7 +40,8 @@ class Feet:
 
 def search_limit(reference: Surface, compared: Surface, share: float) -> float:
     """Return the largest distance looked at [m]: a share of the smaller surface's diagonal."""
-    return share * min(float(np.linalg.norm(np.ptp(s.vertices, axis=0))) for s in (reference, compared))
+    boxes = [box_of(s.vertices) for s in (reference, compared)]
+    return share * min(float(np.linalg.norm(high - low)) for low, high in boxes)
 
 
 def unit_normals(surface: Surface, from_faces: Floats | None = None) -> Floats:

@@ -15,6 +15,7 @@ from monitor.comparison.detection import Detection, detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import look_beyond
 from monitor.comparison.evidence import Sights, look_through
+from monitor.comparison.morton import box_of
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import find_regions, least_beyond
 from monitor.comparison.shell import Shell, make_shell
@@ -185,7 +186,8 @@ def register_epochs(reference: Surface, compared: Surface) -> Registration:
 def make_shells(reference: Surface, moved: Surface, limits: tuple[float, float]) -> tuple[Shell, Shell]:
     """Return both surfaces made ready, in coordinates about the middle of the reference; `limits` are the search limit
     [m] and the largest angle [rad] between normals."""
-    shift = 0.5 * (reference.vertices.min(axis=0) + reference.vertices.max(axis=0))
+    low, high = box_of(reference.vertices)
+    shift = 0.5 * (low + high)
     return make_shell(reference, shift, limits), make_shell(moved, shift, limits)
 
 

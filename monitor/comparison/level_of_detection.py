@@ -13,6 +13,7 @@ import numpy as np
 from numba import jit
 from scipy.stats import norm
 
+from monitor.comparison.morton import box_of
 from monitor.comparison.quantile import between, quantile
 from projects.model import Floats, Ints
 
@@ -85,4 +86,4 @@ def _exceed(size, sigma2, floor2, share, z):  # type: ignore[no-untyped-def]
 
 def least_floor(points: Floats) -> float:
     """Return the distance [m] below which coordinates themselves are not resolved: 16 roundings of the largest."""
-    return 16.0 * float(np.finfo(np.float64).eps) * float(np.abs(points).max(initial=0.0))
+    return 16.0 * float(np.finfo(np.float64).eps) * (float(np.abs(box_of(points)).max()) if len(points) else 0.0)

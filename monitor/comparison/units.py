@@ -13,6 +13,7 @@ from numba import jit
 from monitor.comparison.blocks import blocks
 from monitor.comparison.connected import connect_like
 from monitor.comparison.correlation import Correlation
+from monitor.comparison.morton import box_of
 from monitor.comparison.noise import Noise
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
@@ -58,7 +59,7 @@ def unit_size(correlation: Correlation, areas: Floats) -> float:
 
 def cut_units(side: Side, size: float) -> Ints:
     """Return the unit of each vertex (n,), -1 where not assessable: connected parts of cubes of edge `size` [m]."""
-    low, high = side.surface.vertices.min(axis=0), side.surface.vertices.max(axis=0)
+    low, high = box_of(side.surface.vertices)
     cells = _number_cells(side.surface.vertices, side.is_assessed, low, high, size)
     return merge_slivers(connect_like(cells, [side.neighbours]), side.neighbours, side.areas, 0.25 * size**2)
 
