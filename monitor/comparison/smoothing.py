@@ -35,7 +35,7 @@ def smooth_distances(side: Side, radius: float, lod95: Floats | None = None) -> 
     if lod95 is not None:
         shares = np.empty(len(neighbours.vertices))
         run_tasks(_share_out, len(is_assessed), neighbours, side.distances, lod95, shares)
-        shares = keep_on_disk(shares) if n_steps > 1 else shares
+        shares = keep_on_disk(shares)
     mass = np.where(is_assessed, side.areas, 0.0)
     total = mass * np.where(is_assessed, side.distances, 0.0)
     for _ in range(n_steps):
