@@ -29,7 +29,7 @@ from monitor.reconstruction.gathering import (
     patch_room,
     rows_room,
 )
-from monitor.reconstruction.moments import Level, sort_by_cell
+from monitor.reconstruction.moments import Level
 from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, MOST_EXTRAPOLATED, Reach, Samples
 from monitor.reconstruction.quadric import BEND, COUNT, CURVED, EFFECTIVE, HEIGHT, PLANE, SIGMA, UNIT_ERROR, fit_patch
 from monitor.threads import run_tasks
@@ -41,7 +41,6 @@ FOURTH_LEFT2 = 0.25  # of the squared bias with its fourth order taken off, on w
 FOURTH_COST = 0.3  # of the variance, that taking it off adds
 N_HERE = 4  # probes next to each other that tell how large a bias is where it is seen
 N_STATED = 4  # points nearest to a probe whose stated noise counts there
-PROBES_PER_FIT = 8.0  # that do not overlap
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
 DOUBT, REFUSAL, BENT = 1.25, 4.0, 2.0  # sigmas of a pooled mean square departure above that of noise alone
 ONE_SIDED = 1.5  # sigmas of the mean departure of pooled probes, which curvature gives one sign
@@ -150,8 +149,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     for k, radius in enumerate(ladder.radii):
         inner = np.where(np.isfinite(risk), ladder.radii[curved] / radius, 1.0)
-        asked, source = pick_apart(probes, climbing, radius)
-        rows = probe(probes.vertices, probes.normals, asked, samples, k, inner)[source]
+        rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k, inner)
         noise2 = np.where(np.isnan(noise2), noise_variance(rows[:, SCATTER], probes.stated, pool), noise2)
         error2, flat_error2 = (noise2 * mean_of_pool(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
         n_apart = count_apart(pool.shape[1], probes.area, radius)
@@ -161,7 +159,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
         is_steep = np.abs(mean_of_pool(rows[:, CURVATURE], pool)) > MOST_BENT
         is_doubtful = (is_steep | step.is_doubtful | is_bent(step, radius, probes.area)) & has_fit
         bends = (step.is_refused | (is_doubtful & doubted)) & has_fit & np.isfinite(error2)
-        per2 = 1.0 / np.maximum(1.0 - inner[source] ** BIAS_POWER, 0.5) ** 2
+        per2 = 1.0 / np.maximum(1.0 - inner**BIAS_POWER, 0.5) ** 2
         bias2 = per2 * step.excess2
         ends, shrinks = climbing & bends, per2 * inner ** (2 * BIAS_POWER)
         below2 = np.where(ends, shrinks * np.where(is_steep, step.excess2, np.fmax(step.excess2, step.here2)), 0.0)
@@ -189,25 +187,6 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     reach = Reach(curved, flat, is_flat, is_fourth, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
     return Climbed(reach, is_ended, own_error2, whole2, noise2)
-
-
-def pick_apart(probes: Probes, climbing: Bools, radius: float) -> tuple[Ints, Ints]:
-    """Return the probes (k,) to fit at within `radius` (m), and for each probe (n,) the one that it takes over from.
-
-    Wide fits at all probes would overlap many times and tell the same: eight for each that would not are enough. Places
-    are told apart by their normals too, so that both sides of a thin part are fitted. A probe that no longer climbs
-    takes over from itself, which has nothing.
-    """
-    n, which = len(climbing), np.flatnonzero(climbing)
-    source = np.arange(n)
-    edge = np.sqrt(0.5 * np.pi / PROBES_PER_FIT) * radius
-    if edge * edge < 2.0 * probes.area:
-        return which, source
-    places = probes.vertices[which] + edge * probes.normals[which]
-    order, _, starts, _, _ = sort_by_cell(places, edge)
-    picked = order[starts[:-1]]
-    source[which] = which[picked[cKDTree(places[picked]).query(places, workers=2)[1]]]
-    return which[picked], source
 
 
 def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
