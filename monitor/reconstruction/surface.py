@@ -26,7 +26,7 @@ from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, Samples, project_vertices, sum_up_samples
-from monitor.reconstruction.reach import Ladder, Stated, make_ladder
+from monitor.reconstruction.reach import Ladder, Stated, choose_reach, make_ladder
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
@@ -64,6 +64,9 @@ class SurfaceSettings:
     noise_share: float = setting(
         0.03, unit="", meaning="standard error of a vertex, in sigmas of noise, below which no wider fit is tried",
         low=0.001, high=1
+    )  # fmt: skip
+    along_furrows: bool = setting(
+        False, unit="", meaning="whether fits lie along furrows and edges: less noise, but faint changes smear there"
     )  # fmt: skip
     close_holes: float = setting(
         0.0, unit="m", meaning="holes up to this width are closed by invented faces; 0: none", low=0, high=1000
@@ -149,7 +152,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
     stated = None if cloud.sigma is None else Stated(samples, cloud.sigma)
     projection, faces, beside = settle(
-        vertices, faces, (summed_up, ladder, stated), cell_used, settings.crumb_cells, counts, automatic
+        vertices, faces, (summed_up, ladder, stated), cell_used, settings, counts, automatic
     )
     n_measured = len(faces)
     projection, faces = invent(projection, faces, ALONG_HOLES * cell_used, settings, counts)
@@ -204,8 +207,8 @@ def trim(vertices: Floats, faces: Ints, samples: cKDTree, farthest: float) -> In
 
 
 def settle(
-    vertices: Floats, faces: Ints, measured: tuple[Samples, Ladder, Stated | None], cell: float, crumb_cells: float,
-    counts: dict[str, int], automatic: dict[str, Any],
+    vertices: Floats, faces: Ints, measured: tuple[Samples, Ladder, Stated | None], cell: float,
+    settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any],
 ) -> tuple[Projection, Ints, Bools]:  # fmt: skip
     """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties.
 
@@ -216,7 +219,8 @@ def settle(
     used, faces = compact(len(vertices), faces)
     vertices = vertices.take(used, axis=0)
     outward = vertex_normals(vertices, faces)
-    reach = choose_fits(vertices, outward, samples, ladder, stated)
+    choose = choose_fits if settings.along_furrows else choose_reach
+    reach = choose(vertices, outward, samples, ladder, stated)
     reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
     projection = project_vertices(vertices, outward, samples, reach, cell + GATE_SIGMAS * samples.noise)
     automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))
@@ -233,7 +237,7 @@ def settle(
     projection, doubtful = hold_back(vertices, projection, faces, counts)
     doubtful[short_edges(projection.vertices, faces, SLIVER * cell)] = True  # faces that welding changes
     before = len(faces)
-    faces = clean(projection.vertices, faces, cell, crumb_cells)
+    faces = clean(projection.vertices, faces, cell, settings.crumb_cells)
     counts["faces_crumbs_and_slivers"] = before - len(faces)
     before = len(faces)
     faces = drop_intersecting(projection.vertices, faces, ~all_corners(~doubtful, faces))

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction.furrows import choose_fits, common_direction, narrow_by
 from monitor.reconstruction.gathering import frame_along, tangent_frame
 from monitor.reconstruction.moments import level_of_points
 from monitor.reconstruction.projection import Furrows, Reach, project_vertices, samples_at, sum_up_samples
 from monitor.reconstruction.quadric import fit_patch, fit_room
 from monitor.reconstruction.reach import Climbed, Probes, make_ladder
+from projects.model import PointCloud
 
 NOISE = 0.0004
 
@@ -132,3 +134,11 @@ def test_a_vertex_without_points_enough_along_keeps_its_disc(rng):
     assert both.n_support[0] == pytest.approx(3.0 * plain.n_support[0], rel=0.1)
     unit2, unit2_disc = both.sigma[0] ** 2 - 7e-5**2, plain.sigma[0] ** 2 - 3e-5**2
     assert unit2 / both.scatter[0] ** 2 == pytest.approx(unit2_disc / plain.scatter[0] ** 2 / 3.0, rel=0.15)
+
+
+def test_surfaces_have_stretched_fits_only_where_they_are_asked_for(rng):
+    points, normals = sheet(rng, *waves(rng, 0.0))
+    cloud = PointCloud(points, normals)
+    asked = reconstruct_with_record(cloud, SurfaceSettings(along_furrows=True))
+    assert asked.automatic["stretched_share"] > 0.3
+    assert reconstruct_with_record(cloud).automatic["stretched_share"] == 0.0

@@ -16,7 +16,7 @@ from rows import Row, Size, in_words, judge, mean_of
 from scipy.spatial.transform import Rotation
 
 from monitor.filtering import estimate_normals
-from monitor.reconstruction import reconstruct_with_record
+from monitor.reconstruction import SurfaceSettings, reconstruct, reconstruct_with_record
 from projects.model import Floats, Ints, PointCloud
 from projects.open3d_library import load_open3d
 
@@ -98,10 +98,12 @@ def all_meshes(shape: Shape, found: dict[str, float]) -> dict[str, Mesh]:
     result = reconstruct_with_record(shape.cloud)
     found |= {"noise": 1e3 * result.automatic["noise_m"], "radius": 1e3 * result.automatic["fit_radius_m"]}
     cell = float(result.automatic["cell_size_m"])
+    along = reconstruct(shape.cloud, SurfaceSettings(along_furrows=True))
     oriented = estimate_normals(shape.cloud)
     n_cells = int(np.ceil(np.ptp(shape.cloud.points, axis=0).max() / (0.5 * cell)))
     return {
         "ours": (result.surface.vertices, result.surface.faces),
+        "ours, along furrows": (along.vertices, along.faces),
         "Open3D, same cell": open3d_poisson(oriented, cell),
         "APSS, default": apss(oriented, 2.0, n_cells),
         "APSS, scale 8": apss(oriented, 8.0, n_cells),
