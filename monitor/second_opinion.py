@@ -15,7 +15,7 @@ from monitor.comparison.m3c2 import M3C2Result, m3c2
 from monitor.comparison.sight import StationSight, gather_sight
 from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.record import Place
-from monitor.registration.covariance import propagate
+from monitor.registration.propagation import propagate
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
 from projects.transforms import apply
 

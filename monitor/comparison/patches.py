@@ -15,10 +15,10 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from monitor.comparison.correlation import Correlation, kept_variance
-from monitor.comparison.motion_sigma import motion_variance
 from monitor.comparison.reaches import Reaches, gather_reaches, sum_over
 from monitor.comparison.side import Side
 from monitor.comparison.units import Units, cut_units, summarize_units
+from monitor.registration.propagation import motion_variance
 from projects.model import Bools, Floats, Ints, Registration
 
 REACHES = (

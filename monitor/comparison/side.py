@@ -11,12 +11,12 @@ import numpy as np
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, nearest_corners, unit_normals
-from monitor.comparison.motion_sigma import motion_sigma
 from monitor.comparison.quantile import median, quantile
 from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
 from monitor.comparison.stars import Neighbours
+from monitor.registration.propagation import propagate
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate
 
@@ -137,7 +137,7 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
     reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
     distances = np.where(reasons == NotAssessed.ASSESSED, sign * feet.distances, np.nan)
-    motion = keep_on_disk(motion_sigma(registration, surface.vertices, normals))
+    motion = keep_on_disk(_motion_sigma(registration, surface.vertices, normals))
     is_stable = np.zeros(len(normals), dtype=np.bool_)
     shared = np.zeros(len(normals))
     if surface.sigma_shared is not None or other.sigma_shared is not None:
@@ -145,7 +145,7 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
         shared[~np.isfinite(shared)] = 0.0
         shared = keep_on_disk(shared)
     expected = np.zeros(len(normals)) if left is None else _expected_change(surface.vertices, normals, left, sign)
-    sigma_expected = motion if left is None else motion_sigma(left, surface.vertices, normals)
+    sigma_expected = motion if left is None else _motion_sigma(left, surface.vertices, normals)
     corners = nearest_corners(feet, other)
     return Side(
         surface, other, keep_on_disk(feet.faces), keep_on_disk(corners), normals, shell.neighbours,
@@ -171,6 +171,11 @@ def thirds_of(points: Floats, centre: Floats, is_assessed: Bools) -> Ints:
     for block in blocks(len(out)):
         out[block] = np.searchsorted(thirds, np.linalg.norm(points[block] - centre, axis=1), side="right")
     return out
+
+
+def _motion_sigma(registration: Registration, points: Floats, normals: Floats) -> Floats:
+    """Return one sigma (n,) [m] along the normals that the uncertainty of a motion causes."""
+    return propagate(registration.covariance, registration.centre, points, normals)
 
 
 def _gap_of(shell: Shell) -> Ints:

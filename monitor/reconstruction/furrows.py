@@ -27,7 +27,6 @@ from monitor.reconstruction.gathering import (
     gather_patch,
     mean_normal,
     near_room,
-    patch_room,
     rows_room,
 )
 from monitor.reconstruction.moments import Level
@@ -45,6 +44,7 @@ from monitor.reconstruction.reach import (
     compare_steps,
     is_supported,
     mean_of_pool,
+    probe_room,
     spread_probes,
 )
 from monitor.threads import run_tasks
@@ -186,11 +186,11 @@ def _probe_along(first: int, last: int, sites: Sites, level: Level, sizes: Any, 
     radius, stretch, gate = sizes
     reach = np.hypot(OVER_THE_RIM * stretch * radius, gate)
     spans, near = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM)
-    room = (patch_room(ROOM), np.empty(ROOM), np.empty(7), np.empty(3))
+    room = probe_room(ROOM)
     for block in range(first, last):
         n_near, near = find_near(level, sites, block, reach, spans, near)
         if n_near > len(room[1]):
-            room = (patch_room(2 * n_near), np.empty(2 * n_near), np.empty(7), np.empty(3))
+            room = probe_room(2 * n_near)
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
             vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[i]

@@ -178,17 +178,9 @@ def _project_along(
 
 @jit(nopython=True, cache=True)
 def project_one(
-    level: Any,
-    near: Any,
-    n_near: int,
-    vertex: Floats,
-    normal: Floats,
-    along: Floats,
-    sizes: Any,
-    degree: int,
-    room: Any,
-    row: Floats,
-) -> None:
+    level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, along: Floats, sizes: Any, degree: int,
+    room: Any, row: Floats,
+) -> None:  # fmt: skip
     """Project one vertex: frame from the mean normal of its points, then once more from slope and place fitted.
 
     The second frame stands on the first patch: about the raw vertex, which may lie cells off at a step or a wall, it

@@ -278,24 +278,17 @@ def robust_scale2(patch: Floats, n: int, per2: float, along2: float, squares: Fl
 
 @jit(nopython=True, cache=True)
 def fit_patch(
-    patch: Floats,
-    n: int,
-    radius: float,
-    span: float,
-    stretch: float,
-    degree: int,
-    work: Any,
-    out: Floats,
+    patch: Floats, n: int, radius: float, span: float, stretch: float, degree: int, work: Any, out: Floats,
     influence: Floats,
-) -> bool:
+) -> bool:  # fmt: skip
     """Fit a plane (`degree` 1) or curved patch (2) to the first n groups of `patch`; False where it cannot be.
 
     `patch` (10, n) is in units of `radius` (m), of which the fit takes the share `span`, and `stretch` times as much
-    along u. `out` receives height, slope
-    along u, slope along v, standard error per unit sigma, sigma, effective number, and the sum of the slopes that both
-    curvatures make at the rim. `influence[i]` is how far the height moves with a point of group i: the heights of two
-    fits to the same groups differ by sigma * |influence - influence'|. `work` is as of `fit_room`. By least squares
-    first; a curved patch once more with its fourth order, by the same matrix; then without outliers.
+    along u. `out` receives height, slope along u, slope along v, standard error per unit sigma, sigma, effective
+    number, and the sum of the slopes that both curvatures make at the rim. `influence[i]` is how far the height moves
+    with a point of group i: the heights of two fits to the same groups differ by sigma * |influence - influence'|.
+    `work` is as of `fit_room`. By least squares first; a curved patch once more with its fourth order, by the same
+    matrix; then without outliers.
     """
     c, a, g, heights, squares, placed, weights, buffer = work
     m, per2 = (3 if degree == 1 else 6), 1.0 / (span * span)

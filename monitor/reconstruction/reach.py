@@ -278,16 +278,9 @@ def is_supported(fit: Floats) -> bool:
 
 @jit(nopython=True, cache=True)
 def probe_one(
-    level: Any,
-    near: Any,
-    n_near: int,
-    vertex: Floats,
-    normal: Floats,
-    along: Floats,
-    sizes: Any,
-    room: Any,
+    level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, along: Floats, sizes: Any, room: Any,
     row: Floats,
-) -> None:
+) -> None:  # fmt: skip
     """Compare three fits at one probe: curved within the radius, curved within the last taken, plane."""
     held, other, fit_other, own = room
     patch, work, influence, fit = held.patch, held.work, held.influence, held.fit
@@ -311,6 +304,12 @@ def probe_one(
         row[FLAT_UNIT] = fit_other[UNIT_ERROR]
         row[FLAT_STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[FLAT_STEP_UNIT2] = apart2(patch, n, influence, other)
+
+
+@jit(nopython=True, cache=True)
+def probe_room(n: int) -> Any:
+    """Room for two fits to one patch of up to n groups, and for its normal."""
+    return patch_room(n), np.empty(n), np.empty(7), np.empty(3)
 
 
 @jit(nopython=True, cache=True)
@@ -342,11 +341,11 @@ def _probe(
     """Probe at the vertices of the blocks `first` to `last`, for `run_tasks`."""
     reach = np.hypot(OVER_THE_RIM * radius, gate)
     spans, near = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM)
-    room = (patch_room(ROOM), np.empty(ROOM), np.empty(7), np.empty(3))
+    room = probe_room(ROOM)
     for block in range(first, last):
         n_near, near = find_near(level, sites, block, reach, spans, near)
         if n_near > len(room[1]):
-            room = (patch_room(2 * n_near), np.empty(2 * n_near), np.empty(7), np.empty(3))
+            room = probe_room(2 * n_near)
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
             sizes = (radius, gate, inner[i])

@@ -18,7 +18,6 @@ from monitor.registration.patch_field import lay_field, sum_by
 from monitor.registration.patches import cut_patches
 from monitor.registration.sampling import motion_rows
 from monitor.registration.weights import tukey_slope, tukey_weights
-from projects.errors import ShapeError
 from projects.model import Floats, Ints
 from projects.transforms import cross_matrix
 
@@ -26,30 +25,6 @@ N_PATCHES = 250  # enough to tell a range of a twentieth of the object; 0.1 s
 LIGHT, FEWEST_BEARING = 0.1, 50  # of the usual weight: no witness of how others err; patches that tell a range
 FEWEST_SHARING = 200  # products of scores that tell a correlation to 7 %
 LEAST_SCATTER = 1e-6  # of standardized residuals squared: two epochs of the same numbers have none
-
-
-def propagate(covariance: Floats, centre: Floats, points: Floats, normals: Floats) -> Floats:
-    """Return one sigma (n,) [m] along the normal that the uncertainty of a motion causes at each point.
-
-    Parameters
-    ----------
-    covariance : (6, 6) of (w, t) about `centre`, rad and m.
-    centre : (3,), m, target frame.
-    points, normals : (n, 3), target frame, m and unit vectors.
-
-    Returns
-    -------
-    sigma : (n,) m, sqrt(n' J C J' n); NaN where the normal is unknown.
-
-    Notes
-    -----
-    A point moves by J (w, t) = w x (x - c) + t, so along n by ((x - c) x n) . w + n . t: it grows with the lever arm.
-    """
-    if np.shape(covariance) != (6, 6) or np.shape(points) != np.shape(normals):
-        raise ShapeError(f"covariance {np.shape(covariance)}, points {np.shape(points)}, normals {np.shape(normals)}; "
-                         "(6, 6) and twice (n, 3) are needed")  # fmt: skip
-    rows = motion_rows(np.asarray(points, dtype=float), np.asarray(normals, dtype=float), np.asarray(centre))
-    return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, covariance, rows), 0.0))
 
 
 def about(covariance: Floats, offset: Floats) -> Floats:
