@@ -202,12 +202,12 @@ def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Int
     value = np.where(has_foot, side.distances[whole], change_beyond[whole])
     mean = np.where(has_foot, found.sides[which].mean[whole], change_beyond[whole])
     known = vertices if len(vertices) else np.flatnonzero(side.is_assessed)
-    own = np.full(len(whole), float(np.median(sigma_of_vertices(side, found, known))))
+    own = np.full(len(whole), np.median(sigma_of_vertices(side, found, known)) if len(known) else np.nan)
     own[has_foot] = sigma_of_vertices(side, found, whole[has_foot])
     points = side.surface.vertices[whole]
     _, around = cKDTree(points).query(points, k=[*range(1, min(N_AROUND, len(points)) + 1)])
     sigma = np.hypot(np.median(own[around], axis=1), np.std(value[around], axis=1))
-    peak = int(np.argmax(np.abs(mean) - Z95 * sigma))
+    peak = int(np.argmax(np.abs(mean) - Z95 * np.nan_to_num(sigma)))
     return float(np.median(value[around[peak]])), float(sigma[peak])
 
 

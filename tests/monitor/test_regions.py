@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trimesh
@@ -10,7 +12,7 @@ from scipy.stats import norm
 from monitor.comparison import compare, lague_lod95, level_of_detection
 from monitor.comparison.level_of_detection import estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
-from monitor.comparison.region_figures import RegionView, name_kind, stands_out
+from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, stands_out
 from projects.model import Registration, Surface
 
 
@@ -75,6 +77,19 @@ def test_the_extreme_is_not_where_the_change_is_known_worst(rng: np.random.Gener
     region = compare(reference, compared, known(compared)).regions.iloc[0]
     assert region.extreme_m == pytest.approx(-3e-3, abs=2e-4)
     assert 1e-5 < region.sigma_extreme_m < 1e-4  # of its own place
+
+
+def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma_is_not_known() -> None:
+    n, unknown = 9, np.full(9, np.nan)
+    place = np.column_stack([np.arange(n, dtype=float), np.zeros((n, 2))])
+    side = SimpleNamespace(areas=np.ones(n), is_assessed=np.zeros(n, dtype=bool), distances=unknown,
+                           sigma_shared=unknown, sigma_motion=unknown, surface=SimpleNamespace(vertices=place))  # fmt: skip
+    noise = SimpleNamespace(variance_of=lambda side, which: np.zeros(len(which)))
+    found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise)
+    gaps = -1e-3 * np.arange(1.0, 10.0)
+    extreme, sigma = find_extreme(side, found, 0, (np.zeros(0, dtype=int), np.arange(n)), gaps)  # type: ignore[arg-type]
+    assert extreme == pytest.approx(-6e-3)  # the median of the seven nearest to the last
+    assert np.isnan(sigma)
 
 
 def test_two_changes_are_two_regions_the_larger_first(rng: np.random.Generator) -> None:
