@@ -83,7 +83,8 @@ def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma
     n, unknown = 9, np.full(9, np.nan)
     place = np.column_stack([np.arange(n, dtype=float), np.zeros((n, 2))])
     side = SimpleNamespace(areas=np.ones(n), is_assessed=np.zeros(n, dtype=bool), distances=unknown,
-                           sigma_shared=unknown, sigma_motion=unknown, surface=SimpleNamespace(vertices=place))  # fmt: skip
+                           sigma_shared=unknown, sigma_motion=unknown,
+                           surface=SimpleNamespace(vertices=place))  # fmt: skip
     noise = SimpleNamespace(variance_of=lambda side, which: np.zeros(len(which)))
     found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise)
     gaps = -1e-3 * np.arange(1.0, 10.0)
