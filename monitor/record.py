@@ -23,7 +23,7 @@ METHOD = {
     "targets": 1,
     "network": 14,
     "filtered": 4,
-    "surface": 14,
+    "surface": 15,
     "mesh": 5,
     "quality": 1,
     "comparison": 18,

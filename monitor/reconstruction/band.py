@@ -157,25 +157,23 @@ def take_values(number: Ints, values: Any, edge: int, shift: Ints, index: Any, o
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def node_neighbours(nodes: Ints, index: Any) -> Any:
-    """Neighbours (n, 6) of each node: +x +y +z -x -y -z; -1 where the band ends."""
-    out = np.full((nodes.shape[0], 6), -1, np.int32)
-    nx, ny, nz = index.shape
-    for i in range(nodes.shape[0]):
-        a, b, c = nodes[i, 0], nodes[i, 1], nodes[i, 2]
-        if a + 1 < nx:
-            out[i, 0] = index[a + 1, b, c]
-        if b + 1 < ny:
-            out[i, 1] = index[a, b + 1, c]
-        if c + 1 < nz:
-            out[i, 2] = index[a, b, c + 1]
-        if a > 0:
-            out[i, 3] = index[a - 1, b, c]
-        if b > 0:
-            out[i, 4] = index[a, b - 1, c]
-        if c > 0:
-            out[i, 5] = index[a, b, c - 1]
-    return out
+def link_nodes(nodes: Ints, index: Any) -> Any:
+    """Neighbours (2, 3, n) of each of n nodes, +x +y +z and -x -y -z; n where the band ends.
+
+    Unsigned, as indices that are never counted from the end are followed twice as fast.
+    """
+    n = nodes.shape[0]
+    links = np.full((2, 3, n), n, np.uint32)
+    for i in range(n):
+        for axis in range(3):
+            for side in range(2):
+                a = nodes[i, 0] + (axis == 0) * (1 - 2 * side)
+                b = nodes[i, 1] + (axis == 1) * (1 - 2 * side)
+                c = nodes[i, 2] + (axis == 2) * (1 - 2 * side)
+                within = 0 <= a < index.shape[0] and 0 <= b < index.shape[1] and 0 <= c < index.shape[2]
+                if within and index[a, b, c] >= 0:
+                    links[side, axis, i] = index[a, b, c]
+    return links
 
 
 @jit(nopython=True, cache=True, nogil=True)

@@ -25,11 +25,12 @@ from monitor.reconstruction.band import (
     cut_tiles,
     in_box,
     index_nodes,
+    link_nodes,
     mark_cells,
-    node_neighbours,
     number_nodes,
     take_values,
 )
+from monitor.reconstruction.conjugate_gradients import solve_field
 from monitor.reconstruction.contour import contour_tile
 from monitor.reconstruction.poisson import (
     BAND,
@@ -40,7 +41,6 @@ from monitor.reconstruction.poisson import (
     field_and_start,
     screening_cells,
     screening_rows,
-    solve_field,
     splat_normals,
 )
 from monitor.reconstruction.spool import Spool
@@ -142,10 +142,10 @@ def prepare_tile(lattice: Lattice, prepared: Spool, tile: int) -> None:
     low, high = corner - HALO, corner + edge + HALO
     band, rows, local = tile_band(lattice.tiles, tile, HALO + SPLAT_HALO, BAND)
     sums = splat_normals(local, lattice.normals.take(rows, axis=0), band.index, len(band.nodes))
-    sums = blur(sums, node_neighbours(band.nodes, band.index), BLUR_PASSES)
+    sums = blur(sums, link_nodes(band.nodes, band.index), BLUR_PASSES)
     band, keep = restrict(band, low, high)
     mean, start = field_and_start(sums.compress(keep, axis=0), band.nodes)
-    rhs = divergence(mean, node_neighbours(band.nodes, band.index))
+    rhs = divergence(mean, link_nodes(band.nodes, band.index))
     local = local.compress(in_box(local, low - band.low, high - band.low - 1), axis=0)
     cells, places, full = screening_cells(local, band.index.shape, lattice.full_cell)
     frame = np.array([band.low, band.index.shape])
@@ -162,7 +162,7 @@ def solve_tile(
     corner, edge = lattice.tiles.corners[tile], lattice.tiles.edge
     (low, shape), nodes, start, rhs, cells, places, full = prepared.get(tile, 7)
     band = Band(index_nodes(nodes, shape), nodes, low)
-    neighbours = node_neighbours(band.nodes, band.index)
+    links = link_nodes(band.nodes, band.index)
     corners, weights = screening_rows(cells, places, band.index)
     is_fixed = np.zeros(len(start), np.bool_)
     if known is not None:
@@ -171,7 +171,7 @@ def solve_tile(
         start = np.where(is_known, given, start)
         is_fixed = is_known & ~in_box(nodes, corner - HALO + 1 - low, corner + edge + HALO - 1 - low)
     screening = (corners, weights, full * np.float32((2 * BAND + 1) / lattice.screening**2))
-    solve_field(start, rhs, neighbours, screening, is_fixed, tolerance, MOST_ITERATIONS)
+    solve_field(start, rhs, links, screening, is_fixed, tolerance, MOST_ITERATIONS)
     own = owned(band, corner, edge)
     inside = (nodes.compress(own, axis=0) + low - corner).astype(np.int32)
     solved.put(tile, (inside[:, 0] * edge + inside[:, 1]) * edge + inside[:, 2], start[own])

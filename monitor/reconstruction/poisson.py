@@ -5,9 +5,9 @@ signed distance, positive outside. It minimises
 
     sum over edges (chi_j - chi_i - N_e)^2 + sum over occupied cells w chi(mean point)^2
 
-by conjugate gradients. Edges that leave the band carry nothing: natural (Neumann) conditions on both faces of the
-band. `001` sets chi = 0 on the outer face, and then every loss of normals shifts the surface; here the zero level is
-tied to the points everywhere and no global constant is left to choose.
+by conjugate gradients (`conjugate_gradients.py`). Edges that leave the band carry nothing: natural (Neumann) conditions
+on both faces of the band. `001` sets chi = 0 on the outer face, and then every loss of normals shifts the surface; here
+the zero level is tied to the points everywhere and no global constant is left to choose.
 """
 
 from __future__ import annotations
@@ -77,18 +77,19 @@ def splat_normals(points: Floats, normals: Floats, index: Any, n_nodes: int) -> 
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def blur(sums: Any, neighbours: Ints, n_passes: int) -> Any:
+def blur(sums: Any, links: Any, n_passes: int) -> Any:
     """Binomial filter along the axes, within the band."""
     other = np.empty_like(sums)
+    n = sums.shape[0]
     for _ in range(n_passes):
         for axis in range(3):
-            for i in range(sums.shape[0]):
-                up, down = neighbours[i, axis], neighbours[i, axis + 3]
+            for i in range(n):
+                up, down = links[0, axis, i], links[1, axis, i]
                 for q in range(8):
                     value = np.float32(0.5) * sums[i, q]
-                    if up >= 0:
+                    if up < n:
                         value += np.float32(0.25) * sums[up, q]
-                    if down >= 0:
+                    if down < n:
                         value += np.float32(0.25) * sums[down, q]
                     other[i, q] = value
             sums, other = other, sums
@@ -110,13 +111,13 @@ def field_and_start(sums: Any, nodes: Ints) -> Any:
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def divergence(mean: Any, neighbours: Ints) -> Any:
+def divergence(mean: Any, links: Any) -> Any:
     """Right-hand side (n,): the mean normals along the edges of each node."""
     out = np.zeros(mean.shape[0], np.float32)
     for i in range(mean.shape[0]):
         for axis in range(3):
-            j = neighbours[i, axis]
-            if j >= 0:
+            j = links[0, axis, i]
+            if j < mean.shape[0]:
                 along = np.float32(0.5) * (mean[i, axis] + mean[j, axis])
                 out[j] += along
                 out[i] -= along
@@ -164,82 +165,3 @@ def screening_rows(cells: Any, places: Floats, index: Any) -> Any:
         for q in range(8):
             corners[k, q] = index[cells[k, 0] + (q & 1), cells[k, 1] + ((q >> 1) & 1), cells[k, 2] + (q >> 2)]
     return corners, weights
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def link_nodes(neighbours: Ints, is_fixed: Any) -> Any:
-    """Neighbours (6, n) of each node, itself where there is none: it differs from itself by nothing.
-
-    A fixed node, which is zero in the search, has itself only. Unsigned, as indices that are never counted from the
-    end are followed twice as fast.
-    """
-    links = np.empty((6, neighbours.shape[0]), np.uint32)
-    for i in range(neighbours.shape[0]):
-        for k in range(6):
-            links[k, i] = neighbours[i, k] if neighbours[i, k] >= 0 and not is_fixed[i] else i
-    return links
-
-
-@jit(nopython=True, cache=True, nogil=True, fastmath=True)  # no NaN inside; the order is fixed by the compiled code
-def apply_operator(x: Any, out: Any, links: Any, screening: Any, is_fixed: Any) -> None:
-    """out = (graph Laplacian + screening) x, zero at fixed nodes; `screening` is (corners, weights, pull)."""
-    corners, weights, pull = screening
-    for i in range(np.uint64(x.shape[0])):
-        out[i] = np.float32(6.0) * x[i] - (
-            (x[links[0, i]] + x[links[1, i]]) + (x[links[2, i]] + x[links[3, i]]) + (x[links[4, i]] + x[links[5, i]])
-        )
-    for p in range(np.uint64(corners.shape[0])):
-        v = np.float32(0.0)
-        for q in range(8):
-            v += weights[p, q] * x[corners[p, q]]
-        v *= pull[p]
-        for q in range(8):
-            out[corners[p, q]] += v * weights[p, q]
-    for i in range(np.uint64(x.shape[0])):
-        if is_fixed[i]:
-            out[i] = np.float32(0.0)
-
-
-@jit(nopython=True, cache=True, nogil=True, fastmath=True)
-def solve_field(x: Any, rhs: Any, neighbours: Ints, screening: Any, is_fixed: Any, tolerance: float, most: int) -> int:
-    """Conjugate gradients with Jacobi preconditioning, in place on `x`; returns the number of iterations."""
-    screening = (screening[0].astype(np.uint32), screening[1], screening[2])
-    corners, weights, pull = screening
-    n = np.uint64(x.shape[0])  # unsigned, as of `link_nodes`
-    nowhere = np.zeros(n, np.bool_)
-    links = link_nodes(neighbours, nowhere)
-    inverse = np.zeros(n, np.float32)
-    for i in range(n):
-        for k in range(6):
-            if neighbours[i, k] >= 0:
-                inverse[i] += np.float32(1.0)
-    for p in range(np.uint64(corners.shape[0])):
-        for q in range(8):
-            inverse[corners[p, q]] += pull[p] * weights[p, q] * weights[p, q]
-    r, p_, q_ = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
-    apply_operator(x, r, links, screening, is_fixed)
-    links = link_nodes(neighbours, is_fixed)
-    rz = 0.0
-    for i in range(n):
-        r[i] = np.float32(0.0) if is_fixed[i] else rhs[i] - r[i]
-        inverse[i] = np.float32(1.0) / max(inverse[i], np.float32(1e-6))
-        p_[i] = r[i] * inverse[i]
-        rz += r[i] * p_[i]
-    n_iterations = 0
-    while n_iterations < most and rz > tolerance * tolerance * n:
-        apply_operator(p_, q_, links, screening, is_fixed)
-        pq = 0.0
-        for i in range(n):
-            pq += p_[i] * q_[i]
-        step = np.float32(rz / pq)
-        rz_new = 0.0
-        for i in range(n):
-            x[i] += step * p_[i]
-            r[i] -= step * q_[i]
-            rz_new += r[i] * (r[i] * inverse[i])
-        turn = np.float32(rz_new / rz)
-        rz = rz_new
-        for i in range(n):
-            p_[i] = r[i] * inverse[i] + turn * p_[i]
-        n_iterations += 1
-    return n_iterations

@@ -9,7 +9,7 @@ from monitor.reconstruction.cell_size import measure_sampling
 from monitor.reconstruction.contour import EDGE_AXIS, EDGE_CORNER, contour_tile, triangle_table
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
-from monitor.reconstruction.poisson import apply_operator, link_nodes, screening_length, solve_field
+from monitor.reconstruction.poisson import screening_length
 from projects.model import PointCloud
 
 RADIUS = 0.06
@@ -59,23 +59,6 @@ def test_contour_of_random_signs_is_a_closed_manifold_facing_the_positive_side(r
     corner = vertices[faces]
     volume = np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
     assert 0.0 < volume < values.size  # around the negative nodes, normals away from them
-
-
-def test_conjugate_gradients_solve_the_assembled_system(rng):
-    n = 40
-    neighbours = np.full((n, 6), -1, np.int32)
-    neighbours[:-1, 0], neighbours[1:, 3] = np.arange(1, n), np.arange(n - 1)
-    corners = rng.integers(0, n, size=(6, 8)).astype(np.int32)
-    weights = rng.dirichlet(np.ones(8), size=6).astype(np.float32)
-    screening = (corners, weights, rng.uniform(0.5, 1.0, 6).astype(np.float32))
-    free = np.zeros(n, np.bool_)
-    matrix = np.empty((n, n), np.float32)
-    for k in range(n):
-        apply_operator(np.eye(n, dtype=np.float32)[k], matrix[k], link_nodes(neighbours, free), screening, free)
-    assert np.allclose(matrix, matrix.T, atol=1e-6)
-    x, rhs = np.zeros(n, np.float32), rng.normal(size=n).astype(np.float32)
-    solve_field(x, rhs, neighbours, screening, free, 1e-7, 1000)
-    assert np.allclose(x, np.linalg.solve(matrix.astype(float), rhs.astype(float)), rtol=1e-3, atol=1e-3)
 
 
 def test_band_is_a_ball_around_each_occupied_cell():
