@@ -26,7 +26,7 @@ METHOD = {
     "surface": 15,
     "mesh": 5,
     "quality": 1,
-    "comparison": 18,
+    "comparison": 19,
     "series": 1,
 }
 

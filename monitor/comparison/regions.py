@@ -29,7 +29,10 @@ from monitor.comparison.region_figures import (
 )
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
-from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
+from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration, Surface
+
+SWING = 0.8  # of a fit's radius, within which nine tenths of what it swings to the other side beside a step lie
+NEAREST_SAMPLE = 0.43  # median way to the nearest, in spacings: 0.40 of points on a grid, 0.47 at random
 
 
 def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, registration: Registration, level: float,
@@ -58,7 +61,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
         [0.0, *(sign_of_region(k, sides, (regions[0], regions[1]), beyond) for k in range(1, len(kept) + 1))]
     )
     grown = grow_regions(sides, beyond, (regions[0], regions[1]), signs, least_beyond(sides, found))
-    width = min(found.noise.correlation.length, found.test.size)
+    width = margin_width(sides, found)
     margins = [spread_margin(s, r, width) for s, r in zip(sides, regions, strict=True)]
     views = [view_sides(k, sides, found, (regions[0], regions[1]), grown, margins, beyond, registration)
              for k in range(1, len(kept) + 1)]  # fmt: skip
@@ -122,7 +125,7 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
 
     Where a body has too long a border to be closed, the sum of its prisms in the table stays.
     """
-    width = min(found.noise.correlation.length, found.test.size)
+    width = margin_width(sides, found)
     margins = tuple(spread_over_assessed(s, g, width) for s, g in zip(sides, grown, strict=True))
     known = is_volume_known(sides, grown, beyond, found.test.size, len(table))
     volumes = table[["volume_m3", "sigma_volume_m3"]].to_numpy(dtype=float, copy=True)
@@ -132,6 +135,25 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
             volumes[k] = body.volume, body.sigma
     volumes[~known] = np.nan
     return volumes
+
+
+def margin_width(sides: tuple[Side, Side], found: Detected) -> float:
+    """Return how far [m] around a region its volume is looked for: over what errs together, and as far as fits reach.
+
+    The flanks of a change that fades out lie below the level of detection. Beside a step a surface of quadric fits
+    swings to the other side, and keeps the volume only over the reach of its fits: weighted by 1 - t^2, t the distance
+    over the radius, they act as the kernel (1 - 2 t^2) (1 - t^2), whose response to a step is below zero from t = 0.42.
+    """
+    together = min(found.noise.correlation.length, found.test.size)
+    return max(together, *(SWING * reach_of_fits(side.surface) for side in sides))
+
+
+def reach_of_fits(surface: Surface) -> float:
+    """Return the radius [m] of the median fit, by how many samples it has and how densely they lie; 0 where unknown."""
+    if surface.n_support is None or surface.sample_distance is None:
+        return 0.0
+    area = (np.nanmedian(surface.sample_distance) / NEAREST_SAMPLE) ** 2
+    return float(np.sqrt(np.median(surface.n_support) * area / np.pi))
 
 
 def bear_out_parts(sides: tuple[Side, Side], noise: Noise, parts: tuple[Ints, Ints], n_parts: int) -> Bools:
