@@ -139,7 +139,10 @@ def hash_points(points: Floats, seed: int) -> NDArray[np.uint64]:
 def thin(
     index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats, seed: int, keep: Bools | None = None
 ) -> ThinnedPoints:
-    """Thin points to the modes of cylinders drawn at random until every point is a representative or in one.
+    """Thin points to the modes of cylinders drawn at random until every point is in one.
+
+    A point in several belongs to that whose axis is nearest: were it the first one drawn, the last would get what the
+    others left, a single point one time in eight, and the noise left would be a quarter larger.
 
     Parameters
     ----------
@@ -152,29 +155,31 @@ def thin(
     owner = np.full(len(targets), FREE, dtype=np.int32)
     if keep is not None:
         owner[~keep] = DROPPED
-    rows = _draw_all(index, planes, merged, targets, draw_order(index.points, seed), owner)
+    rows = _draw_all(index, planes, targets, draw_order(index.points, seed), owner)
     members = np.argsort(owner, kind="stable")[np.count_nonzero(owner == DROPPED) :]
-    counts = np.bincount(owner[owner >= 0], minlength=len(rows))
+    starts = np.concatenate([[0], np.cumsum(np.bincount(owner[owner >= 0], minlength=len(rows)))])
+    is_smooth = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
+    about = (planes.normals, planes.noise, ~is_smooth, planes.n_neighbours, merged)
+    _represent_all(index.points, *about, members, starts, np.argsort(rows[:, 6]), rows)
     return ThinnedPoints(
         points=rows[:, :3], normals=rows[:, 3:6], nearest=rows[:, 6].astype(np.int64), members=members,
-        starts=np.concatenate([[0], np.cumsum(counts)]), n_merged=rows[:, 7].astype(np.int32), spread=rows[:, 8],
-        sigma=rows[:, 9],
+        starts=starts, n_merged=rows[:, 7].astype(np.int32), spread=rows[:, 8], sigma=rows[:, 9],
     )  # fmt: skip
 
 
-def _draw_all(
-    index: PointIndex, planes: TangentPlanes, merged: Ints, targets: Floats, order: Ints, owner: Ints
-) -> Floats:
-    """Draw cylinders in the given order; return a row for each representative and write the owner of each point.
+def _draw_all(index: PointIndex, planes: TangentPlanes, targets: Floats, order: Ints, owner: Ints) -> Floats:
+    """Draw cylinders in the given order; return a row for each, with axis and seed, and write the owner of each point.
 
     The rows grow in place: there are up to as many as points, and mostly far fewer.
     """
     radii = np.where(targets > planes.spacing, targets / DISC_PACKING, 0.0).astype(targets.dtype)
-    is_smooth = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
-    about = (planes.normals, planes.noise, ~is_smooth, planes.n_neighbours, merged, radii)
+    about = (planes.normals, planes.noise, radii)
     rows, n_rows, n_drawn = np.empty((max(1, len(order) // 8), N_VALUES)), 0, 0
+    nearest2 = np.zeros(len(order), dtype=np.float32)
     while True:
-        n_rows, n_drawn = _draw(index.points, index.low, index.high, *about, order, n_drawn, owner, rows, n_rows)
+        n_rows, n_drawn = _draw(
+            index.points, index.low, index.high, *about, order, n_drawn, owner, nearest2, rows, n_rows
+        )
         if n_drawn == len(order):
             rows.resize((n_rows, N_VALUES), refcheck=False)
             return rows
@@ -213,44 +218,32 @@ def density_mode(heights: Any, weights: Any, n: int, width: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _select_members(
-    points: Any,
-    normals: Any,
-    noise: Any,
-    owner: Any,
-    found: Any,
-    n: int,
-    foot: Any,
-    axis: Any,
-    radius: float,
-    length: float,
-) -> int:
-    """Keep in `found` the free points of the cylinder that look the way of its axis; return their number."""
-    n_members = 0
+def _mean_axis(
+    points: Any, normals: Any, owner: Any, found: Any, n: int, seed: int, axis: Any, radius: float, length: float
+) -> Any:
+    """Return the unit mean of the normals of the points in the cylinder, kept in `found`, and their number."""
+    ax = ay = az = 0.0
+    n_kept = 0
     for j in range(n):
         q = found[j]
-        if owner[q] != FREE:
-            continue
-        turn = normals[q, 0] * axis[0] + normals[q, 1] * axis[1] + normals[q, 2] * axis[2]
-        dx, dy, dz = points[q, 0] - foot[0], points[q, 1] - foot[1], points[q, 2] - foot[2]
-        height = dx * axis[0] + dy * axis[1] + dz * axis[2]
-        aside2 = dx * dx + dy * dy + dz * dz - height * height
-        if turn >= COMPATIBLE and aside2 <= radius * radius and abs(height) <= length:
-            found[n_members] = q
-            n_members += 1
-    return n_members
-
-
-@njit(cache=True, error_model="numpy")
-def _mean_axis(normals: Any, found: Any, n: int) -> Any:
-    """Return the unit mean of the members' normals."""
-    ax = ay = az = 0.0
-    for j in range(n):
-        ax += normals[found[j], 0]
-        ay += normals[found[j], 1]
-        az += normals[found[j], 2]
+        if owner[q] != DROPPED and aside_in_cylinder(points, normals, q, seed, axis, length) <= radius * radius:
+            ax, ay, az = ax + normals[q, 0], ay + normals[q, 1], az + normals[q, 2]
+            found[n_kept] = q
+            n_kept += 1
     f = 1.0 / math.sqrt(ax * ax + ay * ay + az * az)
-    return ax * f, ay * f, az * f
+    return (ax * f, ay * f, az * f), n_kept
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def aside_in_cylinder(points: Any, normals: Any, q: int, seed: int, axis: Any, length: float) -> float:
+    """Return the squared distance of a point from the axis through the seed; infinite beyond `length` along it, or
+    where the point looks another way."""
+    turn = normals[q, 0] * axis[0] + normals[q, 1] * axis[1] + normals[q, 2] * axis[2]
+    dx, dy, dz = points[q, 0] - points[seed, 0], points[q, 1] - points[seed, 1], points[q, 2] - points[seed, 2]
+    height = dx * axis[0] + dy * axis[1] + dz * axis[2]
+    if turn < COMPATIBLE or abs(height) > length:
+        return math.inf
+    return max(dx * dx + dy * dy + dz * dz - height * height, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -313,46 +306,71 @@ def _represent(
 
 
 @njit(cache=True, error_model="numpy")
+def _represent_all(
+    points: Any,
+    normals: Any,
+    noise: Any,
+    is_bent: Any,
+    sizes: Any,
+    merged: Any,
+    members: Any,
+    starts: Any,
+    order: Any,
+    rows: Any,
+) -> None:
+    """Fill in the rows of all representatives, whose axes are there, in an order by which neighbours follow another."""
+    n_most = 1
+    for i in range(len(rows)):
+        n_most = max(n_most, starts[i + 1] - starts[i])
+    heights, weights = np.empty(n_most), np.empty(n_most)
+    for i in order:
+        found = members[starts[i] : starts[i + 1]]
+        axis = (rows[i, 3], rows[i, 4], rows[i, 5])
+        about = (normals, noise, is_bent, sizes, merged)
+        _represent(points, *about, found, len(found), axis, heights, weights, rows[i])
+
+
+@njit(cache=True, error_model="numpy")
 def _draw(
     points: Any,
     low: Any,
     high: Any,
     normals: Any,
     noise: Any,
-    is_bent: Any,
-    sizes: Any,
-    merged: Any,
     radii: Any,
     order: Any,
     n_drawn: int,
     owner: Any,
+    nearest2: Any,
     rows: Any,
     n_rows: int,
 ) -> Any:
-    """Go on drawing cylinders until the rows are full; return the rows written and the points of the order passed."""
+    """Go on drawing cylinders until the rows are full; return the rows begun and the points of the order passed.
+
+    `nearest2` is how far each point lies from the axis of its owner, squared, in radii.
+    """
     stack, found = np.empty(128, dtype=np.int64), np.empty(4096, dtype=np.int32)
-    heights, weights = np.empty(4096), np.empty(4096)
     for place in range(n_drawn, len(order)):
         seed = order[place]
         if owner[seed] != FREE:
             continue
         if n_rows == rows.shape[0]:
             return n_rows, place
-        n, axis = 1, (normals[seed, 0], normals[seed, 1], normals[seed, 2])
-        found[0] = seed
-        radius = radii[seed]
+        owner[seed], nearest2[seed] = n_rows, 0.0
+        axis, radius = (normals[seed, 0], normals[seed, 1], normals[seed, 2]), radii[seed]
         if radius > 0.0:
             length = radius + MODE_WIDTH * noise[seed]
             reach2 = radius * radius + length * length
             n = gather_ball(points, low, high, points[seed], reach2, stack, found)
             if n > found.shape[0]:
-                found, heights, weights = np.empty(2 * n, dtype=np.int32), np.empty(2 * n), np.empty(2 * n)
+                found = np.empty(2 * n, dtype=np.int32)
                 n = gather_ball(points, low, high, points[seed], reach2, stack, found)
-            n_ball = _select_members(points, normals, noise, owner, found, n, points[seed], axis, 2.0 * radius, length)
-            axis = _mean_axis(normals, found, n_ball)
-            n = _select_members(points, normals, noise, owner, found, n_ball, points[seed], axis, radius, length)
-        _represent(points, normals, noise, is_bent, sizes, merged, found, n, axis, heights, weights, rows[n_rows])
-        for j in range(n):
-            owner[found[j]] = n_rows
+            axis, n = _mean_axis(points, normals, owner, found, n, seed, axis, 2.0 * radius, length)
+            for j in range(n):
+                q = found[j]
+                share = aside_in_cylinder(points, normals, q, seed, axis, length) / (radius * radius)
+                if share <= 1.0 and (owner[q] == FREE or (owner[q] != DROPPED and share < nearest2[q])):
+                    owner[q], nearest2[q] = n_rows, share
+        rows[n_rows, 3], rows[n_rows, 4], rows[n_rows, 5], rows[n_rows, 6] = axis[0], axis[1], axis[2], seed
         n_rows += 1
     return n_rows, len(order)
