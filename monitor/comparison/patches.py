@@ -34,6 +34,10 @@ SMALLEST_SHARE = 0.25  # of the median patch of its size: smaller ones are scrap
 FEWEST_PATCHES = 20  # that a scatter is learned from
 AT_ONCE = 1 << 14  # patches whose figures are held at once: 8 MiB
 FIRST_DOF = 4.0  # of Student's t in the first look
+FEWEST_IN_TAIL = 200  # patches of a size, that tails are learned from
+RATIO_SCATTER = 0.55  # of the ratio of two quantiles, averaged over sizes, over the root of how many patches a size has
+FREEDOMS = np.concatenate([np.arange(3.0, 30.0), np.geomspace(30.0, 300.0, 20)])
+USUAL = norm.ppf(0.95)  # sigmas within which nine tenths of normal errors lie
 NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distribution
 
 
@@ -50,7 +54,8 @@ class Patches:
 
 @dataclass(frozen=True)
 class PatchErrors:
-    """How the means of calm patches really scatter: `scale` times their sigma, with Student's t of `dof`."""
+    """How the means of calm patches really scatter: by Student's t of `dof`, nine tenths of them within `scale` times
+    1.645 of their sigmas, as of a normal distribution with `scale` times their sigma."""
 
     scale: float
     dof: float
@@ -58,7 +63,9 @@ class PatchErrors:
     def p_values(self, z: Floats) -> Floats:
         """Return two-sided p values of standardized means."""
         away = -np.abs(z) / self.scale
-        return np.asarray(2.0 * (ndtr(away) if self.dof >= NORMAL else stdtr(self.dof, away)))
+        if self.dof >= NORMAL:
+            return np.asarray(2.0 * ndtr(away))
+        return np.asarray(2.0 * stdtr(self.dof, away * (student.ppf(0.95, self.dof) / USUAL)))
 
 
 @dataclass(frozen=True)
@@ -151,22 +158,41 @@ def benjamini_hochberg(p: Floats, level: float) -> float:
     return float(rising[below[-1]]) if len(below) else 0.0
 
 
-def first_errors(z: Floats) -> PatchErrors:
-    """Return the scatter of standardized means z (p,) for a first look: width of the median, and a heavy tail.
+def first_errors(z: list[Floats]) -> tuple[PatchErrors, ...]:
+    """Return the scatter of standardized means, `z` (p,) of each size, for a first look: that of the median, and a
+    heavy tail.
 
     Errors of real surfaces have such tails; only what stands out of them is kept from teaching the noise.
     """
-    if len(z) < FEWEST_PATCHES:
-        return PatchErrors(1.0, FIRST_DOF)
-    return PatchErrors(max(float(np.median(np.abs(z)) / student.ppf(0.75, FIRST_DOF)), 1.0), FIRST_DOF)
+    usual, outer = student.ppf(0.75, FIRST_DOF), student.ppf(0.95, FIRST_DOF) / USUAL
+    return tuple(PatchErrors(outer * max(float(np.median(np.abs(v)) / usual) if len(v) >= FEWEST_PATCHES else 1.0, 1.0),
+                             FIRST_DOF) for v in z)  # fmt: skip
 
 
-def calm_errors(z: Floats) -> PatchErrors:
-    """Return the scatter of standardized means z (p,) of patches free of gross change.
+def calm_errors(z: list[Floats]) -> tuple[PatchErrors, ...]:
+    """Return the scatter of standardized means of patches free of gross change, `z` (p,) of each size.
 
-    A normal distribution as wide as nine tenths of them ask for (an empirical null, Efron 2004, that looks outwards of
-    the middle), and never narrower than what the noise model says.
+    As wide as nine tenths of them ask for (an empirical null, Efron 2004, that looks outwards of the middle), and never
+    narrower than what the noise model says; with tails as heavy as those of all sizes surely are (`tail_freedom`).
     """
-    if len(z) < FEWEST_PATCHES:
-        return PatchErrors(1.0, NORMAL)
-    return PatchErrors(max(float(np.quantile(np.abs(z), 0.9) / norm.ppf(0.95)), 1.0), NORMAL)
+    dof = tail_freedom(z)
+    return tuple(PatchErrors(max(float(np.quantile(np.abs(v), 0.9) / USUAL) if len(v) >= FEWEST_PATCHES else 1.0, 1.0),
+                             dof) for v in z)  # fmt: skip
+
+
+def tail_freedom(z: list[Floats]) -> float:
+    """Return the degrees of freedom of Student's t whose tails calm patches, `z` (p,) of each size, have for sure.
+
+    Told by how far their 95 % quantile lies beyond that of 90 %: farther out what has changed a little would pass for
+    noise, and what is suspect has been left out. Averaged over sizes, whose patches overlap, the ratio scatters by 0.55
+    over the root of their number (31 unchanged pairs of a bumpy sheet, whose errors are normal: `BENCHMARKS.md`); what
+    chance makes of it in one of twenty is taken off. Points too sparse for the relief they lie on, which a surface can
+    only guess, leave such tails.
+    """
+    z = [np.abs(v) for v in z if len(v) >= FEWEST_IN_TAIL]
+    if not z:
+        return NORMAL
+    near, far = np.transpose([np.quantile(v, (0.9, 0.95)) for v in z])
+    sure = float(np.mean(far / near)) - USUAL * RATIO_SCATTER / np.sqrt(np.mean([len(v) for v in z]))
+    ratios = student.ppf(0.975, FREEDOMS) / student.ppf(0.95, FREEDOMS)  # falling
+    return float(np.interp(-sure, -ratios, FREEDOMS)) if sure > ratios[-1] else NORMAL
