@@ -35,7 +35,8 @@ FEWEST_PATCHES = 20  # that a scatter is learned from
 AT_ONCE = 1 << 14  # patches whose figures are held at once: 8 MiB
 FIRST_DOF = 4.0  # of Student's t in the first look
 FEWEST_IN_TAIL = 200  # patches of a size, that tails are learned from
-RATIO_SCATTER = 0.55  # of the ratio of two quantiles, averaged over sizes, over the root of how many patches a size has
+N_IN_TAIL = 2  # sizes, the smallest
+RATIO_SCATTER = 0.72  # of the mean ratio of two quantiles, over the root of how many patches a size has
 FREEDOMS = np.concatenate([np.arange(3.0, 30.0), np.geomspace(30.0, 300.0, 20)])
 USUAL = norm.ppf(0.95)  # sigmas within which nine tenths of normal errors lie
 NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distribution
@@ -173,7 +174,7 @@ def calm_errors(z: list[Floats]) -> tuple[PatchErrors, ...]:
     """Return the scatter of standardized means of patches free of gross change, `z` (p,) of each size.
 
     As wide as nine tenths of them ask for (an empirical null, Efron 2004, that looks outwards of the middle), and never
-    narrower than what the noise model says; with tails as heavy as those of all sizes surely are (`tail_freedom`).
+    narrower than what the noise model says; with tails as heavy as those of the smallest surely are (`tail_freedom`).
     """
     dof = tail_freedom(z)
     return tuple(PatchErrors(max(float(np.quantile(np.abs(v), 0.9) / USUAL) if len(v) >= FEWEST_PATCHES else 1.0, 1.0),
@@ -184,12 +185,12 @@ def tail_freedom(z: list[Floats]) -> float:
     """Return the degrees of freedom of Student's t whose tails calm patches, `z` (p,) of each size, have for sure.
 
     Told by how far their 95 % quantile lies beyond that of 90 %: farther out what has changed a little would pass for
-    noise, and what is suspect has been left out. Averaged over sizes, whose patches overlap, the ratio scatters by 0.55
-    over the root of their number (31 unchanged pairs of a bumpy sheet, whose errors are normal: `BENCHMARKS.md`); what
-    chance makes of it in one of twenty is taken off. Points too sparse for the relief they lie on, which a surface can
-    only guess, leave such tails.
+    noise, and what is suspect has been left out. Of the smallest patches only, since larger ones reach over what has
+    changed beside them. The mean ratio of these sizes scatters by 0.72 over the root of how many patches each has (31
+    unchanged pairs of a bumpy sheet, whose errors are normal: `BENCHMARKS.md`); what chance makes of it in one of
+    twenty is taken off. Points too sparse for the relief they lie on, which a surface can only guess, leave such tails.
     """
-    z = [np.abs(v) for v in z if len(v) >= FEWEST_IN_TAIL]
+    z = [np.abs(v) for v in z[:N_IN_TAIL] if len(v) >= FEWEST_IN_TAIL]
     if not z:
         return NORMAL
     near, far = np.transpose([np.quantile(v, (0.9, 0.95)) for v in z])
