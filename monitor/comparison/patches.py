@@ -101,16 +101,22 @@ def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registr
 
 
 def lay_out_again(layout: Layout, sides: tuple[Side, Side], registration: Registration) -> Layout:
-    """Return the same patches of the same surfaces with other distances."""
+    """Return the same patches of the same surfaces with other distances, which no fit to them has made smaller."""
     units = [summarize_units(s, u.number, registration) for s, u in zip(sides, layout.units, strict=True)]
     n_sizes = layout.outlines[0].areas.shape[1]
+    units = [replace(u, stable_shares=np.zeros_like(u.stable_shares)) for u in units]
     outlines = [outline_patches(u, r, n_sizes, registration) for u, r in zip(units, layout.reaches, strict=True)]
     return replace(layout, units=(units[0], units[1]), outlines=(outlines[0], outlines[1]))
 
 
 def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: Registration) -> Outlines:
-    """Return what is known of the patches of every size (0: the units alone) without the noise."""
-    weighted = units.areas[:, None] * np.column_stack([units.means, units.shared, units.motion_rows])
+    """Return what is known of the patches of every size (0: the units alone) without the noise.
+
+    The registration's part counts where it does not rest on the surface around, within the largest patch: of a fit's
+    own data an unchanged place shows less than its noise, not more.
+    """
+    weighted = units.areas[:, None] * np.column_stack(
+        [units.means, units.shared, units.stable_shares, units.motion_rows])  # fmt: skip
     figures, shape = np.column_stack([units.areas, units.n_vertices, weighted]), (len(weighted), n_sizes)
     areas, n_vertices, means, common2 = np.empty(shape), np.empty(shape, np.int64), np.empty(shape), np.empty(shape)
     for first in range(0, len(weighted), AT_ONCE):
@@ -118,11 +124,10 @@ def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: 
         sums = sum_over(reaches, n_sizes, figures, block)
         areas[block], n_vertices[block] = sums[..., 0], sums[..., 1]
         averages = sums[..., 2:] / sums[..., :1]
-        motion2 = motion_variance(registration.covariance, averages[..., 2:].reshape(-1, 6))
+        motion2 = motion_variance(registration.covariance, averages[..., 3:].reshape(-1, 6)).reshape(-1, n_sizes)
         means[block] = averages[..., 0]
-        common2[block] = (
-            motion2.reshape(-1, n_sizes) + averages[..., 1] ** 2
-        )  # what its scans disagree by is common to a patch
+        elsewhere = 1.0 - averages[:, -1:, 2]
+        common2[block] = elsewhere * motion2 + averages[..., 1] ** 2  # what its scans disagree by is common to a patch
     is_whole = areas >= SMALLEST_SHARE * np.median(areas, axis=0) if len(areas) else np.zeros(areas.shape, dtype=bool)
     return Outlines(areas, n_vertices, means, common2, is_whole)
 
