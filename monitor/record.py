@@ -26,7 +26,7 @@ METHOD = {
     "surface": 15,
     "mesh": 5,
     "quality": 1,
-    "comparison": 20,
+    "comparison": 21,
     "series": 1,
 }
 

@@ -160,10 +160,11 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
                   errors, len(tested), (p_values[0], p_values[1]))  # fmt: skip
 
 
-def learn_errors(learn: Callable[[list[Floats]], tuple[PatchErrors, ...]], both: Both) -> tuple[PatchErrors, ...]:
+def learn_errors(learn: Callable[[Floats], PatchErrors], both: Both) -> tuple[PatchErrors, ...]:
     """Return how the patches of each size scatter, learned from the calm ones of both sides."""
     z = [np.where(p.is_whole & p.is_calm, p.means / p.sigmas, np.nan) for p in both]
-    return learn([np.concatenate([v[~np.isnan(v)] for v in of_size]) for of_size in zip(z[0].T, z[1].T, strict=True)])
+    return tuple(learn(np.concatenate([v[~np.isnan(v)] for v in of_size]))
+                 for of_size in zip(z[0].T, z[1].T, strict=True))  # fmt: skip
 
 
 def _test(patches: Patches, errors: tuple[PatchErrors, ...]) -> Floats:

@@ -34,11 +34,6 @@ SMALLEST_SHARE = 0.25  # of the median patch of its size: smaller ones are scrap
 FEWEST_PATCHES = 20  # that a scatter is learned from
 AT_ONCE = 1 << 14  # patches whose figures are held at once: 8 MiB
 FIRST_DOF = 4.0  # of Student's t in the first look
-FEWEST_IN_TAIL = 200  # patches of a size, that tails are learned from
-N_IN_TAIL = 2  # sizes, the smallest
-RATIO_SCATTER = 0.72  # of the mean ratio of two quantiles, over the root of how many patches a size has
-FREEDOMS = np.concatenate([np.arange(3.0, 30.0), np.geomspace(30.0, 300.0, 20)])
-USUAL = norm.ppf(0.95)  # sigmas within which nine tenths of normal errors lie
 NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distribution
 
 
@@ -55,8 +50,7 @@ class Patches:
 
 @dataclass(frozen=True)
 class PatchErrors:
-    """How the means of calm patches really scatter: by Student's t of `dof`, nine tenths of them within `scale` times
-    1.645 of their sigmas, as of a normal distribution with `scale` times their sigma."""
+    """How the means of calm patches really scatter: `scale` times their sigma, with Student's t of `dof`."""
 
     scale: float
     dof: float
@@ -64,9 +58,7 @@ class PatchErrors:
     def p_values(self, z: Floats) -> Floats:
         """Return two-sided p values of standardized means."""
         away = -np.abs(z) / self.scale
-        if self.dof >= NORMAL:
-            return np.asarray(2.0 * ndtr(away))
-        return np.asarray(2.0 * stdtr(self.dof, away * (student.ppf(0.95, self.dof) / USUAL)))
+        return np.asarray(2.0 * (ndtr(away) if self.dof >= NORMAL else stdtr(self.dof, away)))
 
 
 @dataclass(frozen=True)
@@ -101,22 +93,16 @@ def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registr
 
 
 def lay_out_again(layout: Layout, sides: tuple[Side, Side], registration: Registration) -> Layout:
-    """Return the same patches of the same surfaces with other distances, which no fit to them has made smaller."""
+    """Return the same patches of the same surfaces with other distances."""
     units = [summarize_units(s, u.number, registration) for s, u in zip(sides, layout.units, strict=True)]
     n_sizes = layout.outlines[0].areas.shape[1]
-    units = [replace(u, stable_shares=np.zeros_like(u.stable_shares)) for u in units]
     outlines = [outline_patches(u, r, n_sizes, registration) for u, r in zip(units, layout.reaches, strict=True)]
     return replace(layout, units=(units[0], units[1]), outlines=(outlines[0], outlines[1]))
 
 
 def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: Registration) -> Outlines:
-    """Return what is known of the patches of every size (0: the units alone) without the noise.
-
-    The registration's part counts where it does not rest on the surface around, within the largest patch: of a fit's
-    own data an unchanged place shows less than its noise, not more.
-    """
-    weighted = units.areas[:, None] * np.column_stack(
-        [units.means, units.shared, units.stable_shares, units.motion_rows])  # fmt: skip
+    """Return what is known of the patches of every size (0: the units alone) without the noise."""
+    weighted = units.areas[:, None] * np.column_stack([units.means, units.shared, units.motion_rows])
     figures, shape = np.column_stack([units.areas, units.n_vertices, weighted]), (len(weighted), n_sizes)
     areas, n_vertices, means, common2 = np.empty(shape), np.empty(shape, np.int64), np.empty(shape), np.empty(shape)
     for first in range(0, len(weighted), AT_ONCE):
@@ -124,10 +110,11 @@ def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: 
         sums = sum_over(reaches, n_sizes, figures, block)
         areas[block], n_vertices[block] = sums[..., 0], sums[..., 1]
         averages = sums[..., 2:] / sums[..., :1]
-        motion2 = motion_variance(registration.covariance, averages[..., 3:].reshape(-1, 6)).reshape(-1, n_sizes)
+        motion2 = motion_variance(registration.covariance, averages[..., 2:].reshape(-1, 6))
         means[block] = averages[..., 0]
-        elsewhere = 1.0 - averages[:, -1:, 2]
-        common2[block] = elsewhere * motion2 + averages[..., 1] ** 2  # what its scans disagree by is common to a patch
+        common2[block] = (
+            motion2.reshape(-1, n_sizes) + averages[..., 1] ** 2
+        )  # what its scans disagree by is common to a patch
     is_whole = areas >= SMALLEST_SHARE * np.median(areas, axis=0) if len(areas) else np.zeros(areas.shape, dtype=bool)
     return Outlines(areas, n_vertices, means, common2, is_whole)
 
@@ -164,41 +151,22 @@ def benjamini_hochberg(p: Floats, level: float) -> float:
     return float(rising[below[-1]]) if len(below) else 0.0
 
 
-def first_errors(z: list[Floats]) -> tuple[PatchErrors, ...]:
-    """Return the scatter of standardized means, `z` (p,) of each size, for a first look: that of the median, and a
-    heavy tail.
+def first_errors(z: Floats) -> PatchErrors:
+    """Return the scatter of standardized means z (p,) for a first look: width of the median, and a heavy tail.
 
     Errors of real surfaces have such tails; only what stands out of them is kept from teaching the noise.
     """
-    usual, outer = student.ppf(0.75, FIRST_DOF), student.ppf(0.95, FIRST_DOF) / USUAL
-    return tuple(PatchErrors(outer * max(float(np.median(np.abs(v)) / usual) if len(v) >= FEWEST_PATCHES else 1.0, 1.0),
-                             FIRST_DOF) for v in z)  # fmt: skip
+    if len(z) < FEWEST_PATCHES:
+        return PatchErrors(1.0, FIRST_DOF)
+    return PatchErrors(max(float(np.median(np.abs(z)) / student.ppf(0.75, FIRST_DOF)), 1.0), FIRST_DOF)
 
 
-def calm_errors(z: list[Floats]) -> tuple[PatchErrors, ...]:
-    """Return the scatter of standardized means of patches free of gross change, `z` (p,) of each size.
+def calm_errors(z: Floats) -> PatchErrors:
+    """Return the scatter of standardized means z (p,) of patches free of gross change.
 
-    As wide as nine tenths of them ask for (an empirical null, Efron 2004, that looks outwards of the middle), and never
-    narrower than what the noise model says; with tails as heavy as those of the smallest surely are (`tail_freedom`).
+    A normal distribution as wide as nine tenths of them ask for (an empirical null, Efron 2004, that looks outwards of
+    the middle), and never narrower than what the noise model says.
     """
-    dof = tail_freedom(z)
-    return tuple(PatchErrors(max(float(np.quantile(np.abs(v), 0.9) / USUAL) if len(v) >= FEWEST_PATCHES else 1.0, 1.0),
-                             dof) for v in z)  # fmt: skip
-
-
-def tail_freedom(z: list[Floats]) -> float:
-    """Return the degrees of freedom of Student's t whose tails calm patches, `z` (p,) of each size, have for sure.
-
-    Told by how far their 95 % quantile lies beyond that of 90 %: farther out what has changed a little would pass for
-    noise, and what is suspect has been left out. Of the smallest patches only, since larger ones reach over what has
-    changed beside them. The mean ratio of these sizes scatters by 0.72 over the root of how many patches each has (31
-    unchanged pairs of a bumpy sheet, whose errors are normal: `BENCHMARKS.md`); what chance makes of it in one of
-    twenty is taken off. Points too sparse for the relief they lie on, which a surface can only guess, leave such tails.
-    """
-    z = [np.abs(v) for v in z[:N_IN_TAIL] if len(v) >= FEWEST_IN_TAIL]
-    if not z:
-        return NORMAL
-    near, far = np.transpose([np.quantile(v, (0.9, 0.95)) for v in z])
-    sure = float(np.mean(far / near)) - USUAL * RATIO_SCATTER / np.sqrt(np.mean([len(v) for v in z]))
-    ratios = student.ppf(0.975, FREEDOMS) / student.ppf(0.95, FREEDOMS)  # falling
-    return float(np.interp(-sure, -ratios, FREEDOMS)) if sure > ratios[-1] else NORMAL
+    if len(z) < FEWEST_PATCHES:
+        return PatchErrors(1.0, NORMAL)
+    return PatchErrors(max(float(np.quantile(np.abs(z), 0.9) / norm.ppf(0.95)), 1.0), NORMAL)

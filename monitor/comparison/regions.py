@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from scipy.sparse import coo_matrix
+from scipy.stats import norm
 
 from monitor.comparison.connected import connect_like
 from monitor.comparison.detection import Detected, Detection, Tested
 from monitor.comparison.enclosure import SIGNS, Beyond, grow_regions, measure_body, spread_over_assessed
 from monitor.comparison.moved import name_moved
 from monitor.comparison.noise import Noise
-from monitor.comparison.patches import PatchErrors
 from monitor.comparison.reaches import members_of
 from monitor.comparison.region_figures import (
     describe_region,
@@ -74,21 +74,20 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     rank[order + 1] = np.arange(1, len(kept) + 1)
     table = table.iloc[order].reset_index(drop=True)
     table["region"] = np.arange(1, len(kept) + 1)
-    z = np.array([stands_out(v) for v in views], dtype=float)[order]
-    p = np.where(z < 0.0, 1.0, PatchErrors(1.0, found.test.errors[0].dof).p_values(z))  # its sigma holds the scale
-    return keep_significant(table, (rank[regions[0]], rank[regions[1]]), sides, p, gone[kept][order] >= least, level)
+    z = np.array([stands_out(v) for v in views])[order]
+    return keep_significant(table, (rank[regions[0]], rank[regions[1]]), sides, z, gone[kept][order] >= least, level)
 
 
-def keep_significant(table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tuple[Side, Side], p: Floats,
+def keep_significant(table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tuple[Side, Side], z: Floats,
                      is_gone: Bools, level: float) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:  # fmt: skip
-    """Return the regions whose own mean is significant in its family, by its p value `p` (r,), NaN where there is none.
+    """Return the regions whose own mean is significant in its family, by how many sigmas `z` (r,) it lies off zero.
 
     The family is as many places as regions of this size have room on the surface (Bonferroni). A patch may stand out
     where the region around it, as it is reported, does not; what was looked through (`is_gone`) needs no such proof.
     """
     assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
     n_places = np.maximum(assessed / table["area_m2"].to_numpy(dtype=float), 1.0)
-    kept = np.flatnonzero(is_gone | ~(p * n_places > level))
+    kept = np.flatnonzero(is_gone | ~(2.0 * norm.sf(z) * n_places > level))
     number = np.zeros(len(table) + 1, dtype=np.int32)
     number[kept + 1] = np.arange(1, len(kept) + 1)
     table = table.iloc[kept].reset_index(drop=True)

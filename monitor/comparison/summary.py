@@ -50,7 +50,6 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         "unit_size_m": found.test.size,
         "n_patches": found.test.n_tested,
         "patch_error_scales": [e.scale for e in found.test.errors],
-        "patch_error_freedom": found.test.errors[0].dof,  # of Student's t; 1e9 is the normal distribution
     }
     if tolerance is not None:
         figures["tolerance_m"] = float(tolerance)

@@ -30,9 +30,8 @@ class Units:
 
     `number` (n,) is the unit of each vertex, -1 where not assessable; `areas` [m2]; `n_vertices`; `centres` (u, 3) [m];
     `means` [m] of the change; `shared` [m], one sigma of what its scans disagree by; `motion_rows` (u, 6), the mean of
-    n' J, of which the last three are the mean normal, not of unit length; `stable_shares`, how much of its area the
-    registration rests on. As far as the noise is known: `variances` [m2] of a vertex in it, without the registration's
-    part; `calm_shares`, how much of its area is held unchanged.
+    n' J, of which the last three are the mean normal, not of unit length. As far as the noise is known: `variances`
+    [m2] of a vertex in it, without the registration's part; `calm_shares`, how much of its area is held unchanged.
     """
 
     number: Ints
@@ -42,7 +41,6 @@ class Units:
     means: Floats
     shared: Floats
     motion_rows: Floats
-    stable_shares: Floats
     variances: Floats
     calm_shares: Floats
 
@@ -117,10 +115,9 @@ def summarize_units(side: Side, number: Ints, registration: Registration) -> Uni
     areas = np.maximum(areas, 1e-300)
     centres = _average(number, side.areas, areas, np.ascontiguousarray(side.surface.vertices))
     rows = _average_rows(number, side.areas, areas, side.surface.vertices, side.normals, registration.centre)
-    means, shared, stable = (_average(number, side.areas, areas, f[:, None])[:, 0]
-                             for f in (side.distances, side.sigma_shared, side.is_stable))  # fmt: skip
+    means, shared = (_average(number, side.areas, areas, f[:, None])[:, 0] for f in (side.distances, side.sigma_shared))
     unknown = np.full(len(areas), np.nan)
-    return Units(number, areas, n_vertices, centres, means, shared, rows, stable, unknown, unknown)
+    return Units(number, areas, n_vertices, centres, means, shared, rows, unknown, unknown)
 
 
 def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
