@@ -13,10 +13,10 @@ import numpy as np
 from numba import jit
 
 from monitor.ordering import stable_order
+from monitor.reconstruction.extent import bounds
 from projects.model import Floats, Ints
 
 OCCUPIED, IN_BAND = 1, 2
-BLOCK = 1 << 18  # points looked at together, so that the memory for it does not grow
 
 
 class Tiles(NamedTuple):
@@ -48,22 +48,32 @@ def cut_tiles(points: Floats, edge: int, reach: int) -> Tiles:
 
     A tile without points is one too where a point lies within `reach` cells of it: the band goes on into it.
     """
-    low = np.floor(points.min(axis=0) / edge).astype(np.int64) - 1
-    shape = np.floor(points.max(axis=0) / edge).astype(np.int64) - low + 2
-    weight = np.array([shape[1] * shape[2], shape[2], 1])
-    key, found = np.empty(len(points), np.int64), np.empty(0, np.int64)
-    for first in range(0, len(points), BLOCK):
-        block = points[first : first + BLOCK]
-        cube = np.floor(block / edge).astype(np.int64)
-        key[first : first + BLOCK] = (cube - low) @ weight
-        within = block - cube * edge
-        faces = np.concatenate([within < reach, within >= edge - reach], axis=1) @ (1 << np.arange(6))
-        found = np.union1d(found, 64 * key[first : first + BLOCK] + faces)
-    keys = _touched_cubes(*np.divmod(found, 64), weight)
+    low, high = (np.floor(place / edge).astype(np.int64) for place in bounds(points))
+    low, shape = low - 1, high - low + 3
+    key, faces = cubes_of(points, edge, reach, low, shape)
     order = stable_order(key)
+    firsts = np.append(0, 1 + np.flatnonzero(np.diff(key.take(order))))
+    near = np.bitwise_or.reduceat(np.left_shift(1, faces.take(order), dtype=np.uint64), firsts)
+    row, faces = np.nonzero(near[:, None] >> np.arange(64, dtype=np.uint64) & np.uint64(1))
+    keys = _touched_cubes(key[order[firsts]][row], faces, np.array([shape[1] * shape[2], shape[2], 1]))
     starts = np.append(np.searchsorted(key, keys, sorter=order), len(points)).astype(np.int64)
     corners = np.stack(np.unravel_index(keys, tuple(shape)), axis=1) + low
     return Tiles(points.take(order, axis=0), order, corners * edge, starts, edge)
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def cubes_of(points: Floats, edge: int, reach: int, low: Ints, shape: Ints) -> Any:
+    """Number (n,) of the cube that each point lies in, and near which of its faces (bits: -x -y -z +x +y +z)."""
+    keys, faces = np.empty(len(points), np.int64), np.zeros(len(points), np.uint8)
+    for i in range(len(points)):
+        key = np.int64(0)
+        for a in range(3):
+            cube = np.floor(points[i, a] / edge)
+            within = points[i, a] - cube * edge
+            faces[i] |= (within < reach) << a | (within >= edge - reach) << (a + 3)
+            key = key * shape[a] + np.int64(cube) - low[a]
+        keys[i] = key
+    return keys, faces
 
 
 def _touched_cubes(keys: Ints, faces: Ints, weight: Ints) -> Ints:

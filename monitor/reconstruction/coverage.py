@@ -23,8 +23,9 @@ from monitor.reconstruction.gathering import (
     rows_room,
 )
 from monitor.reconstruction.moments import BUCKETS_PER_RADIUS, Level, level_of_points, sort_by_cell
+from monitor.reconstruction.nearness import has_near
 from monitor.threads import run_tasks
-from projects.model import Floats, Ints, PointCloud, Surface
+from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
 COS_SAME_SHEET, COS_OPPOSITE = 0.0, -0.7
 
@@ -43,15 +44,28 @@ def count_uncovered(
     assert surface.normals is not None
     bucket = BUCKETS_PER_RADIUS * farthest
     vertices = level_of_points(surface.vertices, surface.normals, bucket)
-    nearest = nearest_looking(vertices, cloud.points, cloud.normals, farthest, COS_SAME_SHEET)
-    lost = nearest < 0
-    without, opposite = cloud.points.compress(lost, axis=0), -cloud.normals.compress(lost, axis=0)
     points = sorted_points or level_of_points(cloud.points, cloud.normals, bucket)
-    at_opposite = int(np.count_nonzero(nearest_looking(points, without, opposite, farthest, -COS_OPPOSITE) >= 0))
+    lost = ~has_near(vertices, points.places, points.normals, farthest, COS_SAME_SHEET)
+    without, opposite = points.places.compress(lost, axis=0), -points.normals.compress(lost, axis=0)
+    at_opposite = int(np.count_nonzero(has_near(points, without, opposite, farthest, -COS_OPPOSITE)))
     if surface.is_unresolved is not None:
-        order = sort_by_cell(surface.vertices, vertices.bucket)[0]
-        at_opposite += int(np.count_nonzero(surface.is_unresolved[order[nearest[~lost]]]))
+        at_opposite += count_at(surface.is_unresolved, surface, points, farthest)
     return {"points_without_surface": int(np.count_nonzero(lost)), "points_at_unresolved_sheets": at_opposite}
+
+
+def count_at(marked: Bools, surface: Surface, points: Level, farthest: float) -> int:
+    """Count the points whose nearest vertex of their sheet is one of those marked (n,)."""
+    assert surface.normals is not None
+    if not marked.any():
+        return 0
+    bucket = BUCKETS_PER_RADIUS * farthest
+    there = level_of_points(surface.vertices[marked], surface.normals[marked], bucket)
+    may = has_near(there, points.places, points.normals, farthest, COS_SAME_SHEET)
+    places, ways = points.places.compress(may, axis=0), points.normals.compress(may, axis=0)
+    vertices = level_of_points(surface.vertices, surface.normals, bucket)
+    nearest = nearest_looking(vertices, places, ways, farthest, COS_SAME_SHEET)
+    order = sort_by_cell(surface.vertices, vertices.bucket)[0]
+    return int(np.count_nonzero(marked[order[nearest]]))
 
 
 def nearest_looking(level: Level, places: Floats, ways: Floats, farthest: float, least_cosine: float) -> Ints:

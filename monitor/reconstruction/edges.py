@@ -13,54 +13,52 @@ from numba import jit
 
 from projects.model import Ints
 
+HALF_BITS = np.int64(32)  # of the number of a half-edge: meshes have less than 1.4e9 faces
+
 
 @jit(nopython=True, cache=True, nogil=True)
 def half_edges_by_vertex(faces: Ints, n_vertices: int) -> Any:
-    """Half-edges (3 m,) sorted by their lower vertex, of one vertex as they come, and where each vertex's start."""
+    """Half-edges (3 m,) sorted by their lower vertex, of one vertex as they come, and where each vertex's start.
+
+    With each goes its higher vertex, in the bits above `HALF_BITS`.
+    """
     starts = np.zeros(n_vertices + 2, np.int64)
     for f in range(len(faces)):
         for k in range(3):
             starts[min(faces[f, k], faces[f, (k + 1) % 3]) + 2] += 1
     for v in range(2, n_vertices + 2):
         starts[v] += starts[v - 1]
-    order = np.empty(3 * len(faces), np.int64)
+    halves = np.empty(3 * len(faces), np.int64)
     for f in range(len(faces)):
         for k in range(3):
-            v = min(faces[f, k], faces[f, (k + 1) % 3])
-            order[starts[v + 1]] = 3 * f + k
-            starts[v + 1] += 1
-    return order, starts
-
-
-@jit(nopython=True, cache=True)
-def higher_end(faces: Ints, half: int) -> int:
-    """The higher vertex of a half-edge."""
-    f, k = half // 3, half % 3
-    return max(faces[f, k], faces[f, (k + 1) % 3])
+            one, other = np.int64(faces[f, k]), np.int64(faces[f, (k + 1) % 3])
+            lower, higher = min(one, other), max(one, other)
+            halves[starts[lower + 1]] = higher << HALF_BITS | (3 * f + k)
+            starts[lower + 1] += 1
+    return halves, starts
 
 
 @jit(nopython=True, cache=True, nogil=True)
 def number_edges(faces: Ints, n_vertices: int) -> Any:
     """Edges (e, 2) in order of their lower and then their higher vertex, the edge of each half-edge, faces of each."""
-    order, starts = half_edges_by_vertex(faces, n_vertices)
-    edges, n_faces = np.empty((len(order), 2), np.int64), np.zeros(len(order), np.int64)
-    edge_of = np.empty(len(order), np.int64)
+    halves, starts = half_edges_by_vertex(faces, n_vertices)
+    edges, n_faces = np.empty((len(halves), 2), np.int64), np.zeros(len(halves), np.int64)
+    edge_of = np.empty(len(halves), np.int64)
     n = 0
     for v in range(n_vertices):
         for q in range(starts[v] + 1, starts[v + 1]):  # a few: by insertion, in order of the higher vertex
-            half, to = order[q], q
-            high = higher_end(faces, half)
-            while to > starts[v] and higher_end(faces, order[to - 1]) > high:
-                order[to] = order[to - 1]
+            half, to = halves[q], q
+            while to > starts[v] and halves[to - 1] > half:
+                halves[to] = halves[to - 1]
                 to -= 1
-            order[to] = half
+            halves[to] = half
         for q in range(starts[v], starts[v + 1]):
-            high = higher_end(faces, order[q])
+            high = halves[q] >> HALF_BITS
             if q == starts[v] or high != edges[n - 1, 1]:
                 edges[n, 0], edges[n, 1] = v, high
                 n += 1
             n_faces[n - 1] += 1
-            edge_of[order[q]] = n - 1
+            edge_of[halves[q] & ((1 << HALF_BITS) - 1)] = n - 1
     return edges[:n].copy(), edge_of, n_faces[:n].copy()
 
 
@@ -111,3 +109,19 @@ def corners_together(faces: Ints, edge_of: Ints, n_edges: int) -> Ints:
     for c in range(len(parent)):
         parent[c] = first_of(parent, c)
     return parent
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def corners_of_several(fan: Ints, vertex: Ints, n_vertices: int) -> Ints:
+    """The corners (k,) at vertices with more than one fan, by the fan and the vertex of each corner (3 m,)."""
+    n_fans, n = np.zeros(n_vertices, np.int32), 0
+    for c in range(len(fan)):
+        n_fans[vertex[c]] += fan[c] == c
+    for c in range(len(fan)):
+        n += n_fans[vertex[c]] > 1
+    out, k = np.empty(n, np.int64), 0
+    for c in range(len(fan)):
+        if n_fans[vertex[c]] > 1:
+            out[k] = c
+            k += 1
+    return out

@@ -1,7 +1,8 @@
 """Faces of a mesh that cut or touch each other elsewhere than in a shared edge or vertex.
 
 In: vertices (n, 3), faces (m, 3). Out: pairs of faces. Candidates come from a tree of boxes over the faces in Morton
-order; a plane that separates two faces settles nearly all of them, exact predicates the rest.
+order; most share a vertex around which no two faces meet (`fans.py`), a plane that separates two faces settles nearly
+all others, exact predicates the rest.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ import numpy as np
 from numba import jit
 
 from monitor.ordering import stable_order
+from monitor.reconstruction.fans import find_fans
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
 FACES_PER_LEAF = 4
 DEPTH = 96  # of the stack: two entries a level
+MANY = 8  # suspects among so many faces or fewer are worth a look around all vertices
 CLEARLY = 1e-12  # of the largest product: heights above a plane beyond it are no rounding errors
 
 
@@ -32,17 +35,21 @@ def find_intersections(vertices: Floats, faces: Ints, suspects: Bools | None = N
         return np.empty((0, 2), np.int64)
     vertices, faces = np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
     order = stable_order(_along_curve(vertices, faces))
-    mesh = _tree_of(vertices, faces.take(order, axis=0))
     is_suspect = np.ones(len(faces), np.bool_) if suspects is None else np.asarray(suspects, np.bool_)[order]
+    is_fan = np.zeros(len(vertices), np.bool_)
+    if MANY * np.count_nonzero(is_suspect) >= len(faces):
+        is_fan = find_fans(vertices, faces)
+    mesh = _tree_of(vertices, faces.take(order, axis=0), is_fan)
     leaves = np.unique(np.flatnonzero(is_suspect) // FACES_PER_LEAF)
     counts = np.zeros(len(leaves), np.int64)
     nowhere = np.zeros(len(leaves), np.int64), np.empty((0, 2), np.int64)
-    run_tasks(_search, len(leaves), mesh, is_suspect, leaves, nowhere[0], counts, nowhere[1])
+    every = bool(is_suspect.all())
+    run_tasks(_search, len(leaves), mesh, is_suspect, every, leaves, nowhere[0], counts, nowhere[1])
     hit = np.flatnonzero(counts)
     starts = np.append(0, np.cumsum(counts[hit]))
     pairs = np.empty((starts[-1], 2), np.int64)
     if len(hit):
-        run_tasks(_search, len(hit), mesh, is_suspect, leaves[hit], starts[:-1], counts, pairs)
+        run_tasks(_search, len(hit), mesh, is_suspect, every, leaves[hit], starts[:-1], counts, pairs)
     named = np.sort(order[pairs], axis=1)
     return named[np.lexsort((named[:, 1], named[:, 0]))]
 
@@ -55,6 +62,7 @@ class Tree(NamedTuple):
 
     vertices: Floats  # (k, 3)
     faces: Ints  # (m, 3)
+    is_fan: Bools  # (k,) vertices around which no two faces meet, see `find_fans`
     face_boxes: Floats  # (m, 6)
     boxes: Floats  # (2 n - 1, 6)
     n_leaves: int
@@ -92,11 +100,11 @@ def _along_curve(vertices: Floats, faces: Ints) -> Ints:
     return code
 
 
-def _tree_of(vertices: Floats, faces: Ints) -> Tree:
+def _tree_of(vertices: Floats, faces: Ints, is_fan: Bools) -> Tree:
     """Return the tree over faces in their order; a leaf beyond the last face is a box that none meets."""
     n_leaves = 1 << max(int(np.ceil(np.log2(len(faces) / FACES_PER_LEAF))), 0)
     face_boxes = _face_boxes(vertices, faces)
-    return Tree(vertices, faces, face_boxes, _boxes_over(face_boxes, n_leaves), n_leaves)
+    return Tree(vertices, faces, is_fan, face_boxes, _boxes_over(face_boxes, n_leaves), n_leaves)
 
 
 @jit(nopython=True, cache=True)
@@ -315,14 +323,39 @@ def _boxes_meet(boxes: Any, i: int, others: Any, j: int) -> bool:
 
 
 @jit(nopython=True, cache=True)
-def _meetings(mesh: Any, is_suspect: Any, leaf: int, stack: Any, parts: Any, first: int, pairs: Any) -> int:
+def _share_a_fan(mesh: Any, f: int, g: int) -> bool:
+    """Whether two faces share a vertex of which it is known that no two faces around it meet elsewhere."""
+    shared = False
+    for i in range(3):
+        v = mesh.faces[f, i]
+        shared |= mesh.is_fan[v] & ((v == mesh.faces[g, 0]) | (v == mesh.faces[g, 1]) | (v == mesh.faces[g, 2]))
+    return shared
+
+
+@jit(nopython=True, cache=True)
+def _push_beside(mesh: Any, leaf: int, later_only: bool, stack: Any) -> int:
+    """Push a leaf and all subtrees beside its way up that its box meets, or only the later ones; how many these are."""
+    stack[0], top, node = leaf, 1, leaf
+    while node > 0:
+        is_first = node % 2 == 1
+        stack[top] = node + 1 if is_first else node - 1
+        top += (is_first or not later_only) and _boxes_meet(mesh.boxes, stack[top], mesh.boxes, leaf)
+        node = (node - 1) // 2
+    return top
+
+
+@jit(nopython=True, cache=True)
+def _meetings(
+    mesh: Any, is_suspect: Any, later_only: bool, leaf: int, stack: Any, parts: Any, first: int, pairs: Any
+) -> int:
     """Pairs of a suspect face of a leaf and one it meets, of two suspects once: their number.
 
+    Where all are suspects those of later leaves are enough (`later_only`).
     They are written to `pairs` from row `first` on, as far as it goes.
     """
-    own, n, top = mesh.n_leaves - 1 + leaf, 0, 1
+    own, n = mesh.n_leaves - 1 + leaf, 0
     begin, end = leaf * FACES_PER_LEAF, min((leaf + 1) * FACES_PER_LEAF, len(mesh.faces))
-    stack[0] = 0
+    top = _push_beside(mesh, own, later_only, stack)
     while top > 0:
         top -= 1
         node = stack[top]
@@ -338,6 +371,8 @@ def _meetings(mesh: Any, is_suspect: Any, leaf: int, stack: Any, parts: Any, fir
             for g in range(there, min(there + FACES_PER_LEAF, len(mesh.faces))):
                 if g == f or (g < f and is_suspect[g]) or not _boxes_meet(mesh.face_boxes, f, mesh.face_boxes, g):
                     continue
+                if _share_a_fan(mesh, f, g):
+                    continue
                 if faces_meet(mesh.vertices, mesh.faces, f, g, parts):
                     if first + n < len(pairs):
                         pairs[first + n, 0], pairs[first + n, 1] = f, g
@@ -347,9 +382,10 @@ def _meetings(mesh: Any, is_suspect: Any, leaf: int, stack: Any, parts: Any, fir
 
 @jit(nopython=True, cache=True, nogil=True)
 def _search(
-    first: int, last: int, mesh: Any, is_suspect: Any, leaves: Any, starts: Any, counts: Any, pairs: Any
-) -> None:
+    first: int, last: int, mesh: Any, is_suspect: Any, later_only: bool, leaves: Any, starts: Any, counts: Any,
+    pairs: Any,
+) -> None:  # fmt: skip
     """Count the pairs of `leaves[first:last]`, and write them to `pairs` from `starts` on as far as it goes."""
     stack, parts = np.empty(DEPTH, np.int64), exact_room()
     for k in range(first, last):
-        counts[k] = _meetings(mesh, is_suspect, leaves[k], stack, parts, starts[k], pairs)
+        counts[k] = _meetings(mesh, is_suspect, later_only, leaves[k], stack, parts, starts[k], pairs)

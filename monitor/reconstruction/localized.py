@@ -32,6 +32,7 @@ from monitor.reconstruction.band import (
 )
 from monitor.reconstruction.conjugate_gradients import solve_field
 from monitor.reconstruction.contour import contour_tile
+from monitor.reconstruction.extent import bounds
 from monitor.reconstruction.poisson import (
     BAND,
     BLUR_PASSES,
@@ -117,7 +118,7 @@ def _place_lattice(points: Floats, cell: float, tile: int) -> Floats:
 
     A sheet that merely came near a tile's face would be solved on both sides of it.
     """
-    first, last = np.floor(points.min(axis=0) / cell), np.floor(points.max(axis=0) / cell)
+    first, last = (np.floor(place / cell) for place in bounds(points))
     extent = last - first + 1.0
     n_tiles = np.ceil((extent + 2.0 * REACH) / tile)
     low: Floats = first - np.floor(0.5 * (n_tiles * tile - extent))
@@ -196,8 +197,8 @@ def tile_band(tiles: Tiles, tile: int, margin: int, radius: float) -> tuple[Band
     rows = tiles.points_within(tile, margin)
     points = tiles.points.take(rows, axis=0)
     reach = int(np.ceil(radius)) + 1
-    low = np.floor(points.min(axis=0)).astype(np.int64) - reach
-    shape = np.floor(points.max(axis=0)).astype(np.int64) - low + reach + 2
+    first, last = (np.floor(place).astype(np.int64) for place in bounds(points))
+    low, shape = first - reach, last - first + 2 * reach + 2
     points -= low
     marks = mark_cells(points, (int(shape[0]), int(shape[1]), int(shape[2])), float(radius))
     index, nodes = number_nodes(marks)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from monitor.reconstruction.edges import corners_together, faces_together, number_edges
+from monitor.reconstruction.edges import corners_of_several, corners_together, faces_together, number_edges
 from monitor.reconstruction.faces import find_short_edges, mark_flat, measure_faces, sum_normals_by_angle
 from projects.model import Bools, Floats, Ints
 
@@ -57,33 +57,47 @@ def is_degenerate(vertices: Floats, faces: Ints, shortest: float) -> Bools:
     return out
 
 
-def crumbs(vertices: Floats, faces: Ints, smallest_area: float) -> Bools:
-    """Return which faces (m,) belong to a component of less than `smallest_area` (m2); faces hang together by edges."""
-    _, edge_of, n_faces = edge_table(faces)
+def crumbs(vertices: Floats, faces: Ints, smallest_area: float, edges: tuple[Ints, Ints, Ints] | None = None) -> Bools:
+    """Return which faces (m,) belong to a component of less than `smallest_area` (m2); faces hang together by edges.
+
+    `edges` is their `edge_table`, where it is known.
+    """
+    _, edge_of, n_faces = edges or edge_table(faces)
     label = faces_together(edge_of, len(n_faces))
     area = np.bincount(label, face_areas_and_normals(vertices, faces)[0])
     out: Bools = np.asarray(area[label] < smallest_area)
     return out
 
 
-def bow_ties(faces: Ints) -> Bools:
+def untie(faces: Ints) -> tuple[Ints, tuple[Ints, Ints, Ints]]:
+    """Return the faces without `bow_ties`, and without those that this makes, and their `edge_table`."""
+    edges = edge_table(faces)
+    drop = bow_ties(faces, edges)
+    while drop.any():
+        faces = faces.compress(~drop, axis=0)
+        edges = edge_table(faces)
+        drop = bow_ties(faces, edges)
+    return faces, edges
+
+
+def bow_ties(faces: Ints, edges: tuple[Ints, Ints, Ints] | None = None) -> Bools:
     """Return which faces (m,) to drop so that the faces around each vertex are one fan and no edge has three faces.
 
-    Of several fans that meet in one vertex only, the largest stays. Dropping may make new ones: call until none is.
+    Of several fans that meet in one vertex only, the largest stays. Dropping may make new ones: see `untie`. `edges` is
+    the faces' `edge_table`, where it is known.
     """
     faces = np.ascontiguousarray(faces)
-    _, edge_of, n_faces = edge_table(faces)
+    _, edge_of, n_faces = edges or edge_table(faces)
     lost = (n_faces > 2).take(edge_of)
     fan, vertex = corners_together(faces, edge_of, len(n_faces)), faces.ravel()
-    n_corners = np.bincount(fan, minlength=len(fan))
-    n_fans = np.bincount(vertex.take(np.flatnonzero(n_corners)), minlength=1)
-    several = np.flatnonzero((n_fans > 1).take(vertex))
-    order = several[np.lexsort((fan[several], -n_corners[fan[several]], vertex[several]))]
-    first = np.r_[True, vertex[order][1:] != vertex[order][:-1]]
-    if len(order):
+    several = corners_of_several(fan, vertex, int(vertex.max(initial=-1)) + 1)
+    if len(several):
+        n_corners = np.bincount(fan[several], minlength=len(fan))
+        order = several[np.lexsort((fan[several], -n_corners[fan[several]], vertex[several]))]
+        first = np.r_[True, vertex[order][1:] != vertex[order][:-1]]
         keeper = fan[order][first][np.cumsum(first) - 1]
         lost[order[fan[order] != keeper]] = True
-    out: Bools = np.asarray(lost.reshape(-1, 3).any(axis=1))
+    out: Bools = lost[0::3] | lost[1::3] | lost[2::3]
     return out
 
 

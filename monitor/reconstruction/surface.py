@@ -17,12 +17,15 @@ from scipy.spatial import cKDTree
 from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
 from monitor.reconstruction.coverage import count_uncovered
+from monitor.reconstruction.extent import bounds, mark_usable
 from monitor.reconstruction.faces import least_cosines
 from monitor.reconstruction.furrows import choose_fits
 from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
-from monitor.reconstruction.mesh import bow_ties, compact, crumbs, is_degenerate, short_edges, vertex_normals, weld
+from monitor.reconstruction.mesh import compact, crumbs, is_degenerate, short_edges, untie, vertex_normals, weld
+from monitor.reconstruction.moments import Level
+from monitor.reconstruction.nearness import has_near
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, Samples, project_vertices, sum_up_samples
@@ -118,7 +121,8 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     """
     settings = settings or SurfaceSettings()
     cloud = usable_samples(with_normals(cloud))
-    shift = np.round(0.5 * (cloud.points.min(axis=0) + cloud.points.max(axis=0)), 3)
+    low, high = bounds(cloud.points)
+    shift = np.round(0.5 * (low + high), 3)
     cloud = replace(cloud, points=cloud.points - shift)
     assert cloud.normals is not None
     samples = tree_of_points(cloud.points)
@@ -148,7 +152,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     if settings.method == "localized":
         automatic["screening_cells"] = screening
     counts = {"points_used": len(cloud), "faces_raw": len(faces)}
-    faces = trim(vertices, faces, samples, settings.trim_cells * cell_used)
+    faces = trim(vertices, faces, finest, settings.trim_cells * cell_used)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
     stated = None if cloud.sigma is None else Stated(samples, cloud.sigma)
     projection, faces, beside = settle(
@@ -190,8 +194,7 @@ def with_normals(cloud: PointCloud) -> PointCloud:
 def usable_samples(cloud: PointCloud) -> PointCloud:
     """Return the points with finite coordinates and a normal; `ReconstructionError` where they are too few."""
     assert cloud.normals is not None
-    usable = np.isfinite(cloud.points).all(axis=1) & np.isfinite(cloud.normals).all(axis=1)
-    usable &= np.linalg.norm(np.nan_to_num(cloud.normals), axis=1) > 0.5
+    usable = mark_usable(cloud.points, cloud.normals)
     if np.count_nonzero(usable) < FEWEST_POINTS:
         raise ReconstructionError(
             f"{np.count_nonzero(usable)} of {len(cloud)} points can be used (finite, with a normal); "
@@ -200,10 +203,9 @@ def usable_samples(cloud: PointCloud) -> PointCloud:
     return cloud if usable.all() else cloud.take(np.flatnonzero(usable))
 
 
-def trim(vertices: Floats, faces: Ints, samples: cKDTree, farthest: float) -> Ints:
+def trim(vertices: Floats, faces: Ints, samples: Level, farthest: float) -> Ints:
     """Return the faces whose corners all lie within `farthest` (m) of a sample."""
-    distance, _ = samples.query(vertices, distance_upper_bound=farthest, workers=2)
-    return faces.compress(all_corners(np.isfinite(distance), faces), axis=0)
+    return faces.compress(all_corners(has_near(samples, vertices, vertices, farthest), faces), axis=0)
 
 
 def settle(
@@ -280,11 +282,8 @@ def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Int
     """Return faces that make a two-manifold with boundary, without slivers and crumbs."""
     faces = weld(vertices, faces, SLIVER * cell)
     faces = faces.compress(~is_degenerate(vertices, faces, SLIVER**2 * cell), axis=0)
-    drop: Bools = bow_ties(faces)
-    while drop.any():
-        faces = faces.compress(~drop, axis=0)
-        drop = bow_ties(faces)
-    faces = faces.compress(~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2), axis=0)
+    faces, edges = untie(faces)
+    faces = faces.compress(~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2, edges), axis=0)
     if not len(faces):
         raise ReconstructionError(
             f"no piece of surface is larger than a disc of {crumb_cells:g} cells of {cell:.4g} m; "
@@ -321,7 +320,8 @@ def invent(
 def finish(projection: Projection, faces: Ints, samples: cKDTree, cloud: PointCloud) -> Surface:
     """Return the surface in the cloud's frame with sigma, support and what the samples carry."""
     vertices = projection.vertices
-    distance, index = samples.query(vertices, k=N_TINT, workers=2)
+    is_carried = any(values is not None for values in (cloud.sigma, cloud.colors, cloud.intensity))
+    distance, index = samples.query(vertices, k=[*range(1, N_TINT + 1 if is_carried else 2)], workers=2)
     weight = 1.0 / np.maximum(distance, 1e-3 * np.median(distance)) ** 2
     weight /= weight.sum(axis=1, keepdims=True)
     return Surface(

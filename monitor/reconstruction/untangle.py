@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.reconstruction.intersections import find_intersections
-from monitor.reconstruction.mesh import bow_ties, face_areas_and_normals
+from monitor.reconstruction.mesh import face_areas_and_normals, untie
 from projects.model import Bools, Floats, Ints
 
 MOST_ROUNDS = 12
@@ -58,12 +58,7 @@ def drop_intersecting(vertices: Floats, faces: Ints, suspects: Bools | None = No
     met = np.unique(find_intersections(vertices, faces, suspects))
     if not len(met):
         return faces
-    faces = np.delete(faces, met, axis=0)
-    drop = bow_ties(faces)
-    while drop.any():
-        faces = faces[~drop]
-        drop = bow_ties(faces)
-    return faces
+    return untie(np.delete(faces, met, axis=0))[0]
 
 
 def _tangled(raw: Floats, vertices: Floats, faces: Ints, suspects: Bools) -> Bools:

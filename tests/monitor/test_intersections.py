@@ -5,6 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from monitor.reconstruction.fans import find_fans
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
 
@@ -134,3 +135,29 @@ def test_a_sheet_has_none_until_a_vertex_is_pulled_through_it(rng, height):
     order = rng.permutation(len(faces))
     again = np.sort(order[find_intersections(pulled, faces[order])], axis=1)
     assert sorted(again.tolist()) == pairs.tolist()
+
+
+def fan(n, turns, heights=0.0):
+    """Return n faces around vertex 0, that go round so many times."""
+    angle = 2.0 * np.pi * turns * np.arange(n) / n
+    rim = np.arange(n)
+    vertices = np.r_[[[0.0, 0, 0]], np.c_[np.cos(angle), np.sin(angle), np.broadcast_to(heights, n)]]
+    return vertices, np.c_[np.zeros(n, int), 1 + rim, 1 + np.roll(rim, -1)]
+
+
+def test_faces_around_a_vertex_are_known_not_to_meet_where_they_go_round_once(rng):
+    for n in (3, 6, 16):
+        assert find_fans(*fan(n, 1, 0.3 * rng.normal(size=n))).tolist() == [True] + n * [False]
+    assert not find_fans(*fan(17, 1))[0]  # too many to look at
+    vertices, faces = fan(6, 1)
+    assert not find_fans(vertices, faces[:5])[0]  # a free edge
+    assert not find_fans(vertices, np.r_[faces[:5], faces[5:, ::-1]])[0]  # one turned over
+    assert not find_fans(vertices, np.r_[faces, faces[:1]])[0]  # one twice
+    vertices[2] = [0.8, -1.5, 0.0]  # one folded over the others
+    assert not find_fans(vertices, faces)[0]
+
+
+def test_faces_that_go_round_a_vertex_twice_meet_though_all_are_turned_one_way(rng):
+    vertices, faces = fan(7, 2, 0.01 * rng.normal(size=7))
+    assert not find_fans(vertices, faces)[0]
+    assert len(find_intersections(vertices, faces)) > 0  # a rim that winds twice crosses itself

@@ -1,0 +1,28 @@
+"""What lies near, and what can be used: against a search through all."""
+
+import numpy as np
+import pytest
+
+from monitor.reconstruction.extent import bounds, mark_usable
+from monitor.reconstruction.moments import level_of_points
+from monitor.reconstruction.nearness import has_near
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.3])
+def test_near_is_what_a_search_through_all_finds_near_and_looking_that_way(rng, radius):
+    points, places = rng.uniform(size=(400, 3)), rng.uniform(-0.1, 1.1, size=(500, 3))
+    normals, ways = (a / np.linalg.norm(a, axis=1)[:, None] for a in rng.normal(size=(2, 500, 3)))
+    level = level_of_points(points, normals[:400], radius)
+    near = np.linalg.norm(places[:, None] - points, axis=2) < 0.1
+    assert has_near(level, places, ways, 0.1).tolist() == near.any(axis=1).tolist()
+    alike = near & (ways @ normals[:400].T > 0.5)
+    assert has_near(level, places, ways, 0.1, 0.5).tolist() == alike.any(axis=1).tolist()
+    assert 0 < alike.any(axis=1).sum() < near.any(axis=1).sum() < 500
+
+
+def test_points_are_used_that_are_finite_and_have_a_unit_normal():
+    points, normals = np.zeros((6, 3)), np.tile([0.0, 0.6, 0.8], (6, 1))
+    points[1, 2], points[2, 0], normals[3, 1], normals[4] = np.nan, -np.inf, np.nan, [0.0, 0.3, 0.4]
+    assert mark_usable(points, normals).tolist() == [True, False, False, False, False, True]
+    low, high = bounds(np.array([[1.0, -2.0, 3.0], [0.5, 4.0, 3.0]]))
+    assert (low.tolist(), high.tolist()) == ([0.5, -2.0, 3.0], [1.0, 4.0, 3.0])
