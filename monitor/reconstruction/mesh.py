@@ -75,6 +75,7 @@ def untie(faces: Ints) -> tuple[Ints, tuple[Ints, Ints, Ints]]:
     drop = bow_ties(faces, edges)
     while drop.any():
         faces = faces.compress(~drop, axis=0)
+        del edges  # or else memory holds two tables
         edges = edge_table(faces)
         drop = bow_ties(faces, edges)
     return faces, edges
