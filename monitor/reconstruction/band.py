@@ -175,14 +175,16 @@ def link_nodes(nodes: Ints, index: Any) -> Any:
     n = nodes.shape[0]
     links = np.full((2, 3, n), n, np.uint32)
     for i in range(n):
-        for axis in range(3):
-            for side in range(2):
-                a = nodes[i, 0] + (axis == 0) * (1 - 2 * side)
-                b = nodes[i, 1] + (axis == 1) * (1 - 2 * side)
-                c = nodes[i, 2] + (axis == 2) * (1 - 2 * side)
-                within = 0 <= a < index.shape[0] and 0 <= b < index.shape[1] and 0 <= c < index.shape[2]
-                if within and index[a, b, c] >= 0:
-                    links[side, axis, i] = index[a, b, c]
+        a, b, c = nodes[i, 0], nodes[i, 1], nodes[i, 2]
+        x = index[a + 1, b, c] if a + 1 < index.shape[0] else -1
+        y = index[a, b + 1, c] if b + 1 < index.shape[1] else -1
+        z = index[a, b, c + 1] if c + 1 < index.shape[2] else -1
+        if x >= 0:
+            links[0, 0, i], links[1, 0, x] = x, i
+        if y >= 0:
+            links[0, 1, i], links[1, 1, y] = y, i
+        if z >= 0:
+            links[0, 2, i], links[1, 2, z] = z, i
     return links
 
 

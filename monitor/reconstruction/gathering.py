@@ -35,8 +35,10 @@ from projects.model import Floats, Ints
 
 GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
 OVER_THE_RIM = 1.0 + 0.6 / CELLS_PER_RADIUS  # of the radius: groups that reach into it lie nearer
-ROOM = np.int64(1024)  # groups around a block at first
-PLACE_X, PLACE_Y, PLACE_Z, NORMAL_X, NORMAL_Y, NORMAL_Z, N_POINTS, EXCESS = range(8)  # rows of what is near
+ROOM = np.int64(1064)  # groups around a block at first; rows 2^k apart would share few lines of the cache
+PLACE_X, PLACE_Y, PLACE_Z, NORMAL_X, NORMAL_Y, NORMAL_Z, N_POINTS, EXCESS, OWN_U, OWN_V, OWN_Z = range(
+    11
+)  # rows of what is near
 
 
 class Sites(NamedTuple):
@@ -50,7 +52,7 @@ class Sites(NamedTuple):
 
 
 class Near(NamedTuple):
-    """Groups around a block: their rows in the level, and (8, n) place, normal, count, and room for one value more."""
+    """Groups around a block: their rows in the level; (11, n) place, normal, count, and room for `lay_out`."""
 
     groups: Ints
     values: Floats
@@ -118,14 +120,14 @@ def gate_height(radius: float, noise: float) -> float:
 @jit(nopython=True, cache=True)
 def near_room(n: int) -> Any:
     """Room for n groups."""
-    return Near(np.empty(n, np.int64), np.empty((8, n)))
+    return Near(np.empty(n, np.int64), np.empty((OWN_Z + 1, n)))
 
 
 @jit(nopython=True, cache=True)
 def patch_room(n: int) -> Any:
-    """Room for a patch of up to n groups and its fit."""
+    """Room for a patch of up to n groups and its fit; without spreads at first."""
     return Room(
-        np.empty((10, n)), fit_room(n), np.empty(n), np.empty(7), np.empty(3), np.empty(n, np.int64), np.empty(n)
+        np.zeros((10, n)), fit_room(n), np.empty(n), np.empty(7), np.empty(3), np.empty(n, np.int64), np.empty(n)
     )
 
 
@@ -203,19 +205,24 @@ def mean_normal(near: Any, n_near: int, vertex: Floats, normal: Floats, along: F
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def mark_excess(
-    values: Floats, n: int, vertex: Floats, normal: Floats, along: Any, rim2: float, stretch: float, gate: float
-) -> None:
-    """Write to the row `EXCESS` how far each group lies beyond the rim, the gate and the angle: inside if at most 0."""
+def lay_out(values: Floats, n: int, vertex: Floats, normal: Floats, frame: Any, sizes: Any) -> None:
+    """Write to the rows `OWN_U` to `OWN_Z` where each group lies in a vertex's frame, in units of its radius.
+
+    And to the row `EXCESS` how far it lies beyond the rim, the gate and the angle: inside if at most 0. `sizes` are
+    units to a metre, squared radius of the rim (m2), stretch, gate (m).
+    """
+    (tx, ty, tz), (bx, by, bz) = frame
+    per, rim2, stretch, gate = sizes
+    less = 1.0 - 1.0 / (stretch * stretch)
     vx, vy, vz, nx, ny, nz = vertex[0], vertex[1], vertex[2], normal[0], normal[1], normal[2]
-    (tx, ty, tz), less = along, 1.0 - 1.0 / (stretch * stretch)
     for k in range(np.uint64(n)):
         dx, dy, dz = values[PLACE_X, k] - vx, values[PLACE_Y, k] - vy, values[PLACE_Z, k] - vz
+        u, v = dx * tx + dy * ty + dz * tz, dx * bx + dy * by + dz * bz
         z = dx * nx + dy * ny + dz * nz
-        u = dx * tx + dy * ty + dz * tz
         cosine = values[NORMAL_X, k] * nx + values[NORMAL_Y, k] * ny + values[NORMAL_Z, k] * nz
         beyond = dx * dx + dy * dy + dz * dz - z * z - less * u * u - rim2
         values[EXCESS, k] = max(beyond, abs(z) - gate, COS_ONE_WAY - cosine)
+        values[OWN_U, k], values[OWN_V, k], values[OWN_Z, k] = per * u, per * v, per * z
 
 
 @jit(nopython=True, cache=True)
@@ -229,37 +236,44 @@ def pick(values: Floats, n: int, picked: Ints) -> Any:
 
 
 @jit(nopython=True, cache=True)
+def copy_picked(values: Floats, n: int, picked: Ints, patch: Floats) -> None:
+    """Copy where the groups picked lie in the vertex's frame, and their counts, to `patch`."""
+    for k in range(np.uint64(n)):
+        p = np.uint64(picked[k])
+        patch[U, k], patch[V, k] = values[OWN_U, p], values[OWN_V, p]
+        patch[Z, k], patch[COUNT, k] = values[OWN_Z, p], values[N_POINTS, p]
+
+
+@jit(nopython=True, cache=True, fastmath=True)
+def count_points(patch: Floats, n: int) -> float:
+    """Points of the groups of a patch: whole numbers, whose sum is the same in any order."""
+    total = 0.0
+    for k in range(np.uint64(n)):
+        total += patch[COUNT, k]
+    return total
+
+
+@jit(nopython=True, cache=True)
 def gather_patch(level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, along: Floats, radius: float,
                  stretch: float, gate: float, patch: Floats, picked: Ints) -> Any:  # fmt: skip
     """Collect the groups of the vertex's sheet into `patch`, in units of `radius`; their number, and of points.
 
     The window is a disc of `radius`, or an ellipse, `stretch` times as long in the direction `along`, which is u.
-    `picked` receives which of `near` these are.
+    `picked` receives which of `near` these are. Spreads are left as they are, none, where groups are single points.
     """
-    (tx, ty, tz), (bx, by, bz) = frame_along(normal, along)
     has_spread = len(level.spreads) > 0
     per = 1.0 / radius
     rim2 = (OVER_THE_RIM * radius) ** 2 if has_spread else radius * radius
-    mark_excess(near.values, n_near, vertex, normal, (tx, ty, tz), rim2, stretch, gate)
+    lay_out(near.values, n_near, vertex, normal, frame_along(normal, along), (per, rim2, stretch, gate))
     n = pick(near.values, n_near, picked)
-    nx, ny, nz = normal[0], normal[1], normal[2]
-    n_points = 0.0
-    for k in range(np.uint64(n)):
-        p = np.uint64(picked[k])
-        dx, dy, dz = (near.values[PLACE_X, p] - vertex[0], near.values[PLACE_Y, p] - vertex[1],
-                      near.values[PLACE_Z, p] - vertex[2])  # fmt: skip
-        patch[U, k], patch[V, k] = per * (dx * tx + dy * ty + dz * tz), per * (dx * bx + dy * by + dz * bz)
-        patch[Z, k], patch[COUNT, k] = per * (dx * nx + dy * ny + dz * nz), near.values[N_POINTS, p]
-        n_points += near.values[N_POINTS, p]
-    for q in range(SPREAD_UU, SPREAD_ZZ + 1):
-        patch[q, :n] = 0.0
+    copy_picked(near.values, n, picked, patch)
     if has_spread:
         for k in range(np.uint64(n)):
             p = np.uint64(near.groups[np.uint64(picked[k])])
             for q in range(np.uint64(6)):
                 patch[np.uint64(SPREAD_UU) + q, k] = level.spreads[p, q]
         turn_spreads(patch, n, normal, along, per)
-    return n, n_points
+    return n, count_points(patch, n)
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")

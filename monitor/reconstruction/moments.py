@@ -74,23 +74,26 @@ def build_levels(finest: Level, radii: Floats, noise: float) -> list[Level]:
     but one, so that there are two rows of them, which two threads make.
     """
     cells = radii / CELLS_PER_RADIUS
+    ways = nearest_ways(finest.normals, FRAMES)
     n_single = 1
-    while n_single < len(radii) and is_sparse(finest, float(cells[n_single])):
+    while n_single < len(radii) and is_sparse(finest, ways, float(cells[n_single])):
         n_single += 1
     levels = [finest] * len(radii)
 
     def fill(first: int) -> None:
         for k in range(first, len(radii), 2):
-            groups = group(levels[max(k - 2, 0)], float(cells[k]), noise)
+            finer = levels[max(k - 2, 0)]
+            along = ways if finer is finest else nearest_ways(finer.normals, FRAMES)
+            groups = group(finer, along, float(cells[k]), noise)
             levels[k] = sort_groups(*groups, float(radii[k]) / BUCKETS_PER_RADIUS)
 
     map_threads(fill, (n_single, n_single + 1))
     return levels
 
 
-def is_sparse(level: Level, cell: float) -> bool:
+def is_sparse(level: Level, ways: Ints, cell: float) -> bool:
     """Whether columns of edge `cell` (m) over single points hold too few each to be quicker."""
-    columns = column_keys(level.places, level.normals, cell, FRAMES)[0]
+    columns = column_keys(level.places, level.normals, ways, cell, FRAMES)[0]
     columns.sort()
     n_columns = 1 + np.count_nonzero(columns[1:] != columns[:-1])
     return bool(len(columns) <= POINTS_PER_GROUP * n_columns)
@@ -129,9 +132,12 @@ def cell_keys(places: Floats, low: Floats, cell: float) -> Any:
     return key, shape
 
 
-def group(finer: Level, cell: float, noise: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return counts, places, normals and spreads of the groups of `finer` merged in columns of edge `cell` (m)."""
-    columns, heights = column_keys(finer.places, finer.normals, cell, FRAMES)
+def group(finer: Level, ways: Ints, cell: float, noise: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return counts, places, normals and spreads of the groups of `finer` merged in columns of edge `cell` (m).
+
+    `ways` are the `nearest_ways` of its normals.
+    """
+    columns, heights = column_keys(finer.places, finer.normals, ways, cell, FRAMES)
     order = stable_order(columns)
     columns = columns.take(order)
     starts = np.append(np.flatnonzero(np.r_[True, columns[1:] != columns[:-1]]), len(columns)).astype(np.int64)
@@ -141,29 +147,42 @@ def group(finer: Level, cell: float, noise: float) -> tuple[Floats, Floats, Floa
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def column_keys(places: Floats, normals: Floats, cell: float, frames: Floats) -> Any:
-    """Key (n,) of the column of each place, and its height over the column's foot.
+def nearest_ways(normals: Floats, frames: Floats) -> Any:
+    """Number (n,) of the frame whose column is nearest to each normal, either way along it."""
+    ways = np.empty(len(normals), np.uint8)
+    for p in range(len(normals)):
+        nx, ny, nz, most = normals[p, 0], normals[p, 1], normals[p, 2], 0.0
+        ways[p] = 0
+        for d in range(len(frames)):
+            along = abs(nx * frames[d, 2, 0] + ny * frames[d, 2, 1] + nz * frames[d, 2, 2])
+            if along > most:
+                most, ways[p] = along, d
+    return ways
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def column_keys(places: Floats, normals: Floats, ways: Ints, cell: float, frames: Floats) -> Any:
+    """Key (n,) of the column of each place, along the frame that `ways` says, and its height over the column's foot.
 
     The height is that at which the plane through the place meets the middle of the column, so that places of one
     surface are at one height however it slopes.
     """
     keys, heights = np.empty(len(places), np.int64), np.empty(len(places))
-    low = -np.sqrt((places**2).sum(axis=1).max()) - cell
+    farthest2 = 0.0
+    for p in range(len(places)):
+        farthest2 = max(farthest2, places[p, 0] ** 2 + places[p, 1] ** 2 + places[p, 2] ** 2)
+    low = -np.sqrt(farthest2) - cell
     widest = np.int64(-2.0 * low / cell) + 2
     for p in range(len(places)):
         x, y, z = places[p, 0], places[p, 1], places[p, 2]
         nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
-        most, key = 0.0, np.int64(0)
-        for d in range(len(frames)):
-            along = nx * frames[d, 2, 0] + ny * frames[d, 2, 1] + nz * frames[d, 2, 2]
-            if abs(along) > abs(most):
-                most, key = along, np.int64(d)
-        f = frames[key]
+        f = frames[ways[p]]
+        along = nx * f[2, 0] + ny * f[2, 1] + nz * f[2, 2]
         height = x * f[2, 0] + y * f[2, 1] + z * f[2, 2]
-        key = 2 * key + np.int64(most > 0.0)
+        key = 2 * np.int64(ways[p]) + np.int64(along > 0.0)
         for a in range(2):
             across = (x * f[a, 0] + y * f[a, 1] + z * f[a, 2] - low) / cell
-            slope = (nx * f[a, 0] + ny * f[a, 1] + nz * f[a, 2]) / most
+            slope = (nx * f[a, 0] + ny * f[a, 1] + nz * f[a, 2]) / along
             key = key * widest + np.int64(across)
             height += slope * cell * (across - np.floor(across) - 0.5)
         keys[p], heights[p] = key, height

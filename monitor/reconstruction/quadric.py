@@ -26,7 +26,7 @@ HEIGHT, SLOPE_U, SLOPE_V, UNIT_ERROR, SIGMA, EFFECTIVE, BEND = range(7)
 
 @jit(nopython=True, cache=True)
 def factorise(matrix: Floats, m: int) -> bool:
-    """Cholesky in place of the lower triangle (m, m); False where the system is singular."""
+    """Cholesky in place of the lower triangle (m, m), its diagonal inverted; False where the system is singular."""
     for i in range(m):
         for j in range(i + 1):
             s = matrix[i, j]
@@ -35,9 +35,9 @@ def factorise(matrix: Floats, m: int) -> bool:
             if i == j:
                 if s <= 1e-10:
                     return False
-                matrix[i, i] = np.sqrt(s)
+                matrix[i, i] = 1.0 / np.sqrt(s)
             else:
-                matrix[i, j] = s / matrix[j, j]
+                matrix[i, j] = s * matrix[j, j]
     return True
 
 
@@ -47,11 +47,11 @@ def substitute(factor: Floats, rhs: Floats, m: int) -> None:
     for i in range(m):
         for k in range(i):
             rhs[i] -= factor[i, k] * rhs[k]
-        rhs[i] /= factor[i, i]
+        rhs[i] *= factor[i, i]
     for i in range(m - 1, -1, -1):
         for k in range(i + 1, m):
             rhs[i] -= factor[k, i] * rhs[k]
-        rhs[i] /= factor[i, i]
+        rhs[i] *= factor[i, i]
 
 
 # Sums over a neighbourhood may be taken in vector order: it is fixed when compiling, hence the same for any threads.
@@ -71,6 +71,13 @@ def flatten(patch: Floats, n: int, c: Floats, heights: Floats) -> None:
         heights[0, i] = patch[Z, i] - 0.125 * twice * bend2
         heights[1, i] = patch[SPREAD_UZ, i] - rise_u * uu - rise_v * uv
         heights[2, i] = patch[SPREAD_VZ, i] - rise_u * uv - rise_v * vv
+
+
+@jit(nopython=True, cache=True)
+def copy_heights(patch: Floats, n: int, heights: Floats) -> None:
+    """Heights and their covariance with u and v, (3, n), as `flatten` makes them of a plane."""
+    for i in range(np.uint64(n)):
+        heights[0, i], heights[1, i], heights[2, i] = patch[Z, i], patch[SPREAD_UZ, i], patch[SPREAD_VZ, i]
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
@@ -153,8 +160,8 @@ def plane_matrix(patch: Floats, n: int, per2: float, along2: float, weights: Flo
 def curved_matrix(patch: Floats, n: int, per2: float, along2: float, weights: Floats, a: Floats) -> None:
     """Fill the normal matrix of a curved patch; see `plane_matrix`."""
     plane_matrix(patch, n, per2, along2, weights, a)
-    s30 = s31 = s32 = s33 = s40 = s41 = s42 = s43 = s44 = 0.0
-    s50 = s51 = s52 = s53 = s54 = s55 = 0.0
+    a[3, 0], a[4, 0], a[5, 0] = a[1, 1], a[2, 1], a[2, 2]  # products with 1 of uu, uv, vv
+    s31 = s32 = s33 = s41 = s42 = s43 = s44 = s51 = s52 = s53 = s54 = s55 = 0.0
     for i in range(np.uint64(n)):
         u, v, w = patch[U, i], patch[V, i], weights[0, i]
         suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
@@ -164,24 +171,21 @@ def curved_matrix(patch: Floats, n: int, per2: float, along2: float, weights: Fl
         e1, e2 = du * suu + dv * suv, du * suv + dv * svv
         e3, e4, e5 = du * k31 + dv * k32, du * k41 + dv * k42, du * k51 + dv * k52
         p3, p4, p5 = w * uu + e3, w * uv + e4, w * vv + e5
-        s30 += p3
         s31 += p3 * u + uu * e1 + w * k31
         s32 += p3 * v + uu * e2 + w * k32
         s33 += p3 * uu + uu * e3 + w * u2 * k31
-        s40 += p4
         s41 += p4 * u + uv * e1 + w * k41
         s42 += p4 * v + uv * e2 + w * k42
         s43 += p4 * uu + uv * e3 + w * u2 * k41
         s44 += p4 * uv + uv * e4 + w * (v * k41 + u * k42)
-        s50 += p5
         s51 += p5 * u + vv * e1 + w * k51
         s52 += p5 * v + vv * e2 + w * k52
         s53 += p5 * uu + vv * e3 + w * u2 * k51
         s54 += p5 * uv + vv * e4 + w * v2 * k42
         s55 += p5 * vv + vv * e5 + w * v2 * k52
-    a[3, 0], a[3, 1], a[3, 2], a[3, 3] = s30, s31, s32, s33
-    a[4, 0], a[4, 1], a[4, 2], a[4, 3], a[4, 4] = s40, s41, s42, s43, s44
-    a[5, 0], a[5, 1], a[5, 2], a[5, 3], a[5, 4], a[5, 5] = s50, s51, s52, s53, s54, s55
+    a[3, 1], a[3, 2], a[3, 3] = s31, s32, s33
+    a[4, 1], a[4, 2], a[4, 3], a[4, 4] = s41, s42, s43, s44
+    a[5, 1], a[5, 2], a[5, 3], a[5, 4], a[5, 5] = s51, s52, s53, s54, s55
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
@@ -230,8 +234,8 @@ def medians_of_groups(patch: Floats, n: int, per2: float, along2: float, squares
     used, total = 0.0, 0.0
     for i in range(np.uint64(n)):
         u, v = patch[U, i], patch[V, i]
-        less = 1.0 - 2.0 / (9.0 * patch[COUNT, i])
-        one = squares[i] / (less * less * less)  # of chi2 over its degrees (Wilson & Hilferty)
+        more = 9.0 * patch[COUNT, i] / (9.0 * patch[COUNT, i] - 2.0)
+        one = squares[i] * (more * more * more)  # of chi2 over its degrees (Wilson & Hilferty)
         is_inside = along2 * u * u + per2 * v * v < 1.0
         buffer[i] = one if is_inside else np.inf
         used += 1.0 if is_inside else 0.0
@@ -295,7 +299,7 @@ def fit_patch(
     along2 = per2 / (stretch * stretch)
     c[:] = 0.0
     place_weights(patch, n, per2, along2, placed)
-    flatten(patch, n, c, heights)
+    copy_heights(patch, n, heights)
     if not solve_patch(patch, n, per2, along2, heights, placed, a, c, m):
         return False
     if degree == 2:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +21,14 @@ class Spool:
         self.folder = folder
 
     def put(self, tile: int, *arrays: Any) -> None:
-        """Lay the arrays of a tile aside."""
-        with (self.folder / f"{tile}.npy").open("wb") as file:
+        """Lay the arrays of a tile aside: a line of their kinds and shapes, then the numbers."""
+        with (self.folder / f"{tile}").open("wb") as file:
+            file.write(json.dumps([(array.dtype.str, array.shape) for array in arrays]).encode() + b"\n")
             for array in arrays:
-                np.save(file, array, allow_pickle=False)
+                np.ascontiguousarray(array).tofile(file)
 
     def get(self, tile: int, n_arrays: int) -> list[Any]:
         """Return the first `n_arrays` arrays of a tile, as they were laid aside."""
-        with (self.folder / f"{tile}.npy").open("rb") as file:
-            return [np.load(file, allow_pickle=False) for _ in range(n_arrays)]
+        with (self.folder / f"{tile}").open("rb") as file:
+            shapes = json.loads(file.readline())[:n_arrays]
+            return [np.fromfile(file, kind, math.prod(shape)).reshape(shape) for kind, shape in shapes]
