@@ -13,6 +13,8 @@ import numpy as np
 from numba import jit
 
 from monitor.ordering import stable_order
+from monitor.reconstruction.beside import mark_beside
+from monitor.reconstruction.extent import bounds
 from monitor.reconstruction.fans import find_fans
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
 from monitor.threads import run_tasks
@@ -34,16 +36,23 @@ def find_intersections(vertices: Floats, faces: Ints, suspects: Bools | None = N
     if len(faces) < 2:
         return np.empty((0, 2), np.int64)
     vertices, faces = np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
+    if suspects is None:
+        suspects = np.ones(len(faces), np.bool_)
+    elif MANY * np.count_nonzero(suspects) < len(faces):
+        near = np.flatnonzero(mark_beside(vertices, faces, np.asarray(suspects, np.bool_)))
+        return near[_find_pairs(vertices, faces[near], suspects[near], np.zeros(len(vertices), np.bool_))]
+    return _find_pairs(vertices, faces, np.asarray(suspects, np.bool_), find_fans(vertices, faces))
+
+
+def _find_pairs(vertices: Floats, faces: Ints, suspects: Bools, is_fan: Bools) -> Ints:
+    """Return the pairs of faces (k, 2) that meet, sorted; of vertices that are fans no two faces are looked at."""
+    if len(faces) < 2:
+        return np.empty((0, 2), np.int64)
     order = stable_order(_along_curve(vertices, faces))
-    is_suspect = np.ones(len(faces), np.bool_) if suspects is None else np.asarray(suspects, np.bool_)[order]
-    is_fan = np.zeros(len(vertices), np.bool_)
-    if MANY * np.count_nonzero(is_suspect) >= len(faces):
-        is_fan = find_fans(vertices, faces)
-    mesh = _tree_of(vertices, faces.take(order, axis=0), is_fan)
-    leaves = np.unique(np.flatnonzero(is_suspect) // FACES_PER_LEAF)
-    counts = np.zeros(len(leaves), np.int64)
+    mesh, is_suspect = _tree_of(vertices, faces.take(order, axis=0), is_fan), suspects[order]
+    leaves = np.flatnonzero(np.logical_or.reduceat(is_suspect, np.arange(0, len(faces), FACES_PER_LEAF)))
+    counts, every = np.zeros(len(leaves), np.int64), bool(is_suspect.all())
     nowhere = np.zeros(len(leaves), np.int64), np.empty((0, 2), np.int64)
-    every = bool(is_suspect.all())
     run_tasks(_search, len(leaves), mesh, is_suspect, every, leaves, nowhere[0], counts, nowhere[1])
     hit = np.flatnonzero(counts)
     starts = np.append(0, np.cumsum(counts[hit]))
@@ -68,27 +77,20 @@ class Tree(NamedTuple):
     n_leaves: int
 
 
-@jit(nopython=True, cache=True)
-def _face_boxes(vertices: Floats, faces: Ints) -> Any:
-    """Lowest and highest coordinates of each face, (m, 6)."""
-    out = np.empty((len(faces), 6))
-    for f in range(len(faces)):
-        for axis in range(3):
-            x, y, z = vertices[faces[f, 0], axis], vertices[faces[f, 1], axis], vertices[faces[f, 2], axis]
-            out[f, axis], out[f, 3 + axis] = min(x, y, z), max(x, y, z)
-    return out
-
-
-@jit(nopython=True, cache=True)
 def _along_curve(vertices: Floats, faces: Ints) -> Ints:
-    """Position of the middle of each face on a Morton curve, 10 bits an axis."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(vertices)):
-        for axis in range(3):
-            low[axis], high[axis] = min(low[axis], vertices[i, axis]), max(high[axis], vertices[i, axis])
-    per = 1023.0 / (3.0 * max((high - low).max(), 1e-300))
-    code = np.zeros(len(faces), np.int64)
-    for f in range(len(faces)):
+    """Return the position of the middle of each face on a Morton curve, 10 bits an axis."""
+    low, high = bounds(vertices)
+    codes = np.zeros(len(faces), np.int64)
+    run_tasks(
+        _place_on_curve, len(faces), vertices, faces, low, 1023.0 / (3.0 * max((high - low).max(), 1e-300)), codes
+    )
+    return codes
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _place_on_curve(first: int, last: int, vertices: Floats, faces: Ints, low: Floats, per: float, codes: Ints) -> None:
+    """Write the codes of the faces `first` to `last`, for `run_tasks`."""
+    for f in range(first, last):
         for axis in range(3):
             total = vertices[faces[f, 0], axis] + vertices[faces[f, 1], axis] + vertices[faces[f, 2], axis]
             spread = min(max(np.int64(per * (total - 3.0 * low[axis])), np.int64(0)), np.int64(1023))
@@ -96,15 +98,24 @@ def _along_curve(vertices: Floats, faces: Ints) -> Ints:
             spread = (spread | (spread << 8)) & 0x0300F00F
             spread = (spread | (spread << 4)) & 0x030C30C3
             spread = (spread | (spread << 2)) & 0x09249249
-            code[f] |= spread << axis
-    return code
+            codes[f] |= spread << axis
 
 
 def _tree_of(vertices: Floats, faces: Ints, is_fan: Bools) -> Tree:
     """Return the tree over faces in their order; a leaf beyond the last face is a box that none meets."""
     n_leaves = 1 << max(int(np.ceil(np.log2(len(faces) / FACES_PER_LEAF))), 0)
-    face_boxes = _face_boxes(vertices, faces)
+    face_boxes = np.empty((len(faces), 6))
+    run_tasks(_box_faces, len(faces), vertices, faces, face_boxes)
     return Tree(vertices, faces, is_fan, face_boxes, _boxes_over(face_boxes, n_leaves), n_leaves)
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _box_faces(first: int, last: int, vertices: Floats, faces: Ints, boxes: Floats) -> None:
+    """Write the lowest and highest coordinates of the faces `first` to `last`, for `run_tasks`."""
+    for f in range(first, last):
+        for axis in range(3):
+            x, y, z = vertices[faces[f, 0], axis], vertices[faces[f, 1], axis], vertices[faces[f, 2], axis]
+            boxes[f, axis], boxes[f, 3 + axis] = min(x, y, z), max(x, y, z)
 
 
 @jit(nopython=True, cache=True)

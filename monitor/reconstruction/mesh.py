@@ -57,41 +57,47 @@ def is_degenerate(vertices: Floats, faces: Ints, shortest: float) -> Bools:
     return out
 
 
-def crumbs(vertices: Floats, faces: Ints, smallest_area: float, edges: tuple[Ints, Ints, Ints] | None = None) -> Bools:
-    """Return which faces (m,) belong to a component of less than `smallest_area` (m2); faces hang together by edges.
-
-    `edges` is their `edge_table`, where it is known.
-    """
-    _, edge_of, n_faces = edges or edge_table(faces)
+def crumbs(vertices: Floats, faces: Ints, smallest_area: float) -> Bools:
+    """Return which faces (m,) belong to a component of less than `smallest_area` (m2); faces hang together by edges."""
+    _, edge_of, n_faces = edge_table(faces)
     label = faces_together(edge_of, len(n_faces))
     area = np.bincount(label, face_areas_and_normals(vertices, faces)[0])
     out: Bools = np.asarray(area[label] < smallest_area)
     return out
 
 
-def untie(faces: Ints) -> tuple[Ints, tuple[Ints, Ints, Ints]]:
-    """Return the faces without `bow_ties`, and without those that this makes, and their `edge_table`."""
-    edges = edge_table(faces)
-    drop = bow_ties(faces, edges)
+def untie(faces: Ints) -> Ints:
+    """Return the faces without `bow_ties`, and without those that this makes: around vertices of what was dropped."""
+    drop = bow_ties(faces)
     while drop.any():
+        lost = np.zeros(int(faces.max()) + 1, bool)
+        lost[faces[drop]] = True
         faces = faces.compress(~drop, axis=0)
-        del edges  # or else memory holds two tables
-        edges = edge_table(faces)
-        drop = bow_ties(faces, edges)
-    return faces, edges
+        around = np.flatnonzero(any_corner(lost, faces))
+        drop = np.zeros(len(faces), bool)
+        drop[around] = bow_ties(faces[around], lost)
+    return faces
 
 
-def bow_ties(faces: Ints, edges: tuple[Ints, Ints, Ints] | None = None) -> Bools:
+def any_corner(is_so: Bools, faces: Ints) -> Bools:
+    """Return which faces (m,) have a corner that is so, of vertices (n,)."""
+    a, b, c = (is_so.take(corner) for corner in faces.T)
+    out: Bools = a | b | c
+    return out
+
+
+def bow_ties(faces: Ints, at: Bools | None = None) -> Bools:
     """Return which faces (m,) to drop so that the faces around each vertex are one fan and no edge has three faces.
 
-    Of several fans that meet in one vertex only, the largest stays. Dropping may make new ones: see `untie`. `edges` is
-    the faces' `edge_table`, where it is known.
+    Of several fans that meet in one vertex only, the largest stays. Dropping may make new ones: see `untie`. Of
+    vertices, only those `at` (n,) which all faces are given are looked at; None for all.
     """
     faces = np.ascontiguousarray(faces)
-    _, edge_of, n_faces = edges or edge_table(faces)
+    _, edge_of, n_faces = edge_table(faces)
     lost = (n_faces > 2).take(edge_of)
     fan, vertex = corners_together(faces, edge_of, len(n_faces)), faces.ravel()
     several = corners_of_several(fan, vertex, int(vertex.max(initial=-1)) + 1)
+    several = several if at is None else several[at[vertex[several]]]
     if len(several):
         n_corners = np.bincount(fan[several], minlength=len(fan))
         order = several[np.lexsort((fan[several], -n_corners[fan[several]], vertex[several]))]

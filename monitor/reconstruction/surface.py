@@ -282,8 +282,8 @@ def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Int
     """Return faces that make a two-manifold with boundary, without slivers and crumbs."""
     faces = weld(vertices, faces, SLIVER * cell)
     faces = faces.compress(~is_degenerate(vertices, faces, SLIVER**2 * cell), axis=0)
-    faces, edges = untie(faces)
-    faces = faces.compress(~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2, edges), axis=0)
+    faces = untie(faces)
+    faces = faces.compress(~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2), axis=0)
     if not len(faces):
         raise ReconstructionError(
             f"no piece of surface is larger than a disc of {crumb_cells:g} cells of {cell:.4g} m; "

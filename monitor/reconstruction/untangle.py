@@ -6,12 +6,15 @@ a face that is turned over or cut goes half as far as before, until no face is; 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import jit
 
+from monitor.reconstruction.faces import way
 from monitor.reconstruction.intersections import find_intersections
-from monitor.reconstruction.mesh import face_areas_and_normals, untie
+from monitor.reconstruction.mesh import any_corner, untie
+from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
 MOST_ROUNDS = 12
@@ -46,7 +49,7 @@ def untangle(raw: Floats, wanted: Floats, faces: Ints) -> Untangled:
         share[held] *= 0.5
         share[share < FEWEST_HALVES] = 0.0
         vertices = raw + share[:, None] * (wanted - raw)
-        suspects = np.asarray(held[faces].any(axis=1))
+        suspects = any_corner(held, faces)
     return Untangled(vertices, share, ever_bad | suspects)
 
 
@@ -58,23 +61,38 @@ def drop_intersecting(vertices: Floats, faces: Ints, suspects: Bools | None = No
     met = np.unique(find_intersections(vertices, faces, suspects))
     if not len(met):
         return faces
-    return untie(np.delete(faces, met, axis=0))[0]
+    return untie(np.delete(faces, met, axis=0))
 
 
 def _tangled(raw: Floats, vertices: Floats, faces: Ints, suspects: Bools) -> Bools:
     """Return which faces (m,) are turned over against the raw mesh or meet another; one of each pair is suspect."""
     out = np.zeros(len(faces), bool)
-    before = face_areas_and_normals(raw, faces[suspects])[1]
-    after = face_areas_and_normals(vertices, faces[suspects])[1]
-    out[suspects] = np.einsum("ij,ij->i", before, after) <= 0.0
+    run_tasks(_mark_turned, len(faces), raw, vertices, faces, suspects, out)
     out[find_intersections(vertices, faces, suspects).ravel()] = True
     return out
 
 
+@jit(nopython=True, cache=True, nogil=True)
+def _mark_turned(
+    first: int, last: int, raw: Floats, vertices: Floats, faces: Ints, suspects: Bools, out: Bools
+) -> None:
+    """Mark those of the suspects `first` to `last` that look the other way than before or have no area, for threads."""
+    for f in range(first, last):
+        if suspects[f]:
+            a, b = double_area(raw, faces, f), double_area(vertices, faces, f)
+            out[f] = not a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > 0.0
+
+
+@jit(nopython=True, cache=True)
+def double_area(vertices: Floats, faces: Ints, f: int) -> Any:
+    """Normal of a face, as long as twice its area."""
+    e, g = way(vertices, faces[f, 0], faces[f, 1]), way(vertices, faces[f, 0], faces[f, 2])
+    return e[1] * g[2] - e[2] * g[1], e[2] * g[0] - e[0] * g[2], e[0] * g[1] - e[1] * g[0]
+
+
 def _touching(faces: Ints, bad: Bools, n_vertices: int) -> Bools:
     """Return the bad faces and those that share a vertex with one."""
-    out: Bools = np.asarray(_vertices_of(faces[bad], n_vertices)[faces].any(axis=1))
-    return out
+    return any_corner(_vertices_of(faces[bad], n_vertices), faces)
 
 
 def _vertices_of(faces: Ints, n_vertices: int) -> Bools:

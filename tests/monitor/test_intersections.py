@@ -5,6 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from monitor.reconstruction.beside import mark_beside
 from monitor.reconstruction.fans import find_fans
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
@@ -161,3 +162,15 @@ def test_faces_that_go_round_a_vertex_twice_meet_though_all_are_turned_one_way(r
     vertices, faces = fan(7, 2, 0.01 * rng.normal(size=7))
     assert not find_fans(vertices, faces)[0]
     assert len(find_intersections(vertices, faces)) > 0  # a rim that winds twice crosses itself
+
+
+def test_faces_beside_a_few_are_all_whose_boxes_meet_theirs_and_few_others(rng):
+    vertices, faces = wavy_sheet(40, 0.1, rng)
+    faces = np.r_[faces, [[0, 39, 1599]]]  # one across all others
+    asked = np.zeros(len(faces), bool)
+    asked[[5, 700]] = True
+    low, high = vertices[faces].min(axis=1), vertices[faces].max(axis=1)
+    meet = ((low[:, None] <= high[asked]) & (high[:, None] >= low[asked])).all(axis=2).any(axis=1)
+    found = mark_beside(vertices, faces, asked)
+    assert found[meet].all()
+    assert np.count_nonzero(meet) <= np.count_nonzero(found) < 100

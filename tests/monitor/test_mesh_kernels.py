@@ -8,6 +8,7 @@ from monitor.reconstruction.mesh import (
     face_areas_and_normals,
     is_degenerate,
     short_edges,
+    untie,
     vertex_normals,
 )
 
@@ -64,3 +65,16 @@ def test_pieces_hang_together_by_edges_and_not_by_vertices():
     faces = np.array([[0, 1, 2], [2, 4, 5], [0, 2, 3]])  # the second meets the others in vertex 2 only
     assert crumbs(vertices, faces, 0.75).tolist() == [False, True, False]
     assert bow_ties(faces).tolist() == [False, True, False]
+
+
+def test_untied_faces_are_those_left_when_bow_ties_are_dropped_until_there_are_none(rng):
+    i, n_again = np.arange(64).reshape(8, 8), 0
+    low, right, up, far = (a.ravel() for a in (i[:-1, :-1], i[:-1, 1:], i[1:, :-1], i[1:, 1:]))
+    sheet = np.r_[np.c_[low, right, far], np.c_[low, far, up]]
+    for _ in range(50):
+        faces = sheet[rng.uniform(size=len(sheet)) < 0.7]
+        left = faces[~bow_ties(faces)]
+        while bow_ties(left).any():
+            left, n_again = left[~bow_ties(left)], n_again + 1
+        assert untie(faces).tolist() == left.tolist()
+    assert n_again > 5  # dropping makes new ones
