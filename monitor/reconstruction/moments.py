@@ -100,11 +100,11 @@ def is_sparse(level: Level, ways: Ints, cell: float) -> bool:
 
 
 def sort_groups(counts: Floats, places: Floats, normals: Floats, spreads: Floats, bucket: float) -> Level:
-    """Return the groups sorted into buckets of edge `bucket` (m)."""
+    """Return the groups sorted into buckets of edge `bucket` (m); of single points each counts for one."""
     order, keys, starts, low, shape = sort_by_cell(places, bucket)
     if len(spreads):
-        spreads = spreads.take(order, axis=0)
-    counts, places, normals = (values.take(order, axis=0) for values in (counts, places, normals))
+        spreads, counts = spreads.take(order, axis=0), counts.take(order)
+    places, normals = map_threads(lambda values: values.take(order, axis=0), (places, normals))
     return Level(counts, places, normals, spreads, keys, starts, low, shape, float(bucket))
 
 
