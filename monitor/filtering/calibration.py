@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,13 +26,15 @@ from monitor.filtering.cyclic_adjustment import (
     residuals_of,
     search_wavelength,
     true_ranges,
+    waves_at,
 )
 from monitor.filtering.nearest import BLOCK
 from monitor.filtering.patches import find_plane_patches
 from monitor.filtering.thinning import draw_order
-from projects.model import Floats, Ints, Scan
+from projects.model import Bools, Floats, Ints, Scan
 
 SHOWN = 4000  # points of the figure
+N_PHASES = 400  # at which the waves are summed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +78,8 @@ class Calibration:
     n_patches, n_walls : patches that voted, and the planes that they are parts of.
     ranges : (2,) m, nearest and farthest range of the patches.
     mad_before, mad_after : m, median absolute distance to the adjusted planes without and with the waves.
-    probability : that waves this large appear by chance (F test; with the search for the wavelength where it is made).
+    probability : that waves this large appear by chance (F test; with the search for the wavelength where it is made),
+        on all walls but the one that speaks most for them.
     votes_for : share of the patches that the waves found from the other walls bring nearer to a plane.
     is_applied, reason : whether the scan is to be corrected, and why (not).
     profile : (m, 3) m, range, and distance to its plane before and after, of points of the patch of the greatest span.
@@ -109,8 +113,9 @@ def calibrate_range(scan: Scan, settings: CalibrationSettings | None = None) -> 
     Returns
     -------
     Calibration
-        `is_applied` only where enough patches span the longest wavelength, the waves are significant, and the waves
-        found on the other walls make most patches flatter.
+        `is_applied` only where enough patches span the longest wavelength, the waves are significant whichever wall is
+        left out, those found on the other walls make most patches flatter, and they bring no point farther off its
+        plane than `max_amplitude`.
 
     Notes
     -----
@@ -176,15 +181,14 @@ def _judge(patches: list[Patch], wavelengths: Floats, n_tried: int, settings: Ca
             f"{settings.min_patches} are needed"
         )
         return _nothing(reason, settings)
-    adjusted = adjust_waves(patches, wavelengths)
+    adjusted, groups = adjust_waves(patches, wavelengths), groups_of(patches)
     c, covariance = adjusted.coefficients, np.linalg.inv(adjusted.normal)
-    freedom = max(sum(int(p.cells[1].max()) + 1 - 6 for p in patches) - len(c), 1)
-    chance = float(f_distribution.sf(c @ adjusted.normal @ c / len(c), len(c), freedom))
-    probability = min(1.0, chance * n_tried)
-    share = _votes_for(adjusted, np.array([p.wall for p in patches]))
+    freedoms = np.array([int(p.cells[1].max()) + 1 - 6 for p in patches])
+    probability = min(1.0, n_tried * _chance_without_any(adjusted, groups, freedoms))
+    share, farthest = _votes_for(adjusted, groups), _farthest(c, wavelengths)
     before, after = [residuals_of(p, wavelengths, 0.0 * c, np.ones(len(p.ranges))) for p in patches], adjusted.residuals
     amplitudes, phases, jacobian = _amplitudes(c)
-    is_applied, reason = _decide(probability, share, settings)
+    is_applied, reason = _decide(probability, share, farthest, settings)
     ranges = np.concatenate([p.ranges for p in patches])
     widest = int(np.argmax([np.ptp(p.ranges) for p in patches]))
     return Calibration(
@@ -196,21 +200,52 @@ def _judge(patches: list[Patch], wavelengths: Floats, n_tried: int, settings: Ca
     )  # fmt: skip
 
 
-def _votes_for(adjusted: Adjustment, walls: Ints) -> float:
-    """Return the share of patches that the waves found from the other walls (patches, if there is one) make flatter."""
-    groups = walls if len(np.unique(walls)) > 1 else np.arange(len(walls))
+def groups_of(patches: Sequence[Patch]) -> list[Bools]:
+    """Return which patches (p,) belong to each wall; each patch for itself where all are of one wall, none of one."""
+    if len(patches) == 1:
+        return []
+    walls = np.array([p.wall for p in patches])
+    own = walls if len(np.unique(walls)) > 1 else np.arange(len(walls))
+    return [own == number for number in np.unique(own)]
+
+
+def _chance_without_any(adjusted: Adjustment, groups: Sequence[Bools], freedoms: Ints) -> float:
+    """Return the probability that waves this large appear by chance where the wall that says most is left out.
+
+    A wall of stones has relief as long as the waves. That of one wall agrees with some waves, and by itself makes all
+    walls together significant.
+    """
+    chances = []
+    for own in groups or [np.zeros(len(freedoms), dtype=np.bool_)]:
+        normal, c = combine_votes(adjusted.votes, np.where(own, 0.0, adjusted.shares))
+        freedom = max(int(freedoms[~own].sum()) - len(c), 1)
+        chances.append(float(f_distribution.sf(c @ normal @ c / len(c), len(c), freedom)))
+    return max(chances)
+
+
+def _votes_for(adjusted: Adjustment, groups: Sequence[Bools]) -> float:
+    """Return the share of patches that the waves found from the other walls make flatter."""
     flatter = []
-    for group in np.unique(groups):
-        own = groups == group
+    for own in groups:
         _, c = combine_votes(adjusted.votes, np.where(own, 0.0, adjusted.shares))
         flatter += [c @ v.normal @ c < 2.0 * c @ v.right for v, o in zip(adjusted.votes, own, strict=True) if o]
-    return float(np.mean(flatter))
+    return float(np.mean(flatter)) if flatter else 1.0
 
 
-def _decide(probability: float, share: float, settings: CalibrationSettings) -> tuple[bool, str]:
+def _farthest(c: Floats, wavelengths: Floats) -> float:
+    """Return the largest error [m] over the longest wavelength."""
+    return float(np.abs(waves_at(np.linspace(0.0, wavelengths[0], N_PHASES), wavelengths) @ c).max())
+
+
+def _decide(probability: float, share: float, farthest: float, settings: CalibrationSettings) -> tuple[bool, str]:
     """Return whether to correct the scan, and why."""
     if probability > settings.max_probability:
         return False, f"no significant waves: they appear by chance with a probability of {probability:.2g}"
+    if farthest > settings.max_amplitude:
+        return False, (
+            f"waves of up to {1e3 * farthest:.1f} mm: more than a range error of "
+            f"{1e3 * settings.max_amplitude:g} mm, they are the shape of the walls"
+        )
     if share < 2.0 / 3.0:
         return False, f"only {share:.0%} of the patches become flatter by the waves found on the others"
     return True, f"waves appear by chance with a probability of {probability:.2g}; {share:.0%} of the patches agree"

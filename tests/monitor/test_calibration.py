@@ -9,6 +9,7 @@ from scanned_room import FARO, scan_room, uneven_plaster
 from monitor.filtering import CalibrationSettings, calibrate_range, correct_range
 from monitor.simulation.instruments import without_errors
 from monitor.simulation.scanner import cyclic_error
+from projects.formats import read_scans
 from projects.model import PointCloud, Scan
 
 KNOWN = CalibrationSettings(wavelength=0.6)
@@ -69,6 +70,39 @@ def test_uneven_walls_say_how_little_they_know(rng, rms):
 def test_uneven_walls_alone_are_no_cyclic_error(rng):
     found = calibrate_range(scan_room(rng, instrument=STEADY, relief=uneven_plaster(rng, 1e-3, 0.6)), KNOWN)
     assert not found.is_applied, found.reason
+
+
+def test_waves_larger_than_an_instrument_makes_are_the_shape_of_the_walls(rng):
+    """All walls wave alike by 6 mm about the scanner, beyond the 5 mm of `max_amplitude`."""
+    bad = dataclasses.replace(FARO, cyclic_amplitudes=(0.006, 0.0, 0.0, 0.0))
+    scan = scan_room(rng, instrument=bad)
+    found = calibrate_range(scan, dataclasses.replace(KNOWN, max_amplitude=0.008))
+    assert found.is_applied, found.reason
+    assert np.isclose(found.amplitudes[0], 0.006, atol=0.05e-3)
+    refused = calibrate_range(scan, KNOWN)
+    assert not refused.is_applied
+    assert "waves of up to 6.0 mm" in refused.reason
+
+
+def test_a_wall_of_real_stones_is_no_range_error(real_data):
+    """Half of a stretch of `vapc_rockwall`: three patches, of which one's relief had passed for waves of 9 mm."""
+    (stream,) = read_scans(real_data / "vapc_rockwall" / "vapc_in.laz")
+    points = np.concatenate([s.cloud.points for s in stream.chunks()])
+    points = points[np.abs(points[:, 0] - np.median(points[:, 0])) < 8.0]
+    own = points[(points[:, 0] >= points[:, 0].min() + 4.0) & (points[:, 0] < points[:, 0].min() + 8.0)]
+    half = np.round(own[np.random.default_rng([1, 171]).random(len(own)) < 0.5], 5)  # as files hold it
+    station = np.array([np.median(half[:, 0]), -10.0, 1.0])
+    found = calibrate_range(Scan("wall", PointCloud(half), np.eye(4), origin=station))
+    assert found.n_patches >= 3
+    assert not found.is_applied, found.reason
+
+
+def test_one_patch_alone_may_be_believed_where_that_is_asked(rng):
+    scan = scan_room(rng)
+    floor = scan.take(np.flatnonzero(np.abs(scan.cloud.points[:, 2] + 1.6) < 0.02))
+    found = calibrate_range(floor, dataclasses.replace(KNOWN, min_patches=1))
+    assert found.is_applied, found.reason
+    assert np.allclose(found.amplitudes, TRUE, atol=0.1e-3)
 
 
 def test_the_wavelength_is_found_where_no_preset_gives_it(rng):
