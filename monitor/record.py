@@ -25,8 +25,8 @@ METHOD = {
     "filtered": 5,
     "surface": 15,
     "mesh": 5,
-    "quality": 1,
-    "comparison": 21,
+    "quality": 2,
+    "comparison": 22,
     "series": 1,
 }
 

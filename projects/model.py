@@ -257,10 +257,12 @@ class Registration:
 class ComparedSurface:
     """One side of a comparison: a surface in the reference epoch's coordinates and the change at each vertex.
 
-    `distances` [m] are positive where material was gained, on both sides; `distances` and `lod95` [m] are NaN where
-    `assessment` is NOT_ASSESSABLE, and `reasons` (`NotAssessed`) says why. Where a vertex is CHANGED because a
-    scan of the other epoch looked through it (reason LOOKED_THROUGH), it is gone, or new, as a whole: `distances` is
-    then that to the nearest point of the other surface in any direction, and `lod95` the median of the side.
+    `distances` [m], perpendicular to the other surface, are positive where material was gained, on both sides. Where
+    the vertices of that surface have fitted normals and a sigma, it bows between the corners of a face as the normals
+    say; to the flat face it is up to the bow more or less. `distances` and `lod95` [m] are NaN where `assessment` is
+    NOT_ASSESSABLE, and `reasons` (`NotAssessed`) says why. Where a vertex is CHANGED because a scan of the other epoch
+    looked through it (reason LOOKED_THROUGH), it is gone, or new, as a whole: `distances` is then that to the nearest
+    point of the other surface in any direction, and `lod95` the median of the side.
     `region` is 0 outside of regions.
     """
 

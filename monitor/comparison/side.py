@@ -16,12 +16,14 @@ from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
 from monitor.comparison.stars import Neighbours
+from monitor.reconstruction.bow import bow_at
 from monitor.registration.propagation import propagate
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate
 
 EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only
-LEAST_SPREAD = 1.1  # of the farthest third's beginning to the nearest third's end; else noise decides who is in which
+LEAST_SPREAD = 1.1  # of the farthest third's beginning to the nearest third's end; or, where noise is stated,
+LEAST_NOISES = 20.0  # of noise between them; else noise decides who is in which
 N_ARMS = 200_000  # vertices that show where a third of the lever arm ends, at even steps
 GAP_STEPS = np.array([0.75, 1.0])  # spacings of the vertices to the nearest sample, where one class of gap ends
 
@@ -117,7 +119,8 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
                  left: Registration | None = None) -> Side:  # fmt: skip
     """Measure one side against the other; `sign` is +1 on compared, -1 on reference.
 
-    `registration` is what the frames of both are held by, `left` the motion that stays in the distances.
+    `registration` is what the frames of both are held by, `left` the motion that stays in the distances. The change is
+    the perpendicular distance to the other surface, which between the corners of a face is not flat (`bow_at`).
 
     A stated sigma that is NaN makes the vertex too uncertain; a surface that states none at all leaves its noise to
     the floor that the stable areas show. Near a free edge of either surface the surface goes on beyond its samples, so
@@ -136,7 +139,8 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     at_rim = to_rim < EXTRAPOLATED * np.sqrt(median(areas))  # False where there is no rim (NaN)
     reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
     reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
-    distances = np.where(reasons == NotAssessed.ASSESSED, sign * feet.distances, np.nan)
+    change = sign * (feet.distances - bow_at(other, feet.faces, feet.weights))
+    distances = np.where(reasons == NotAssessed.ASSESSED, change, np.nan)
     motion = keep_on_disk(_motion_sigma(registration, surface.vertices, normals))
     is_stable = np.zeros(len(normals), dtype=np.bool_)
     shared = np.zeros(len(normals))
@@ -152,21 +156,24 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
         areas, keep_on_disk(distances), keep_on_disk(to_rim), keep_on_disk(sigma), shared, motion, is_stable, reasons,
         expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
         np.maximum(_gap_of(shell), np.append(_gap_of(other_shell), np.uint8(0))[corners]),
-        thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED),
+        thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED, np.hypot(sigma, shared)),
     )  # fmt: skip
 
 
-def thirds_of(points: Floats, centre: Floats, is_assessed: Bools) -> Ints:
+def thirds_of(points: Floats, centre: Floats, is_assessed: Bools, noise: Floats) -> Ints:
     """Return the third (n,) uint8 of the distance to `centre` that each vertex lies in, of those assessed.
 
-    Of a nearly round body, whose lever arms are all alike, it is 0: which third a vertex is in would tell its noise.
+    Of a round body, whose lever arms are all alike, it is 0: which third a vertex is in would tell its `noise` (n,)
+    [m], as far as that is stated.
     """
     places, out = np.flatnonzero(is_assessed), np.zeros(len(points), dtype=np.uint8)
     if not len(places):
         return out
     some = np.linalg.norm(points[places[:: max(len(places) // N_ARMS, 1)]] - centre, axis=1)
     thirds = [quantile(some, 1.0 / 3.0), quantile(some, 2.0 / 3.0)]
-    if thirds[1] < LEAST_SPREAD * thirds[0]:
+    typical = median(noise[places])
+    is_told = typical > 0.0 and thirds[1] - thirds[0] > LEAST_NOISES * typical
+    if thirds[1] < LEAST_SPREAD * thirds[0] and not is_told:
         return out
     for block in blocks(len(out)):
         out[block] = np.searchsorted(thirds, np.linalg.norm(points[block] - centre, axis=1), side="right")

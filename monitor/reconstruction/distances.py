@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from monitor.reconstruction.bow import bow_at
 from monitor.reconstruction.mesh import edge_table, face_areas_and_normals, vertex_normals
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, Surface
@@ -18,6 +19,8 @@ COS_LOOKS_THE_SAME_WAY = 0.5  # a point's normal within 60 degrees of the face's
 
 def surface_to_points(surface: Surface, points: Floats, normals: Floats | None = None) -> Floats:
     """Return the signed distance of each point to the surface along the surface normal.
+
+    The surface of a face is not flat where its corners have fitted normals: see `bow_at`.
 
     Parameters
     ----------
@@ -43,7 +46,7 @@ def surface_to_points(surface: Surface, points: Floats, normals: Floats | None =
     normal = _foot_normals(surface, face, weights)
     offset = points - foot
     side = np.einsum("ij,ij->i", offset, normal)
-    distance = np.copysign(np.linalg.norm(offset, axis=1), side)
+    distance = np.copysign(np.linalg.norm(offset, axis=1), side) - bow_at(surface, face, weights)
     is_over = ~_on_free_edge(surface.faces, face, weights)
     if normals is not None:
         is_over &= np.einsum("ij,ij->i", normal, normals) > COS_LOOKS_THE_SAME_WAY

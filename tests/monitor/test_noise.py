@@ -141,7 +141,7 @@ def test_strata_are_told_by_rim_roughness_view_gap_and_arm() -> None:
     assert sorted(np.concatenate(KINDS["view"])) == list(range(N_STRATA))
 
 
-def test_a_test_of_patches_takes_thethirds_of_the_arm_as_one() -> None:
+def test_a_test_of_patches_takes_the_thirds_of_the_arm_as_one() -> None:
     scales = np.ones(N_STRATA)
     scales[place(4, 0, arm=2)] = 3.0
     noise = Noise(0.1 * scales, scales, scales, NO_AGREEMENT, 0.001)
@@ -151,13 +151,20 @@ def test_a_test_of_patches_takes_thethirds_of_the_arm_as_one() -> None:
     assert noise.variance_of(side) == pytest.approx([11.0 / 3.0 * 0.26, 0.26])  # (1 + 1 + 9) / 3, of 0.5^2 + 0.1^2
 
 
-def testthirds_of_the_lever_arm_are_of_long_bodies_and_not_of_the_noise_of_round_ones(
+def test_thirds_of_the_lever_arm_are_of_long_bodies_and_not_of_the_noise_of_round_ones(
     rng: np.random.Generator,
 ) -> None:
+    """A body long by 5 % has thirds where its noise is stated, and is small beside what its arms differ by."""
     d = rng.normal(size=(3000, 3))
     d /= np.linalg.norm(d, axis=1)[:, None]
-    noisy = d * (0.1 + 5e-5 * rng.normal(size=(3000, 1)))
-    every = np.ones(3000, dtype=bool)
-    assert not thirds_of(noisy, np.zeros(3), every).any()
-    long = thirds_of(noisy * [1.0, 1.0, 4.0], np.zeros(3), every)
-    assert np.bincount(long).tolist() == pytest.approx([1000] * 3, abs=2)
+    noisy, every = d * (0.1 + 5e-5 * rng.normal(size=(3000, 1))), np.ones(3000, dtype=bool)
+    stated, unstated, coarse = (np.full(3000, sigma) for sigma in (5e-5, 0.0, 2e-4))
+
+    def counts(stretch: float, noise: Floats) -> list[int]:
+        return np.bincount(thirds_of(noisy * [1.0, 1.0, stretch], np.zeros(3), every, noise), minlength=3).tolist()
+
+    for noise in (stated, unstated):
+        assert counts(1.0, noise) == [3000, 0, 0]
+        assert counts(4.0, noise) == pytest.approx([1000] * 3, abs=2)
+    assert counts(1.05, stated) == pytest.approx([1000] * 3, abs=2)
+    assert counts(1.05, unstated) == counts(1.05, coarse) == [3000, 0, 0]

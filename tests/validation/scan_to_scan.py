@@ -20,6 +20,7 @@ from monitor.chain import move_cloud
 from monitor.comparison import CompareSettings, compare
 from monitor.comparison.distances import normal_distances
 from monitor.reconstruction import reconstruct
+from monitor.reconstruction.bow import bow_at
 from monitor.simulation import Scene, Station
 from monitor.simulation.scanner import Target, cast
 from projects.model import Assessment, Bools, Floats, NotAssessed, Registration, Surface
@@ -82,7 +83,8 @@ def differ(
             pair = normal_distances(models[one], models[other], FARTHEST)
             known = pair.reasons == NotAssessed.ASSESSED
             both, free = (seen[one][k][which] & seen[one][m][which] for which in (0, 1))
-            found.append((pair.distances[known], is_assessed[known], both[known], free[known]))
+            distances = pair.distances - bow_at(models[other], pair.faces, pair.weights)
+            found.append((distances[known], is_assessed[known], both[known], free[known]))
     return Differences(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
