@@ -12,11 +12,12 @@ import numpy as np
 from numba import jit
 
 from monitor.reconstruction.gathering import rows_room
-from monitor.reconstruction.moments import Level, find_rows
+from monitor.reconstruction.moments import BUCKETS_PER_RADIUS, Level, find_rows, level_of_points
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
 ANY_WAY = -2.0  # no cosine is less
+MOST_BUCKETS = 8.0  # of the level that the search reaches over; beyond, points are sorted into wider ones
 
 
 def has_near(level: Level, places: Floats, ways: Floats, farthest: float, least_cosine: float = ANY_WAY) -> Bools:
@@ -24,6 +25,8 @@ def has_near(level: Level, places: Floats, ways: Floats, farthest: float, least_
 
     `least_cosine` is between the direction of the row and that of the place in `ways` (n, 3).
     """
+    if farthest > MOST_BUCKETS * level.bucket:  # cells far larger than the points lie apart
+        level = level_of_points(level.places, level.normals, BUCKETS_PER_RADIUS * farthest)
     out = np.zeros(len(places), np.bool_)
     run_tasks(_mark_near, len(places), level, places, ways, float(farthest), float(least_cosine), out)
     return out

@@ -8,7 +8,7 @@ from monitor.reconstruction.moments import level_of_points
 from monitor.reconstruction.nearness import has_near
 
 
-@pytest.mark.parametrize("radius", [0.05, 0.3])
+@pytest.mark.parametrize("radius", [0.005, 0.05, 0.3])
 def test_near_is_what_a_search_through_all_finds_near_and_looking_that_way(rng, radius):
     points, places = rng.uniform(size=(400, 3)), rng.uniform(-0.1, 1.1, size=(500, 3))
     normals, ways = (a / np.linalg.norm(a, axis=1)[:, None] for a in rng.normal(size=(2, 500, 3)))
