@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import jit
 
+from monitor.boxes import box_of
 from monitor.comparison.blocks import blocks
 from monitor.comparison.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER
-from monitor.comparison.morton import box_of
 from monitor.comparison.portions import search_feet
 from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.shell import Shell, make_shell

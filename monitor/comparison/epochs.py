@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.boxes import box_of
 from monitor.comparison.detection import Detection, detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import look_beyond
 from monitor.comparison.evidence import Sights, look_through
-from monitor.comparison.morton import box_of
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import find_regions, least_beyond
 from monitor.comparison.shell import Shell, make_shell

@@ -13,7 +13,7 @@ import numpy as np
 from numba import jit
 from scipy.stats import norm
 
-from monitor.comparison.morton import box_of
+from monitor.boxes import box_of
 from monitor.comparison.quantile import between, quantile
 from projects.model import Floats, Ints
 

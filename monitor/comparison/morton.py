@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import jit
 
+from monitor.boxes import box_of
 from monitor.ordering import stable_order
 from monitor.threads import run_tasks
 from projects.model import Floats, Ints
@@ -40,16 +41,6 @@ def cells_of(points: Floats, shift: Floats | float = 0.0) -> Cells:
     low, high = box_of(points)
     low, high = low - shift, high - shift
     return low, (2**BITS - 1) / max(float((high - low).max()), 1e-300)
-
-
-@jit(nopython=True, cache=True)
-def box_of(points):  # type: ignore[no-untyped-def]
-    """Return the low and the high corner (3,) of the box of points (n, 3); NaN are left out."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(points)):
-        for k in range(3):
-            low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
-    return low, high
 
 
 @jit(nopython=True, cache=True, forceinline=True)

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import jit
 
+from monitor.boxes import box_of
 from monitor.comparison.blocks import blocks
 from monitor.comparison.connected import connect_like
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.morton import box_of
 from monitor.comparison.noise import Noise
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side

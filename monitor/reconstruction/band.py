@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.boxes import box_of
 from monitor.ordering import stable_order
-from monitor.reconstruction.extent import bounds
 from projects.model import Floats, Ints
 
 OCCUPIED, IN_BAND = 1, 2
@@ -48,7 +48,7 @@ def cut_tiles(points: Floats, edge: int, reach: int) -> Tiles:
 
     A tile without points is one too where a point lies within `reach` cells of it: the band goes on into it.
     """
-    low, high = (np.floor(place / edge).astype(np.int64) for place in bounds(points))
+    low, high = (np.floor(place / edge).astype(np.int64) for place in box_of(points))
     low, shape = low - 1, high - low + 3
     key, faces = cubes_of(points, edge, reach, low, shape)
     order = stable_order(key)

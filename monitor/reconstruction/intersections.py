@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.boxes import box_of
 from monitor.ordering import stable_order
 from monitor.reconstruction.beside import mark_beside
-from monitor.reconstruction.extent import bounds
 from monitor.reconstruction.fans import find_fans
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
 from monitor.threads import run_tasks
@@ -79,7 +79,7 @@ class Tree(NamedTuple):
 
 def _along_curve(vertices: Floats, faces: Ints) -> Ints:
     """Return the position of the middle of each face on a Morton curve, 10 bits an axis."""
-    low, high = bounds(vertices)
+    low, high = box_of(vertices)
     codes = np.zeros(len(faces), np.int64)
     run_tasks(
         _place_on_curve, len(faces), vertices, faces, low, 1023.0 / (3.0 * max((high - low).max(), 1e-300)), codes

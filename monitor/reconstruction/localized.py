@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from monitor.boxes import box_of
 from monitor.reconstruction.band import (
     Tiles,
     cut_tiles,
@@ -32,7 +33,6 @@ from monitor.reconstruction.band import (
 )
 from monitor.reconstruction.conjugate_gradients import solve_field
 from monitor.reconstruction.contour import contour_tile
-from monitor.reconstruction.extent import bounds
 from monitor.reconstruction.poisson import (
     BAND,
     BLUR_PASSES,
@@ -118,7 +118,7 @@ def _place_lattice(points: Floats, cell: float, tile: int) -> Floats:
 
     A sheet that merely came near a tile's face would be solved on both sides of it.
     """
-    first, last = (np.floor(place / cell) for place in bounds(points))
+    first, last = (np.floor(place / cell) for place in box_of(points))
     extent = last - first + 1.0
     n_tiles = np.ceil((extent + 2.0 * REACH) / tile)
     low: Floats = first - np.floor(0.5 * (n_tiles * tile - extent))
@@ -197,7 +197,7 @@ def tile_band(tiles: Tiles, tile: int, margin: int, radius: float) -> tuple[Band
     rows = tiles.points_within(tile, margin)
     points = tiles.points.take(rows, axis=0)
     reach = int(np.ceil(radius)) + 1
-    first, last = (np.floor(place).astype(np.int64) for place in bounds(points))
+    first, last = (np.floor(place).astype(np.int64) for place in box_of(points))
     low, shape = first - reach, last - first + 2 * reach + 2
     points -= low
     marks = mark_cells(points, (int(shape[0]), int(shape[1]), int(shape[2])), float(radius))

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.boxes import box_of
 from monitor.ordering import stable_order
-from monitor.reconstruction.extent import bounds
 from monitor.threads import map_threads
 from projects.model import Floats, Ints
 
@@ -110,7 +110,7 @@ def sort_groups(counts: Floats, places: Floats, normals: Floats, spreads: Floats
 
 def sort_by_cell(places: Floats, cell: float) -> tuple[Ints, Ints, Ints, Floats, Ints]:
     """Return order, keys, starts, corner and shape of cubes of edge `cell` (m) over places (n, 3)."""
-    low = bounds(places)[0] - cell
+    low = box_of(places)[0] - cell
     key, shape = cell_keys(places, low, float(cell))
     order = stable_order(key)
     key = key.take(order)

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.boxes import box_of
 from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
 from monitor.reconstruction.coverage import count_uncovered
-from monitor.reconstruction.extent import bounds, mark_usable
 from monitor.reconstruction.faces import least_cosines
 from monitor.reconstruction.furrows import choose_fits
 from monitor.reconstruction.gathering import GATE_SIGMAS
@@ -31,6 +31,7 @@ from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, Samples, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import Ladder, Stated, choose_reach, make_ladder
 from monitor.reconstruction.untangle import drop_intersecting, untangle
+from monitor.reconstruction.usable import mark_usable
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
@@ -121,7 +122,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     """
     settings = settings or SurfaceSettings()
     cloud = usable_samples(with_normals(cloud))
-    low, high = bounds(cloud.points)
+    low, high = box_of(cloud.points)
     shift = np.round(0.5 * (low + high), 3)
     cloud = replace(cloud, points=cloud.points - shift)
     assert cloud.normals is not None

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
+from monitor.boxes import box_of
 from projects.model import Floats, Ints
 
 N_CUBES_ACROSS = 64  # of the longest extent: more take longer to sort by than the tree gains
@@ -25,7 +26,7 @@ class SearchTree:
     def __init__(self, points: Floats) -> None:
         self.data = points
         self.n = len(points)
-        self.mins, self.maxes = _bounds(points)
+        self.mins, self.maxes = box_of(points)
         cube = float(np.max(self.maxes - self.mins, initial=0.0)) / N_CUBES_ACROSS
         self._order, in_order = _sort_by_cubes(points, self.mins, self.maxes, max(cube, 1e-300))
         self._tree = cKDTree(in_order, leafsize=LEAF, balanced_tree=False, compact_nodes=False, copy_data=False)
@@ -36,17 +37,6 @@ class SearchTree:
         none lies within the bound. The same for any number of threads."""
         distance, near = self._tree.query(places, k=k, workers=-1, distance_upper_bound=distance_upper_bound)
         return distance, self._order[near]
-
-
-@njit(cache=True, error_model="numpy")
-def _bounds(points: Any) -> Any:
-    """Return the least and the largest coordinates (3,) of points."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(points)):
-        for axis in range(3):
-            low[axis] = min(low[axis], points[i, axis])
-            high[axis] = max(high[axis], points[i, axis])
-    return low, high
 
 
 @njit(cache=True, error_model="numpy")

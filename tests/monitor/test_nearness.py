@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from monitor.reconstruction.extent import bounds, mark_usable
+from monitor.boxes import box_of
 from monitor.reconstruction.moments import level_of_points
 from monitor.reconstruction.nearness import has_near
+from monitor.reconstruction.usable import mark_usable
 
 
 @pytest.mark.parametrize("radius", [0.005, 0.05, 0.3])
@@ -24,5 +25,5 @@ def test_points_are_used_that_are_finite_and_have_a_unit_normal():
     points, normals = np.zeros((6, 3)), np.tile([0.0, 0.6, 0.8], (6, 1))
     points[1, 2], points[2, 0], normals[3, 1], normals[4] = np.nan, -np.inf, np.nan, [0.0, 0.3, 0.4]
     assert mark_usable(points, normals).tolist() == [True, False, False, False, False, True]
-    low, high = bounds(np.array([[1.0, -2.0, 3.0], [0.5, 4.0, 3.0]]))
+    low, high = box_of(np.array([[1.0, -2.0, 3.0], [0.5, 4.0, 3.0]]))
     assert (low.tolist(), high.tolist()) == ([0.5, -2.0, 3.0], [1.0, 4.0, 3.0])

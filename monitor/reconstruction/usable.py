@@ -1,11 +1,6 @@
-"""Where points lie and which can be used: kernels that pass over them once.
-
-In: points (n, 3) m. Out: their lowest and highest coordinates, or a mask. Numpy takes ten times as long along rows.
-"""
+"""Which points a surface can be made of: a kernel that passes over them once. In: points (n, 3) m. Out: a mask."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numba import jit
@@ -13,16 +8,6 @@ from numba import jit
 from projects.model import Bools, Floats
 
 SHORTEST_NORMAL = 0.5  # a normal is a unit vector, or none
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def bounds(points: Floats) -> Any:
-    """Lowest and highest coordinates (3,) of points (n, 3), infinite where there are none."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(points)):
-        for a in range(3):
-            low[a], high[a] = min(low[a], points[i, a]), max(high[a], points[i, a])
-    return low, high
 
 
 @jit(nopython=True, cache=True, nogil=True)
