@@ -19,6 +19,7 @@ from projects.model import Floats, Ints
 MORTON_BITS = 21
 BLOCK = 1 << 18  # points at a time
 LEAF = 8  # points of a leaf, whose neighbours are gathered together
+NEARBY = 1.5  # times the distance to the first one's k-th neighbour, within which points of a leaf are taken together
 
 
 def canonical_order(points: Floats) -> Ints:
@@ -175,8 +176,25 @@ def _reach(points: Any, first: int, last: int, k: int, centre: Any) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _nearest_of_leaf(points: Any, low: Any, high: Any, first: int, last: int, k: Any, found: Any, out: Any) -> Any:
-    """Write the neighbours of the points first to last (one leaf): candidates are gathered once and shared."""
+def end_of_run(points: Any, first: int, last: int, k: int) -> int:
+    """Return where, from `first` on, the points of a leaf stop lying together: farther off than the first's own k.
+
+    The curve jumps, at worst from one end of the cloud to the other; what is shared across such a jump would be sought
+    in a ball as wide.
+    """
+    reach = NEARBY * _reach(points, first, last, k, points[first])
+    for i in range(first + 1, last):
+        away2 = 0.0
+        for axis in range(3):
+            away2 += (points[i, axis] - points[first, axis]) ** 2
+        if away2 > reach * reach:
+            return i
+    return last
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest_of_run(points: Any, low: Any, high: Any, first: int, last: int, k: Any, found: Any, out: Any) -> Any:
+    """Write the neighbours of the points first to last (of one leaf): candidates are gathered once and shared."""
     stack = np.empty(128, dtype=np.int64)
     centre = np.zeros(3)
     for i in range(first, last):
@@ -219,7 +237,7 @@ def _write_nearest(found: Any, d2: Any, n: int, k: int, work: Any, out: Any) -> 
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def _nearest(points: Any, low: Any, high: Any, first: int, last: int, k: Any, width: int) -> Any:
-    """Run `_nearest_of_leaf` over the leaves of a block."""
+    """Run `_nearest_of_run` over the leaves of a block."""
     out = np.empty((last - first, width), dtype=np.int32)
     leaves_per_chunk = 32
     step = LEAF * leaves_per_chunk
@@ -227,18 +245,20 @@ def _nearest(points: Any, low: Any, high: Any, first: int, last: int, k: Any, wi
         found = np.empty(4096, dtype=np.int32)
         start = first + chunk * step
         for leaf in range(start, min(last, start + step), LEAF):
-            stop = min(last, leaf + LEAF)
-            found = _nearest_of_leaf(
-                points, low, high, leaf, stop, k[leaf - first : stop - first], found, out[leaf - first : stop - first]
-            )
+            begin, stop = leaf, min(last, leaf + LEAF)
+            while begin < stop:
+                end = end_of_run(points, begin, stop, k[begin - first])
+                run = slice(begin - first, end - first)
+                found = _nearest_of_run(points, low, high, begin, end, k[run], found, out[run])
+                begin = end
     return out
 
 
 @njit(cache=True, error_model="numpy")
 def _nearest_of_points(points: Any, low: Any, high: Any, which: Any, k: int) -> Any:
-    """Run `_nearest_of_leaf` for single points."""
+    """Run `_nearest_of_run` for single points."""
     out, sizes = np.empty((len(which), k), dtype=np.int32), np.full(1, k, dtype=np.int64)
     found = np.empty(4096, dtype=np.int32)
     for row, i in enumerate(which):
-        found = _nearest_of_leaf(points, low, high, i, i + 1, sizes, found, out[row : row + 1])
+        found = _nearest_of_run(points, low, high, i, i + 1, sizes, found, out[row : row + 1])
     return out

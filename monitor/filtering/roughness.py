@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from projects.model import Floats, Ints, Roughness
 
+BLOCK = 262_144
 ROUGH_TIMES_NOISE = 3.0  # shape that outweighs the noise three times over is rough
 
 
@@ -27,11 +28,14 @@ def classify_roughness(relief2: Floats, noise: Floats, n_neighbours: Ints) -> ND
     that; ROUGH: three times the noise or more. Surface variation is this over the sum of the eigenvalues, which is
     that of the neighbourhood whatever the noise: comparing one compares the other.
     """
-    sizes, size_of = np.unique(np.asarray(n_neighbours), return_inverse=True)
+    relief2, noise, n_neighbours = np.asarray(relief2), np.asarray(noise), np.asarray(n_neighbours)
+    sizes = np.arange(int(n_neighbours.max(initial=0)) + 1)
     degrees = np.maximum(sizes - 3.0, 1.0)
-    limits = (chi2.ppf(0.99, degrees) / degrees)[size_of]
-    ratio = np.asarray(relief2) / np.maximum(np.asarray(noise) ** 2, 1e-30)
-    classes = np.full(len(ratio), Roughness.SMOOTH, dtype=np.uint8)
-    classes[ratio > limits] = Roughness.MEDIUM
-    classes[ratio > ROUGH_TIMES_NOISE**2] = Roughness.ROUGH
+    limits = chi2.ppf(0.99, degrees) / degrees
+    classes = np.full(len(relief2), Roughness.SMOOTH, dtype=np.uint8)
+    for first in range(0, len(classes), BLOCK):  # so that nothing but the classes is as long as the points
+        block = slice(first, first + BLOCK)
+        ratio = relief2[block] / np.maximum(noise[block] ** 2, 1e-30)
+        classes[block][ratio > limits[n_neighbours[block]]] = Roughness.MEDIUM
+        classes[block][ratio > ROUGH_TIMES_NOISE**2] = Roughness.ROUGH
     return classes

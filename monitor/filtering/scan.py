@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
@@ -108,6 +109,7 @@ def _thin_scan(scan: Scan, settings: FilterSettings) -> FilterResult:
     mixed = _mixed(scan, planes, settings.silhouettes)
     scan = dataclasses.replace(scan, rows=None, columns=None)  # the rims need much memory of their own
     counts, keep = _sort_out(scan, planes, mixed, settings.silhouettes)
+    planes = planes.without("reach", "is_outlier")
     cloud, thinned, automatic = thin_cloud(scan.cloud, index, planes, keep, settings.thinning)
     return FilterResult(cloud, {**counts, **count_thinned(int(keep.sum()), thinned)}, automatic)
 
@@ -165,12 +167,13 @@ def _count_first(reasons: Mapping[str, Bools]) -> dict[str, int]:
 def thin_cloud(
     cloud: PointCloud, index: PointIndex, planes: TangentPlanes, keep: Bools, settings: ThinningSettings
 ) -> tuple[PointCloud, ThinnedPoints, dict[str, Any]]:
-    """Thin the points `keep` (n,) of an indexed cloud to their modes; return it, what became of them, and `describe`.
+    """Thin the points `keep` (n,) of an indexed cloud to their modes; return it, what became of them, and the record.
 
     Nothing that is as long as the cloud is copied for the points that go.
     """
     roughness = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours)
     targets = target_spacings(planes.spacing, planes.noise, roughness, settings)
+    before = describe(planes, roughness, targets, keep)
     merged = np.ones(len(cloud), dtype=np.int32) if cloud.n_merged is None else cloud.n_merged
     if settings.method == "voxel_median":
         size, kept = float(np.median(targets[keep])) if keep.any() else 1.0, np.flatnonzero(keep)
@@ -178,14 +181,22 @@ def thin_cloud(
         thinned = dataclasses.replace(thinned, nearest=kept[thinned.nearest], members=kept[thinned.members])
     else:
         thinned = thin(index, planes, merged, targets, settings.seed, keep)
-    chosen = cloud.take(thinned.nearest)
-    thin_one = dataclasses.replace(
-        chosen, points=thinned.points, normals=thinned.normals, sigma=thinned.sigma, n_merged=thinned.n_merged,
-        spread=thinned.spread, surface_variation=planes.surface_variation[thinned.nearest],
-        roughness=roughness[thinned.nearest], spacing=planes.spacing[thinned.nearest],
-        colors=_mean_of_members(cloud.colors, thinned), intensity=_mean_of_members(cloud.intensity, thinned),
+    after = {"noise_after": _median(thinned.sigma), "n_merged_quartiles": _quartiles(thinned.n_merged)}
+    return _represented(cloud, planes, roughness, thinned), thinned, {**before, **after}
+
+
+def _represented(
+    cloud: PointCloud, planes: TangentPlanes, roughness: NDArray[np.uint8], thinned: ThinnedPoints
+) -> PointCloud:
+    """Return the representatives with what the cloud and its planes tell of the members nearest to them."""
+    return PointCloud(
+        thinned.points, thinned.normals, sigma=thinned.sigma, n_merged=thinned.n_merged, spread=thinned.spread,
+        origins=cloud.origins if cloud.origins is None or cloud.origins.ndim == 1 else cloud.origins[thinned.nearest],
+        scan_index=None if cloud.scan_index is None else cloud.scan_index[thinned.nearest],
+        surface_variation=planes.surface_variation[thinned.nearest], roughness=roughness[thinned.nearest],
+        spacing=planes.spacing[thinned.nearest], colors=_mean_of_members(cloud.colors, thinned),
+        intensity=_mean_of_members(cloud.intensity, thinned),
     )  # fmt: skip
-    return thin_one, thinned, describe(planes, roughness, thinned, targets, keep)
 
 
 def count_thinned(n_given: int, thinned: ThinnedPoints) -> dict[str, int]:
@@ -205,19 +216,15 @@ def _mean_of_members(values: Any, thinned: ThinnedPoints) -> Any:
     return np.rint(means).astype(values.dtype) if values.dtype.kind in "ui" else means.astype(values.dtype)
 
 
-def describe(
-    planes: TangentPlanes, roughness: Ints, thinned: ThinnedPoints, targets: Floats, keep: Bools
-) -> dict[str, Any]:
-    """Return the values that were found from the data: quartiles of sizes and lengths [m], noise before and after."""
+def describe(planes: TangentPlanes, roughness: Ints, targets: Floats, keep: Bools) -> dict[str, Any]:
+    """Return the values that were found from the points `keep` (n,): quartiles of sizes and lengths [m], noise."""
     n_points = max(int(keep.sum()), 1)
     return {
         "n_neighbours_quartiles": _quartiles(planes.n_neighbours[keep]),
         "spacing_quartiles": _quartiles(planes.spacing[keep]),
         "target_spacing_quartiles": _quartiles(targets[keep]),
-        "noise_before": _median(planes.noise[keep]),
-        "noise_after": _median(thinned.sigma),
-        "n_merged_quartiles": _quartiles(thinned.n_merged),
         "roughness_shares": {c.name.lower(): float(((roughness == c) & keep).sum() / n_points) for c in Roughness},
+        "noise_before": _median(planes.noise[keep]),
     }
 
 

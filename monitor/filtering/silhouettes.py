@@ -157,20 +157,19 @@ def find_rims(
     known : (n,) points of surfaces; the others, which are no rims and make nothing one, are passed over. None: all.
     border : whether points half of whose surroundings is empty are rims too.
     """
-    which = np.arange(len(points)) if known is None else np.flatnonzero(known)
-    which = which.astype(np.int32 if len(points) < 2**31 else np.int64)
-    field = _look_out(points, origin, noise, which, math.tan(max_incidence))
+    field = _look_out(points, origin, noise, known, math.tan(max_incidence))
     rims = _beside_jumps(field)
     if border:
         rims |= _beside_nothing(field)
     named = np.zeros(len(points), dtype=bool)
-    named[which[field.order]] = _has_inner(field, rims)
+    named[field.order] = _has_inner(field, rims)
     return named
 
 
 @dataclass(frozen=True)
 class _Field:
-    """What the scanner sees: directions in their own canonical order, ranges and noise [m], the steepest slope."""
+    """What the scanner sees: directions in their own canonical order, which point each belongs to, ranges [m], the
+    noise [m] of all points, the steepest slope."""
 
     index: PointIndex
     order: Ints
@@ -184,16 +183,21 @@ class _Field:
             yield which[block], find_nearest_sorted(self.index, which[block], min(k, len(self.order)))
 
 
-def _look_out(points: Floats, origin: Floats, noise: Floats, which: Ints, slope: float) -> _Field:
-    """Return the field of the points `which`; in float32, for a scan may have tens of millions."""
+def _look_out(points: Floats, origin: Floats, noise: Floats, known: Bools | None, slope: float) -> _Field:
+    """Return the field of the points `known` (None: all); in float32, for a scan may have tens of millions."""
+    which = np.arange(len(points)) if known is None else np.flatnonzero(known)
+    which = which.astype(np.int32 if len(points) < 2**31 else np.int64)
     directions, ranges = np.empty((len(which), 3), dtype=np.float32), np.empty(len(which), dtype=np.float32)
     for block in _blocks(len(which)):
         beams = points[which[block]] - origin
         ranges[block] = np.linalg.norm(beams, axis=1)
         directions[block] = beams / ranges[block, None]
     order: Ints = canonical_order(directions).astype(which.dtype)
-    ranges, directions = ranges[order], directions[order]  # one after the other: what is unsorted goes at once
-    return _Field(build_index(directions), order, ranges, noise[which[order]], slope)
+    which = which[order]
+    ranges = ranges[order]
+    directions = directions[order]  # one after the other: what is unsorted goes at once
+    del order
+    return _Field(build_index(directions), which, ranges, noise, slope)
 
 
 def _beside_jumps(field: _Field) -> Bools:
@@ -203,12 +207,14 @@ def _beside_jumps(field: _Field) -> Bools:
     for block in _blocks(n):
         last = min(block.stop, n)
         near = find_nearest(field.index, block.start, last, np.full(last - block.start, k))
-        _mark_jumps(field.index.points, field.ranges, field.noise, near, block.start, field.slope, beside)
+        _mark_jumps(field.index.points, field.ranges, field.noise, field.order, near, block.start, field.slope, beside)
     return beside
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _mark_jumps(directions: Any, ranges: Any, noise: Any, near: Any, first: int, slope: float, beside: Any) -> None:
+def _mark_jumps(
+    directions: Any, ranges: Any, noise: Any, order: Any, near: Any, first: int, slope: float, beside: Any
+) -> None:
     """Write for a block of directions from `first` on whether one of the neighbours (m, k) lies beyond a jump."""
     for row in prange(near.shape[0]):
         i = first + row
@@ -217,7 +223,7 @@ def _mark_jumps(directions: Any, ranges: Any, noise: Any, near: Any, first: int,
             aside2 = 0.0
             for axis in range(3):
                 aside2 += (directions[j, axis] - directions[i, axis]) ** 2
-            limit = min(ranges[i], ranges[j]) * math.sqrt(aside2) * slope + JUMP_SIGMAS * noise[i]
+            limit = min(ranges[i], ranges[j]) * math.sqrt(aside2) * slope + JUMP_SIGMAS * noise[order[i]]
             if abs(ranges[j] - ranges[i]) > limit:
                 beside[i] = True
 
@@ -238,7 +244,7 @@ def _has_inner(field: _Field, rims: Bools) -> Bools:
         ranges = field.ranges[which][:, None]
         aside = np.linalg.norm(field.index.points[near] - field.index.points[which][:, None], axis=2)
         limit = np.minimum(field.ranges[near], ranges) * aside * field.slope
-        is_same = np.abs(field.ranges[near] - ranges) <= limit + JUMP_SIGMAS * field.noise[which][:, None]
+        is_same = np.abs(field.ranges[near] - ranges) <= limit + JUMP_SIGMAS * field.noise[field.order[which]][:, None]
         named[which] = (is_same & ~rims[near]).sum(axis=1) >= N_INNER
     return named
 

@@ -27,7 +27,6 @@ MODE_SPREAD = 1.05  # standard error of that mode over that of the mean, normal 
 SLOPE_SHARE = 0.9
 FREE, DROPPED = -1, -2  # owner of a point
 CARRY = 0.5  # of its own slope, along which a height is carried where the surface is not smooth: `_represent`
-N_VALUES = 10  # of a representative: `_represent`
 COMPATIBLE = 0.5  # cosine: members of a cylinder look the same way within 60 degrees
 
 
@@ -155,35 +154,58 @@ def thin(
     owner = np.full(len(targets), FREE, dtype=np.int32)
     if keep is not None:
         owner[~keep] = DROPPED
-    rows = _draw_all(index, planes, targets, draw_order(index.points, seed), owner)
-    members = np.argsort(owner, kind="stable")[np.count_nonzero(owner == DROPPED) :]
-    starts = np.concatenate([[0], np.cumsum(np.bincount(owner[owner >= 0], minlength=len(rows)))])
+    axes, seeds = _draw_all(index, planes, targets, draw_order(index.points, seed), owner)
+    members, starts = list_members(owner, len(seeds))
+    del owner  # as long as the points, as all that goes before the representatives are made
     is_smooth = classify_roughness(planes.relief2, planes.noise, planes.n_neighbours) == Roughness.SMOOTH
     about = (planes.normals, planes.noise, ~is_smooth, planes.n_neighbours, merged)
-    _represent_all(index.points, *about, members, starts, np.argsort(rows[:, 6]), rows)
-    return ThinnedPoints(
-        points=rows[:, :3], normals=rows[:, 3:6], nearest=rows[:, 6].astype(np.int64), members=members,
-        starts=starts, n_merged=rows[:, 7].astype(np.int32), spread=rows[:, 8], sigma=rows[:, 9],
-    )  # fmt: skip
+    found = _represent_all(index.points, *about, members, starts, np.argsort(seeds), axes)
+    points, nearest, n_merged, spread, sigma = found
+    return ThinnedPoints(points, axes, nearest, members, starts, n_merged, spread, sigma)
 
 
-def _draw_all(index: PointIndex, planes: TangentPlanes, targets: Floats, order: Ints, owner: Ints) -> Floats:
-    """Draw cylinders in the given order; return a row for each, with axis and seed, and write the owner of each point.
+def _draw_all(
+    index: PointIndex, planes: TangentPlanes, targets: Floats, order: Ints, owner: Ints
+) -> tuple[Floats, Ints]:
+    """Draw cylinders in the given order; return axis (m, 3) and seed (m,) of each, and write the owner of each point.
 
-    The rows grow in place: there are up to as many as points, and mostly far fewer.
+    Both grow in place: there are up to as many as points, and mostly far fewer.
     """
     radii = np.where(targets > planes.spacing, targets / DISC_PACKING, 0.0).astype(targets.dtype)
     about = (planes.normals, planes.noise, radii)
-    rows, n_rows, n_drawn = np.empty((max(1, len(order) // 8), N_VALUES)), 0, 0
+    n_room, n_begun, n_drawn = max(1, len(order) // 8), 0, 0
+    axes, seeds = np.empty((n_room, 3)), np.empty(n_room, dtype=order.dtype)
     nearest2 = np.zeros(len(order), dtype=np.float32)
     while True:
-        n_rows, n_drawn = _draw(
-            index.points, index.low, index.high, *about, order, n_drawn, owner, nearest2, rows, n_rows
+        n_begun, n_drawn = _draw(
+            index.points, index.low, index.high, *about, order, n_drawn, owner, nearest2, axes, seeds, n_begun
         )
+        n_room = n_begun if n_drawn == len(order) else n_begun + n_begun // 2 + 1
+        axes.resize((n_room, 3), refcheck=False)
+        seeds.resize(n_room, refcheck=False)
         if n_drawn == len(order):
-            rows.resize((n_rows, N_VALUES), refcheck=False)
-            return rows
-        rows.resize((n_rows + n_rows // 2 + 1, N_VALUES), refcheck=False)
+            return axes, seeds
+
+
+@njit(cache=True, error_model="numpy")
+def list_members(owner: Any, n_owners: int) -> Any:
+    """Return the points (k,) that have an owner, by owner and then as they come, and where those of each start.
+
+    Counted into place: neither is as long as the points sorted as whole numbers of 64 bits.
+    """
+    starts = np.zeros(n_owners + 1, dtype=np.int64)
+    for q in range(len(owner)):
+        if owner[q] >= 0:
+            starts[owner[q] + 1] += 1
+    for i in range(n_owners):
+        starts[i + 1] += starts[i]
+    members, n_written = np.empty(starts[n_owners], dtype=np.int32), np.zeros(n_owners, dtype=np.int32)
+    for q in range(len(owner)):
+        i = owner[q]
+        if i >= 0:
+            members[starts[i] + n_written[i]] = q
+            n_written[i] += 1
+    return members, starts
 
 
 @njit(cache=True, error_model="numpy")
@@ -259,9 +281,8 @@ def _represent(
     axis: Any,
     heights: Any,
     weights: Any,
-    row: Any,
-) -> None:
-    """Write the row of a representative: point, normal, member nearest to the mode, measurements, spread, sigma.
+) -> Any:
+    """Return of a representative its point, the member nearest to the mode, measurements, spread and sigma.
 
     Where the surface `is_bent`, not smooth, a member's height is carried to the axis along half of its own slope,
     which is exact on surfaces of second order, so that curvature neither shifts nor widens the distribution. The
@@ -292,17 +313,15 @@ def _represent(
         if abs(heights[j] - mode) < gap:
             nearest, gap = found[j], abs(heights[j] - mode)
         weights[j] = abs(heights[j] - mode)
-    row[0], row[1], row[2] = cx + mode * axis[0], cy + mode * axis[1], cz + mode * axis[2]
-    row[3], row[4], row[5] = axis
-    row[6], row[7] = nearest, total
     # The factor n / (n - 0.8) is that of Croux and Rousseeuw (1992) for few values. Few members say little of their
     # spread: the noise around counts as the spread of ten more.
     own = 1.4826 * n / (n - 0.8) * smallest(weights, n, n // 2 + 1, heights) if n > 4 else sigma
-    row[8] = math.sqrt((max(n - 1, 0) * own * own + 10.0 * sigma * sigma) / (max(n - 1, 0) + 10.0))
+    spread = math.sqrt((max(n - 1, 0) * own * own + 10.0 * sigma * sigma) / (max(n - 1, 0) + 10.0))
     spread2 = 1.0
     if n > 1:
         spread2 = MODE_SPREAD**2 + (2.0 * CARRY * SLOPE_SHARE * n / sizes[nearest] if is_bent[nearest] else 0.0)
-    row[9] = row[8] * math.sqrt(spread2 * total2) / total
+    point = (cx + mode * axis[0], cy + mode * axis[1], cz + mode * axis[2])
+    return point, nearest, total, spread, spread * math.sqrt(spread2 * total2) / total
 
 
 @njit(cache=True, error_model="numpy")
@@ -316,18 +335,28 @@ def _represent_all(
     members: Any,
     starts: Any,
     order: Any,
-    rows: Any,
-) -> None:
-    """Fill in the rows of all representatives, whose axes are there, in an order by which neighbours follow another."""
-    n_most = 1
-    for i in range(len(rows)):
+    axes: Any,
+) -> Any:
+    """Return points, nearest members, measurements, spreads and sigmas of all representatives, whose axes are given.
+
+    They are made in an order by which neighbours follow another.
+    """
+    n_all, n_most = len(axes), 1
+    for i in range(n_all):
         n_most = max(n_most, starts[i + 1] - starts[i])
     heights, weights = np.empty(n_most), np.empty(n_most)
+    places, nearest, n_merged = np.empty((n_all, 3)), np.empty(n_all, dtype=np.int32), np.empty(n_all, dtype=np.int32)
+    spread, sigma = np.empty(n_all), np.empty(n_all)
+    about = (normals, noise, is_bent, sizes, merged)
     for i in order:
         found = members[starts[i] : starts[i + 1]]
-        axis = (rows[i, 3], rows[i, 4], rows[i, 5])
-        about = (normals, noise, is_bent, sizes, merged)
-        _represent(points, *about, found, len(found), axis, heights, weights, rows[i])
+        axis = (axes[i, 0], axes[i, 1], axes[i, 2])
+        point, nearest[i], total, spread[i], sigma[i] = _represent(
+            points, *about, found, len(found), axis, heights, weights
+        )
+        places[i, 0], places[i, 1], places[i, 2] = point
+        n_merged[i] = total
+    return places, nearest, n_merged, spread, sigma
 
 
 @njit(cache=True, error_model="numpy")
@@ -342,10 +371,11 @@ def _draw(
     n_drawn: int,
     owner: Any,
     nearest2: Any,
-    rows: Any,
-    n_rows: int,
+    axes: Any,
+    seeds: Any,
+    n_begun: int,
 ) -> Any:
-    """Go on drawing cylinders until the rows are full; return the rows begun and the points of the order passed.
+    """Go on drawing cylinders until there is no room; return how many are begun and the points of the order passed.
 
     `nearest2` is how far each point lies from the axis of its owner, squared, in radii.
     """
@@ -354,9 +384,9 @@ def _draw(
         seed = order[place]
         if owner[seed] != FREE:
             continue
-        if n_rows == rows.shape[0]:
-            return n_rows, place
-        owner[seed], nearest2[seed] = n_rows, 0.0
+        if n_begun == len(seeds):
+            return n_begun, place
+        owner[seed], nearest2[seed] = n_begun, 0.0
         axis, radius = (normals[seed, 0], normals[seed, 1], normals[seed, 2]), radii[seed]
         if radius > 0.0:
             length = radius + MODE_WIDTH * noise[seed]
@@ -370,7 +400,8 @@ def _draw(
                 q = found[j]
                 share = aside_in_cylinder(points, normals, q, seed, axis, length) / (radius * radius)
                 if share <= 1.0 and (owner[q] == FREE or (owner[q] != DROPPED and share < nearest2[q])):
-                    owner[q], nearest2[q] = n_rows, share
-        rows[n_rows, 3], rows[n_rows, 4], rows[n_rows, 5], rows[n_rows, 6] = axis[0], axis[1], axis[2], seed
-        n_rows += 1
-    return n_rows, len(order)
+                    owner[q], nearest2[q] = n_begun, share
+        axes[n_begun, 0], axes[n_begun, 1], axes[n_begun, 2] = axis
+        seeds[n_begun] = seed
+        n_begun += 1
+    return n_begun, len(order)

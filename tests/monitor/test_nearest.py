@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from monitor.filtering.nearest import build_index, canonical_order, find_nearest, find_nearest_sorted, gather_ball
+from monitor.filtering.nearest import (
+    build_index,
+    canonical_order,
+    end_of_run,
+    find_nearest,
+    find_nearest_sorted,
+    gather_ball,
+)
 
 
 def ordered(points):
@@ -58,6 +65,15 @@ def test_a_block_of_queries_gives_what_the_whole_gives(rng):
     index, k = build_index(points), np.full(3000, 20)
     whole = find_nearest(index, 0, 3000, k)
     assert (find_nearest(index, 800, 1601, k[800:1601]) == whole[800:1601]).all()
+
+
+def test_points_of_a_leaf_are_sought_together_as_far_as_they_lie_together(rng):
+    """The curve jumps: were both sides of a jump sought in one ball, it would hold all that lies between them."""
+    here, there = rng.uniform(0, 0.01, (20, 3)), rng.uniform(0, 0.01, (20, 3)) + 5.0
+    points = np.concatenate([here, there])
+    assert end_of_run(points, 16, 24, 9) == 20
+    assert end_of_run(points, 20, 24, 9) == 24
+    assert end_of_run(np.zeros((8, 3)), 0, 8, 4) == 8
 
 
 def test_of_points_at_one_distance_the_first_are_taken():

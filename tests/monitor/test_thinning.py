@@ -12,6 +12,7 @@ from monitor.filtering.thinning import (
     ThinningSettings,
     density_mode,
     draw_order,
+    list_members,
     target_spacings,
     thin,
 )
@@ -115,6 +116,15 @@ def test_every_measurement_stands_in_one_representative(rng):
     assert np.array_equal(np.sort(thinned.members), np.arange(len(points)))
     assert thinned.n_merged.sum() == len(points)
     assert (np.diff(thinned.starts) == thinned.n_merged).all()
+
+
+def test_members_are_listed_by_owner_as_sorting_lists_them(rng):
+    """In half the memory: whole numbers of 32 bits. Owners below zero are none; one of the seven has no member."""
+    owner = rng.choice(np.array([-2, -1, 0, 1, 2, 4, 5, 6], dtype=np.int32), 3000)
+    members, starts = list_members(owner, 7)
+    assert members.dtype == np.int32
+    assert np.array_equal(members, np.argsort(owner, kind="stable")[(owner < 0).sum() :])
+    assert np.array_equal(np.diff(starts), np.bincount(owner[owner >= 0], minlength=7))
 
 
 def test_a_measurement_belongs_to_the_nearest_axis(rng):
