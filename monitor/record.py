@@ -19,10 +19,10 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 3,
-    "scan": 3,
+    "scan": 4,
     "targets": 1,
     "network": 14,
-    "filtered": 5,
+    "filtered": 6,
     "surface": 15,
     "mesh": 5,
     "quality": 2,

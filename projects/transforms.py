@@ -56,7 +56,7 @@ def require_rigid(matrix: Floats, what: str) -> Floats:
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
-        raise ParameterError(f"{what}: not a 4 x 4 transform with last row 0 0 0 1")
+        raise ParameterError(f"{what}: not a 4 x 4 transform of finite numbers with last row 0 0 0 1")
     u, scales, vt = np.linalg.svd(matrix[:3, :3])
     if np.abs(scales - 1.0).max() > 1e-4 or np.linalg.det(matrix[:3, :3]) < 0:
         raise ParameterError(

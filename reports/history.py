@@ -23,6 +23,7 @@ DROPPED = {
     "outside_extent": "outside the object’s extent", "speck": "specks in the air", "outlier": "outliers",
     "mixed_pixel": "mixed pixels at silhouettes", "rim": "at the rims of surfaces",
     "grazing": "seen at a grazing angle", "rejected": "too far from the median of their voxel",
+    "at_scanner": "where the scanner stood", "copy": "copies of other points",
     "too_few": "scans with too few points", "merged": "merged by thinning",
     "no_counterpart": "measured by one of the repeated scans only", "split": "repeated, and saw two surfaces",
     "disagreeing": "repeated, and unlike the other ranges there", "averaged": "averaged with other repeats",

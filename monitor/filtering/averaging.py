@@ -6,6 +6,7 @@ far these spread. The instrument's drift between the repeats is found against th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -45,7 +46,8 @@ class AveragingSettings:
 class AveragedScan:
     """One scan from many.
 
-    `scan` has `n_merged`, `spread` [m] of the ranges of a cell and `sigma` [m] of their mean. `counts` holds the
+    `scan` has `n_merged`, `spread` [m] of the ranges of a cell and `sigma` [m] of their mean, NaN where no
+    two scans measured the same. `counts` holds the
     measurements by what became of them, `automatic` the drift and the noise [m, rad].
     """
 
@@ -86,7 +88,8 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
     Raises
     ------
     ParameterError
-        If no scan is given, a scanner's position is unknown, or the scans do not stand at one station.
+        If no scan has a point, a coordinate is not finite, a scanner's position is unknown, the scans do not stand at
+        one station, or one is a copy of another.
 
     References
     ----------
@@ -126,8 +129,8 @@ def average_ranges(ranges: Floats) -> _Averages:
     noise = noise_around(ordered, n)
     column = np.arange(len(n))
     median = 0.5 * (ordered[np.maximum(n - 1, 0) // 2, column] + ordered[n // 2, column])
-    with np.errstate(invalid="ignore"):
-        keep = np.abs(ordered - median) <= CUT * noise
+    with np.errstate(invalid="ignore"):  # where the noise is not known, what there is is kept
+        keep = np.isfinite(ordered) & ~(np.abs(ordered - median) > CUT * noise)
     n_kept = keep.sum(axis=0)
     mean = np.where(keep, ordered - median, 0.0).sum(axis=0) / np.maximum(n_kept, 1) + median
     own2 = np.where(keep, (ordered - mean) ** 2, 0.0).sum(axis=0)
@@ -139,7 +142,7 @@ def noise_around(ordered: Floats, n: Floats) -> Floats:
     """Return the noise (m,) [m] around each cell: the median of the variances of the cells of its run.
 
     The median of variances of n normal values is the noise variance times the median of chi-square over its degrees
-    of freedom. A run without two ranges in any cell has the noise of all others.
+    of freedom. A run without two ranges in any cell has the noise of all others, NaN where no run has any.
     """
     degrees = np.maximum(n - 1, 1)
     with np.errstate(invalid="ignore"):
@@ -151,7 +154,7 @@ def noise_around(ordered: Floats, n: Floats) -> Floats:
     padded[: len(n)] = variance
     with np.errstate(all="ignore"):
         runs = _nan_median(padded.reshape(n_runs, RUN))
-    everywhere = float(np.median(variance[n > 1])) if (n > 1).any() else 0.0
+    everywhere = float(np.median(variance[n > 1])) if (n > 1).any() else math.nan
     runs = np.where(np.isfinite(runs), runs, everywhere)
     return np.sqrt(np.maximum(np.repeat(runs, RUN)[: len(n)], 1e-18))
 

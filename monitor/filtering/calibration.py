@@ -29,6 +29,7 @@ from monitor.filtering.cyclic_adjustment import (
     waves_at,
 )
 from monitor.filtering.nearest import BLOCK
+from monitor.filtering.normals import require_finite
 from monitor.filtering.patches import find_plane_patches
 from monitor.filtering.thinning import draw_order
 from projects.model import Bools, Floats, Ints, Scan
@@ -123,11 +124,18 @@ def calibrate_range(scan: Scan, settings: CalibrationSettings | None = None) -> 
     adjusted together with a plane and a bow (six terms) of every patch; points count by Tukey's biweight, patches by
     the scatter of the means of their cells and by how well they agree with the others, so that a wall that is not
     quite plane has little to say. e is a function of the true range, which is found along with it.
+
+    Raises
+    ------
+    ParameterError
+        If a coordinate is not finite.
     """
     settings = settings or CalibrationSettings()
+    require_finite(scan.cloud.points, f"scan {scan.name!r}")
     if not np.isfinite(scan.origin).all():
         return _nothing("it is not known where the scanner stood", settings)
     sampled = sample_scan(scan, settings.max_points).cloud.points - scan.origin
+    sampled = sampled[(sampled != 0.0).any(axis=1)]  # a point where the scanner stood has no beam
     found = find_plane_patches(sampled, settings.wavelength or SHORTEST, settings.max_amplitude)
     patches = prepare_patches(found)
     if len(patches) < settings.min_patches:

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.filtering.nearest import canonical_order
+from monitor.filtering.normals import require_scan
 from projects.errors import ParameterError
 from projects.model import Floats, Ints, PointCloud, Scan
 from projects.transforms import apply, invert
@@ -68,51 +69,66 @@ def gather_cells(scans: Sequence[Scan]) -> Cells:
 
 
 class _Sums:
-    """Sums of intensity and colours of the cells, where all scans have them."""
+    """Sums of the intensity of the cells, of the scans that have it, and of colours, where all have them."""
 
     def __init__(self, scans: Sequence[Scan], n_cells: int) -> None:
-        self._n = np.zeros(n_cells)
-        self._intensity = None if any(s.cloud.intensity is None for s in scans) else np.zeros(n_cells)
+        self._n, self._n_intensity = np.zeros(n_cells), np.zeros(n_cells)
+        self._intensity = None if all(s.cloud.intensity is None for s in scans) else np.zeros(n_cells)
         self._colors = None if any(s.cloud.colors is None for s in scans) else np.zeros((n_cells, 3))
 
     def add(self, scan: Scan, cell: Ints, found: Ints) -> None:
         """Add the points `found` of a scan to their cells, no two of them to one."""
         self._n[cell[found]] += 1
         if self._intensity is not None and scan.cloud.intensity is not None:
-            self._intensity[cell[found]] += scan.cloud.intensity[found]
+            known = np.isfinite(scan.cloud.intensity[found])
+            self._n_intensity[cell[found]] += known
+            self._intensity[cell[found]] += np.where(known, scan.cloud.intensity[found], 0.0)
         if self._colors is not None and scan.cloud.colors is not None:
             self._colors[cell[found]] += scan.cloud.colors[found]
 
     def cloud(self) -> PointCloud:
         """Return the means; the points themselves are not known yet."""
         n = np.maximum(self._n, 1.0)
+        with np.errstate(invalid="ignore"):  # NaN where no scan knows it
+            intensity = None if self._intensity is None else (self._intensity / self._n_intensity).astype(np.float32)
         return PointCloud(
             np.zeros((len(n), 3)),
-            intensity=None if self._intensity is None else (self._intensity / n).astype(np.float32),
+            intensity=intensity,
             colors=None if self._colors is None else np.rint(self._colors / n[:, None]).astype(np.uint8),
         )
 
 
 def _beams_of(scans: Sequence[Scan]) -> list[Floats]:
     """Return the vectors (n, 3) from the scanner to the points of each scan, all in the frame of the first."""
-    if not scans:
-        raise ParameterError("no scan was given to average; at least one is needed")
-    if not all(np.isfinite(s.origin).all() for s in scans):
-        unknown = next(s.name for s in scans if not np.isfinite(s.origin).all())
-        raise ParameterError(f"scan {unknown!r}: where the scanner stood is not known; repeated scans need it")
+    if not any(len(s.cloud) for s in scans):
+        raise ParameterError("no scan with a point was given to average; at least one is needed")
+    for scan in scans:
+        require_scan(scan)
+        if not np.isfinite(scan.origin).all():
+            raise ParameterError(f"scan {scan.name!r}: where the scanner stood is not known; repeated scans need it")
+        if (scan.cloud.points == scan.origin).all(axis=1).any():
+            raise ParameterError(f"scan {scan.name!r}: points lie where the scanner stood; leave them out")
     first = scans[0]
     beams: list[Floats] = []
-    for scan in scans:
+    for k, scan in enumerate(scans):
         apart = float(np.linalg.norm(apply(scan.pose, scan.origin[None]) - apply(first.pose, first.origin[None])))
         if apart > ONE_STATION:
             raise ParameterError(
                 f"scan {scan.name!r} stands {1e3 * apart:.1f} mm from {first.name!r}; repeated scans come from one "
                 f"station (at most {1e3 * ONE_STATION:g} mm): add them without --repeated"
             )
+        _require_no_copy(scan, scans[:k])
         same = np.array_equal(scan.pose, first.pose)
         points = scan.cloud.points if same else apply(invert(first.pose) @ scan.pose, scan.cloud.points)
         beams.append(points - first.origin)
     return beams
+
+
+def _require_no_copy(scan: Scan, earlier: Sequence[Scan]) -> None:
+    """Raise `ParameterError` where a scan holds the very points of an earlier one: no noise would show."""
+    for other in earlier:
+        if len(scan.cloud) and np.array_equal(scan.cloud.points, other.cloud.points):
+            raise ParameterError(f"scan {scan.name!r} is a copy of {other.name!r}; give each scan once")
 
 
 def _by_grid(scans: Sequence[Scan], beams: list[Floats]) -> tuple[list[Ints], int, Ints | None, Ints | None] | None:

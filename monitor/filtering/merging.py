@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.filtering.diffusion import diffuse_with_record
 from monitor.filtering.nearest import build_index, canonical_order
-from monitor.filtering.normals import MIN_POINTS, fit_planes, require_points
+from monitor.filtering.normals import MIN_POINTS, fit_planes, require_finite
 from monitor.filtering.scan import FilterResult, FilterSettings, count_thinned, thin_cloud
 from monitor.filtering.seen_through import find_seen_through
 from projects.errors import ParameterError
@@ -39,19 +39,23 @@ def merge_scans(
         between the scans it was merged from.
     """
     settings = settings or FilterSettings()
-    if not any(len(c) for c in clouds):
-        raise ParameterError("no points were given to merge; at least one cloud must have some")
     n_before = sum(map(len, clouds))
+    _require_mergeable(clouds, slack)
     if settings.silhouettes.drop_seen_through:
         clouds = [c.take(~seen) for c, seen in zip(clouds, find_seen_through(clouds, slack), strict=True)]
-    merged = concatenate_clouds(clouds)
-    require_points(merged.points)
+    merged, left_out = concatenate_clouds(clouds), _left_out(clouds)
+    if len(merged) < MIN_POINTS:
+        raise ParameterError(
+            f"{n_before} points were given to merge, of which {n_before - len(merged)} lie where another scan looked "
+            f"through; at least {MIN_POINTS} must be left: check the poses, and what the extent leaves of the scans"
+        )
     n_merged = len(merged)
     merged = merged.take(canonical_order(merged.points))
     index = build_index(merged.points)
     planes = fit_planes(index, orientation_of(merged), settings.normals)
     keep = ~planes.is_outlier
     cloud, thinned, automatic = thin_cloud(merged, index, planes, keep, settings.thinning)
+    automatic |= left_out
     counts = {
         "in": n_before, "seen_through": n_before - n_merged, "outlier": int((~keep).sum()),
         **count_thinned(int(keep.sum()), thinned),
@@ -60,6 +64,25 @@ def merge_scans(
         diffused = diffuse_with_record(cloud, settings.diffusion)
         return FilterResult(diffused.cloud, counts, {**automatic, "diffusion": diffused.automatic})
     return FilterResult(cloud, counts, automatic)
+
+
+def _require_mergeable(clouds: Sequence[PointCloud], slack: float) -> None:
+    """Raise `ParameterError` where a cloud, or how far they lie off each other, cannot be."""
+    if not any(len(c) for c in clouds):
+        raise ParameterError("no points were given to merge; at least one cloud must have some")
+    if slack < 0.0:
+        raise ParameterError(f"slack = {slack:g} m; by how much scans lie off each other is 0 or more, NaN if unknown")
+    for i, cloud in enumerate(clouds):
+        require_finite(cloud.points, f"cloud {i}")
+        if cloud.n_merged is not None and (cloud.n_merged < 1).any():
+            raise ParameterError(f"cloud {i}: a point stands for {cloud.n_merged.min()} measurements; it is 1 or more")
+
+
+def _left_out(clouds: Sequence[PointCloud]) -> dict[str, str]:
+    """Return what the merged cloud lacks because some of the clouds have none of it, for the record."""
+    full = [c for c in clouds if len(c)]
+    n_without = sum(c.colors is None for c in full)
+    return {"colors_left_out": f"{n_without} of {len(full)} scans have none"} if 0 < n_without < len(full) else {}
 
 
 def orientation_of(cloud: PointCloud) -> Floats | None:
@@ -73,7 +96,10 @@ def orientation_of(cloud: PointCloud) -> Floats | None:
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Return all points in one cloud, without what one of the clouds lacks; `scan_index` is kept, else their place."""
+    """Return all points in one cloud, without what one of the clouds lacks; `scan_index` is kept, else their place.
+
+    Intensity that some clouds lack is NaN there.
+    """
     numbered = [
         c if c.scan_index is not None else dataclasses.replace(c, scan_index=np.full(len(c), i, dtype=np.int32))
         for i, c in enumerate(clouds)
@@ -81,6 +107,8 @@ def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
     joined: dict[str, Any] = {}
     for f in dataclasses.fields(PointCloud):
         values = [getattr(c, f.name) for c in numbered if len(c)]
+        if f.name == "intensity" and any(v is not None for v in values):
+            values = [np.full(len(c), np.nan) if c.intensity is None else c.intensity for c in numbered if len(c)]
         if any(v is None for v in values):
             continue
         if f.name == "origins":

@@ -14,10 +14,12 @@ import numpy as np
 from numba import njit, prange
 
 from monitor.filtering.covariance import smallest
-from projects.model import Floats, Ints
+from projects.model import Bools, Floats, Ints
 
 MORTON_BITS = 21
 BLOCK = 1 << 18  # points at a time
+CROWDED = 512  # points of one cell of the curve: more have a curve of their own
+MOST_COPIES = 6  # of a point: with more, its six nearest lie where it lies, and it has no spacing
 LEAF = 8  # points of a leaf, whose neighbours are gathered together
 NEARBY = 1.5  # times the distance to the first one's k-th neighbour, within which points of a leaf are taken together
 
@@ -25,12 +27,16 @@ NEARBY = 1.5  # times the distance to the first one's k-th neighbour, within whi
 def canonical_order(points: Floats) -> Ints:
     """Return the order (n,) along a space-filling curve: the same for any order of the points in the file.
 
-    Neighbours in space become neighbours in memory; points of one cell of the curve are ordered by x, y, z.
+    Neighbours in space become neighbours in memory; points of one cell of the curve are ordered by x, y, z. A single
+    point far away makes the cells as wide as objects: points of a crowded cell follow a curve of its own.
     """
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
     least = points.min(axis=0)
-    scale = (2**MORTON_BITS - 1) / max(float((points.max(axis=0) - least).max()), 1e-300)
+    extent = float((points.max(axis=0) - least).max())
+    if not extent > 2**MORTON_BITS * float(np.finfo(points.dtype).tiny):  # all at one place
+        return np.lexsort(points.T[::-1])
+    scale = (2**MORTON_BITS - 1) / extent
     code = np.zeros(len(points), dtype=np.uint64)
     for first in range(0, len(points), BLOCK):  # so that only the code is as long as the points
         block = slice(first, first + BLOCK)
@@ -41,9 +47,37 @@ def canonical_order(points: Floats) -> Ints:
     equal = _repeated(code, order)
     if len(equal):
         tied = np.unique(np.concatenate([equal, equal + 1]))
-        p = points[order[tied]]
-        order[tied] = order[tied][np.lexsort((p[:, 2], p[:, 1], p[:, 0], code[order[tied]]))]
+        some = order[tied]
+        order[tied] = some[_order_in_cells(points[some], code[some])]
     return order
+
+
+def _order_in_cells(points: Floats, code: Ints) -> Ints:
+    """Return the order (n,) of points that share cells: by cell, there by x, y, z or, if crowded, a curve."""
+    order: Ints = np.lexsort((points[:, 2], points[:, 1], points[:, 0], code))
+    starts = np.flatnonzero(np.diff(code[order])) + 1
+    bounds = np.concatenate([[0], starts, [len(order)]])
+    for k in np.flatnonzero(np.diff(bounds) > CROWDED):
+        cell = slice(bounds[k], bounds[k + 1])
+        order[cell] = order[cell][canonical_order(points[order[cell]])]
+    return order
+
+
+def find_copies(points: Floats) -> Bools:
+    """Return which points (n, 3) in canonical order are copies of one before them that are no measurements.
+
+    Where every point is there at least twice, the file holds its scan more than once. Where more than `MOST_COPIES` lie
+    at exactly one place, a program put there what it did not measure. Fewer coincide where coordinates are rounded.
+    """
+    again = np.zeros(len(points), dtype=bool)
+    for first in range(1, len(points), BLOCK):
+        block = slice(first, first + BLOCK)
+        again[block] = (points[block] == points[first - 1 : first - 1 + len(again[block])]).all(axis=1)
+    if not again.any():
+        return again
+    starts = np.flatnonzero(~again)
+    counts = np.diff(np.append(starts, len(points)))
+    return again if counts.min() > 1 else again & np.repeat(counts > MOST_COPIES, counts)
 
 
 def _repeated(code: Ints, order: Ints) -> Ints:

@@ -112,7 +112,8 @@ def _fit_linear(
     only_a = np.maximum(ay, 0.0) / aa
     misfit, sill, growth = yy - only_a * ay, only_a, np.zeros_like(only_a)
     det = aa * bb - ab**2
-    both_a, both_b = (bb * ay - ab * by) / det, (aa * by - ab * ay) / det
+    with np.errstate(invalid="ignore", divide="ignore"):  # two sizes or fewer tell no growth: `better` says so
+        both_a, both_b = (bb * ay - ab * by) / det, (aa * by - ab * ay) / det
     both = yy - both_a * ay - both_b * by + SIGNIFICANT
     better = (both_a >= 0) & (both_b >= 0) & (det > 1e-9 * aa * bb) & (both < misfit)
     return np.where(better, both, misfit), np.where(better, both_a, sill), np.where(better, both_b, growth)

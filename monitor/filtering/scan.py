@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
 from monitor.filtering.diffusion import DiffusionSettings
-from monitor.filtering.nearest import PointIndex, build_index, canonical_order
-from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_finite
+from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_copies
+from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_scan
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.silhouettes import (
     SilhouetteSettings,
@@ -84,34 +84,52 @@ def filter_scan_with_record(
     Raises
     ------
     ParameterError
-        If a coordinate is not finite.
+        If a coordinate is not finite, or the pose is no rigid motion.
     """
     settings = settings or FilterSettings()
-    if len(scan.cloud) < MIN_POINTS:
-        return _nothing_left(scan)
-    require_finite(scan.cloud.points)
-    found = _thin_scan(scan if calibration is None else correct_range(scan, calibration), settings)
+    require_scan(scan)
+    is_known = bool(np.isfinite(scan.origin).all())
+    origin = scan.origin if is_known else np.full(3, np.nan)
+    measured = _without_zero_ranges(dataclasses.replace(scan, origin=origin))
+    given = {"in": len(scan.cloud)}
+    if len(measured.cloud) < len(scan.cloud):
+        given["at_scanner"] = len(scan.cloud) - len(measured.cloud)
+    found = _thin_scan(measured if calibration is None else correct_range(measured, calibration), settings)
     cloud = dataclasses.replace(
         found.cloud,
         points=apply(scan.pose, found.cloud.points),
         normals=None if found.cloud.normals is None else rotate(scan.pose, found.cloud.normals),
-        origins=apply(scan.pose, scan.origin),
+        origins=apply(scan.pose, origin),
     )
-    return dataclasses.replace(found, cloud=cloud)
+    return dataclasses.replace(found, cloud=cloud, counts={**given, **found.counts})
+
+
+def _without_zero_ranges(scan: Scan) -> Scan:
+    """Return the scan without points exactly where the scanner stood; readers drop them, other sources may not."""
+    points = scan.cloud.points
+    at_scanner = (points[:, 0] == scan.origin[0]) & (points[:, 1] == scan.origin[1]) & (points[:, 2] == scan.origin[2])
+    return scan.take(~at_scanner) if at_scanner.any() else scan
 
 
 def _thin_scan(scan: Scan, settings: FilterSettings) -> FilterResult:
     """Filter and thin one scan in its own frame; what is as long as the scan goes when this returns."""
+    n_given = len(scan.cloud)
     scan = scan.take(canonical_order(scan.cloud.points))
+    copies = find_copies(scan.cloud.points)
+    if copies.any():
+        scan = scan.take(~copies)
+    counts = {"copy": n_given - len(scan.cloud)} if len(scan.cloud) < n_given else {}
+    if len(scan.cloud) < MIN_POINTS:
+        return _nothing_left(scan, counts)
     index = build_index(scan.cloud.points)
     planes = fit_planes(index, scan.origin if np.isfinite(scan.origin).all() else None, settings.normals)
     planes = planes.without("lambda3", "heights", "sigma_normal")
     mixed = _mixed(scan, planes, settings.silhouettes)
     scan = dataclasses.replace(scan, rows=None, columns=None)  # the rims need much memory of their own
-    counts, keep = _sort_out(scan, planes, mixed, settings.silhouettes)
+    dropped, keep = _sort_out(scan, planes, mixed, settings.silhouettes)
     planes = planes.without("reach", "is_outlier")
     cloud, thinned, automatic = thin_cloud(scan.cloud, index, planes, keep, settings.thinning)
-    return FilterResult(cloud, {**counts, **count_thinned(int(keep.sum()), thinned)}, automatic)
+    return FilterResult(cloud, {**counts, **dropped, **count_thinned(int(keep.sum()), thinned)}, automatic)
 
 
 def _mixed(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
@@ -125,15 +143,14 @@ def _mixed(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> d
 def _sort_out(
     scan: Scan, planes: TangentPlanes, mixed: Mapping[str, Bools], settings: SilhouetteSettings
 ) -> tuple[dict[str, int], Bools]:
-    """Return how many points come in and go for each reason, and the mask of those that stay."""
+    """Return how many points go for each reason, and the mask of those that stay."""
     reasons = _reasons(scan, planes, mixed, settings)
-    return {"in": len(scan.cloud), **_count_first(reasons)}, ~np.any(list(reasons.values()), axis=0)
+    return _count_first(reasons), ~np.any(list(reasons.values()), axis=0)
 
 
-def _nothing_left(scan: Scan) -> FilterResult:
+def _nothing_left(scan: Scan, counts: Mapping[str, int]) -> FilterResult:
     """Return the result of a scan with too few points to have a surface."""
-    counts = {"in": len(scan.cloud), "too_few": len(scan.cloud), "merged": 0, "out": 0}
-    return FilterResult(PointCloud(np.empty((0, 3)), origins=apply(scan.pose, scan.origin)), counts, {})
+    return FilterResult(PointCloud(np.empty((0, 3))), {**counts, "too_few": len(scan.cloud), "merged": 0, "out": 0}, {})
 
 
 def _reasons(
@@ -207,12 +224,17 @@ def count_thinned(n_given: int, thinned: ThinnedPoints) -> dict[str, int]:
 
 
 def _mean_of_members(values: Any, thinned: ThinnedPoints) -> Any:
-    """Return the mean of a property over the members of each representative, in the property's own type."""
+    """Return the mean of a property over the members of each representative of which it is known, in its own type."""
     if values is None:
         return None
-    sums = np.add.reduceat(values[thinned.members].astype(np.float64), thinned.starts[:-1], axis=0)
-    counts = np.diff(thinned.starts)
-    means = sums / (counts[:, None] if values.ndim == 2 else counts)
+    of_members = values[thinned.members].astype(np.float64)
+    counts: Any = np.diff(thinned.starts)
+    known = np.isfinite(of_members)
+    if not known.all():  # a float, one value a point
+        of_members[~known], counts = 0.0, np.add.reduceat(known, thinned.starts[:-1], dtype=np.int64)
+    sums = np.add.reduceat(of_members, thinned.starts[:-1], axis=0)
+    with np.errstate(invalid="ignore"):  # NaN where of none
+        means = sums / (counts[:, None] if values.ndim == 2 else counts)
     return np.rint(means).astype(values.dtype) if values.dtype.kind in "ui" else means.astype(values.dtype)
 
 

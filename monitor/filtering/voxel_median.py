@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.nearest import canonical_order
-from monitor.filtering.normals import NormalSettings, estimate_normals
+from monitor.filtering.normals import NormalSettings, estimate_normals, require_points
 from monitor.filtering.thinning import ThinnedPoints, hash_points
 from projects.errors import ParameterError
 from projects.model import Floats, Ints, PointCloud
@@ -69,6 +69,7 @@ def voxel_median(cloud: PointCloud, settings: VoxelMedianSettings | None = None)
         If there are fewer than 8 points, a coordinate is not finite, or the voxels are too many to number.
     """
     settings = settings or VoxelMedianSettings()
+    require_points(cloud.points)
     if cloud.normals is None or cloud.spacing is None or cloud.sigma is None or not np.isfinite(cloud.normals).all():
         cloud = estimate_normals(cloud, NormalSettings())
     cloud = cloud.take(canonical_order(cloud.points))

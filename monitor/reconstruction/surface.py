@@ -333,8 +333,8 @@ def finish(projection: Projection, faces: Ints, samples: cKDTree, cloud: PointCl
         n_support=projection.n_support,
         sample_distance=distance[:, 0],
         roughness=None if cloud.roughness is None else cloud.roughness[index[:, 0]],
-        colors=None if cloud.colors is None else np.round(_blend(cloud.colors, index, weight)).astype(np.uint8),
-        intensity=None if cloud.intensity is None else _blend(cloud.intensity, index, weight),
+        colors=None if cloud.colors is None else np.round(blend(cloud.colors, index, weight)).astype(np.uint8),
+        intensity=None if cloud.intensity is None else blend(cloud.intensity, index, weight),
     )
 
 
@@ -346,7 +346,11 @@ def vertex_sigma(projection: Projection, cloud: PointCloud, index: Ints) -> Floa
     return projection.sigma * np.maximum(1.0, stated / np.maximum(projection.scatter, 1e-12))
 
 
-def _blend(values: Any, index: Ints, weight: Floats) -> Floats:
-    """Return the weighted mean of `values` of the nearest samples, (n,) or (n, c)."""
+def blend(values: Any, index: Ints, weight: Floats) -> Floats:
+    """Return the weighted mean of `values` of the nearest samples of which they are known, (n,) or (n, c)."""
     picked = np.asarray(values, float)[index]
-    return np.einsum("ij,ij...->i...", weight, picked)
+    if np.isfinite(picked).all():
+        return np.einsum("ij,ij...->i...", weight, picked)
+    known = weight * np.isfinite(picked)  # one value a sample
+    with np.errstate(invalid="ignore"):  # NaN where of none
+        return np.asarray(np.einsum("ij,ij->i", known, np.nan_to_num(picked)) / known.sum(axis=1))

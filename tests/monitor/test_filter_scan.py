@@ -132,7 +132,7 @@ def test_points_that_are_not_finite_are_refused(rng):
     scan = wall_scan(rng)
     points = scan.cloud.points.copy()
     points[5] = np.inf
-    with pytest.raises(ParameterError, match="1 points have coordinates that are not finite"):
+    with pytest.raises(ParameterError, match="1 of 12000 points have coordinates that are not finite"):
         filter_scan(dataclasses.replace(scan, cloud=PointCloud(points)))
 
 
