@@ -18,7 +18,7 @@ from projects.store import Project
 
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
-    "calibration": 3,
+    "calibration": 4,
     "scan": 4,
     "targets": 1,
     "network": 14,

@@ -7,6 +7,7 @@ reason.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -44,7 +45,7 @@ def adjust_epoch(
         has_points = np.array([len(place.get(step)) > 0 for step in scans])
         seen = [int(np.flatnonzero(setups == s)[0]) for s in np.unique(setups[has_points])]
         if not seen:
-            raise StoreError("no scan has a point within the object's extent; check the extent, the poses and the unit")
+            raise StoreError(_why_nothing_is_left(scans))
         found = adjust_scans(_clouds(place, scans, setups, seen), settings, _ties(place, targets, setups, seen))
         if not found.converged:
             raise RegistrationError(
@@ -54,6 +55,18 @@ def adjust_epoch(
         return Made(_as_arrays(found, seen, setups), _figures(found, seen) | {"n_setups": int(setups.max()) + 1})
 
     return once_step(place, Asked("network", "network", parameters, (*scans, *targets)), make)
+
+
+def _why_nothing_is_left(scans: Sequence[Step]) -> str:
+    """Return what became of the points of scans of which none is left."""
+    counts: Counter[str] = sum((Counter(step.counts) for step in scans), Counter())
+    reasons = ", ".join(
+        f"{name.replace('_', ' ')} {n}" for name, n in counts.items() if n and name not in ("read", "in")
+    )
+    return (
+        f"no point is left of {counts['read']} in {len(scans)} scan{'s' if len(scans) > 1 else ''} ({reasons}); check "
+        "the object's extent, the poses and the unit"
+    )
 
 
 def _clouds(place: Place, scans: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Iterator[PointCloud]:

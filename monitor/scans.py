@@ -5,8 +5,9 @@ In come paths and options of `monitor add-epoch`, or a project and a scan's numb
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import filecmp
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +17,16 @@ from monitor.filtering.thinning import hash_points
 from monitor.registration.placing import place_scans
 from monitor.registration.targets import find_targets
 from monitor.scan_assembly import assemble_streams
+from monitor.unit_check import UnitCheck
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
-from projects.formats import PoseLine, ScanStream, question_unit, read_scans, require_known_names
+from projects.formats import PoseLine, ScanStream, read_scans, require_known_names
 from projects.model import ControlPoint, Floats, PointCloud, Scan
 from projects.store import Project
 from projects.transforms import apply
 
 BY_TARGETS = "survey targets"
 BY_SHAPE = "shape alone"
-
-
-@dataclass(frozen=True)
-class UnitCheck:
-    """What a file's numbers mean: metres per unit, and whether the user said so."""
-
-    metres: float = 1.0
-    was_stated: bool = False
 
 
 def open_scans(
@@ -107,32 +101,19 @@ def _require_files(files: Iterable[Path]) -> list[Path]:
         if path.resolve() in seen:
             raise ParameterError(f"{path}: given twice; each file belongs to an epoch once")
         seen[path.resolve()] = path
+    _require_different(paths)
     return paths
 
 
-def with_questioned_unit(streams: list[ScanStream], unit: UnitCheck) -> Iterator[ScanStream]:
-    """Yield the scans, each of which ends by questioning an improbable size (`UnitError`).
-
-    The store enters an epoch only when its stream has ended well, so nothing is kept of a questioned one.
-    """
-    for stream in streams:
-        yield replace(stream, chunks=_questioned(stream, unit))
-
-
-def _questioned(stream: ScanStream, unit: UnitCheck) -> Callable[[], Iterator[Scan]]:
-    """Return the stream's `chunks`, which after the last one questions the size that the scan's points have."""
-
-    def chunks() -> Iterator[Scan]:
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for scan in stream.chunks():
-            if len(scan.cloud):
-                low = np.minimum(low, scan.cloud.points.min(axis=0))
-                high = np.maximum(high, scan.cloud.points.max(axis=0))
-            yield scan
-        if np.isfinite(low).all():
-            question_unit(np.array([low, high]), unit.was_stated, stream.format, stream.name)
-
-    return chunks
+def _require_different(paths: Sequence[Path]) -> None:
+    """Raise where two files hold the same: what is measured once would count as two scans that agree perfectly."""
+    by_size: dict[int, list[Path]] = {}
+    for path in paths:
+        alike = by_size.setdefault(path.stat().st_size, [])
+        for other in alike:
+            if filecmp.cmp(path, other, shallow=False):
+                raise ParameterError(f"{path}: the same content as {other}; give each scan once")
+        alike.append(path)
 
 
 def read_within(project: Project, object_id: str, epoch_id: str, index: int) -> tuple[Scan, dict[str, int]]:

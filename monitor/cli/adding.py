@@ -13,7 +13,8 @@ import numpy as np
 import typer
 
 from monitor.cli.progress import show_progress
-from monitor.scans import UnitCheck, open_scans, with_questioned_unit
+from monitor.scans import open_scans
+from monitor.unit_check import UnitCheck, with_questioned_unit
 from projects.errors import ParameterError, StoreError
 from projects.formats import PoseLine, ScanStream, metres_per_unit, question_unit, read_control, read_mesh, read_poses
 from projects.identifiers import require_id

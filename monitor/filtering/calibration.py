@@ -34,6 +34,7 @@ from monitor.filtering.patches import find_plane_patches
 from monitor.filtering.thinning import draw_order
 from projects.model import Bools, Floats, Ints, Scan
 
+FARTHEST_RANGE = 200.0  # m: no phase-shift scanner reaches farther; wavelengths tried are as many as patches are long
 SHOWN = 4000  # points of the figure
 N_PHASES = 400  # at which the waves are summed
 
@@ -107,8 +108,8 @@ def calibrate_range(scan: Scan, settings: CalibrationSettings | None = None) -> 
 
     Parameters
     ----------
-    scan : the whole scan or an even sample of it (`sample_scan`): walls and floor are what is looked for. Its `origin`
-        must be known.
+    scan : the whole scan or an even sample of it (`sample_scan`): walls and floor are what is looked for, within
+        `FARTHEST_RANGE`. Its `origin` must be known.
     settings : the wavelength is found from the scan where it is not given.
 
     Returns
@@ -135,7 +136,8 @@ def calibrate_range(scan: Scan, settings: CalibrationSettings | None = None) -> 
     if not np.isfinite(scan.origin).all():
         return _nothing("it is not known where the scanner stood", settings)
     sampled = sample_scan(scan, settings.max_points).cloud.points - scan.origin
-    sampled = sampled[(sampled != 0.0).any(axis=1)]  # a point where the scanner stood has no beam
+    ranges = np.linalg.norm(sampled, axis=1)
+    sampled = sampled[(ranges > 0.0) & (ranges <= FARTHEST_RANGE)]
     found = find_plane_patches(sampled, settings.wavelength or SHORTEST, settings.max_amplitude)
     patches = prepare_patches(found)
     if len(patches) < settings.min_patches:

@@ -17,6 +17,7 @@ from projects.errors import ParameterError
 from projects.model import Floats, Ints, PointCloud, Scan
 from projects.transforms import apply, invert
 
+SINGLE = 0.9  # share of the points of a grid that have its places for themselves
 ONE_STATION = 0.005  # m between the stated positions of the scanner: more is not one station
 
 
@@ -31,6 +32,7 @@ class Cells:
     rows, columns : (m,) place in the grid, -1 where the scans are none.
     cloud : intensity and colours, means over the scans.
     n_unmatched : points of no cell.
+    is_grid : whether cells are those of rows and columns, else of nearest directions.
     """
 
     ranges: Floats
@@ -137,7 +139,7 @@ def _by_grid(scans: Sequence[Scan], beams: list[Floats]) -> tuple[list[Ints], in
         return None
     keys = [s.rows.astype(np.int64) << 32 | s.columns for s in scans if s.rows is not None and s.columns is not None]
     known = np.unique(np.concatenate(keys))
-    if not len(known):
+    if not len(known) or any(len(np.unique(key)) < SINGLE * len(key) for key in keys):
         return None
     cell_of = [
         _only_nearest(np.searchsorted(known, key), (b**2).sum(axis=1)) for key, b in zip(keys, beams, strict=True)
@@ -162,13 +164,19 @@ def _names_same_directions(cell_of: list[Ints], beams: list[Floats], known: Ints
     beside = np.diff(known) == 1
     if not beside.any():
         return True
-    step = float(np.nanmedian(np.linalg.norm(np.diff(table, axis=0)[beside], axis=1)))
+    step = _median_known(np.linalg.norm(np.diff(table, axis=0)[beside], axis=1))
     for cell, beam in zip(cell_of[1:], beams[1:], strict=True):
         found = cell >= 0
         apart = np.linalg.norm(table[cell[found]] - _unit(beam[found]), axis=1)
-        if not np.nanmedian(apart) < 0.5 * step:
+        if len(apart) and not _median_known(apart) < 0.5 * step:
             return False
     return True
+
+
+def _median_known(values: Floats) -> float:
+    """Return the median of the values that are known, NaN of none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _unit(vectors: Floats) -> Floats:

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from monitor.filtering.diffusion import diffuse_with_record
-from monitor.filtering.nearest import build_index, canonical_order
-from monitor.filtering.normals import MIN_POINTS, fit_planes, require_finite
+from monitor.filtering.nearest import build_index, canonical_order, find_copies
+from monitor.filtering.normals import MIN_POINTS, fit_planes, known_directions, require_finite
 from monitor.filtering.scan import FilterResult, FilterSettings, count_thinned, thin_cloud
 from monitor.filtering.seen_through import find_seen_through
 from projects.errors import ParameterError
@@ -43,7 +44,7 @@ def merge_scans(
     _require_mergeable(clouds, slack)
     if settings.silhouettes.drop_seen_through:
         clouds = [c.take(~seen) for c, seen in zip(clouds, find_seen_through(clouds, slack), strict=True)]
-    merged, left_out = concatenate_clouds(clouds), _left_out(clouds)
+    merged, left_out = concatenate_clouds(turn_alike(clouds)), _left_out(clouds)
     if len(merged) < MIN_POINTS:
         raise ParameterError(
             f"{n_before} points were given to merge, of which {n_before - len(merged)} lie where another scan looked "
@@ -51,13 +52,16 @@ def merge_scans(
         )
     n_merged = len(merged)
     merged = merged.take(canonical_order(merged.points))
+    copies = find_copies(merged.points)
+    merged = merged.take(~copies) if copies.any() else merged
     index = build_index(merged.points)
     planes = fit_planes(index, orientation_of(merged), settings.normals)
     keep = ~planes.is_outlier
     cloud, thinned, automatic = thin_cloud(merged, index, planes, keep, settings.thinning)
     automatic |= left_out
     counts = {
-        "in": n_before, "seen_through": n_before - n_merged, "outlier": int((~keep).sum()),
+        "in": n_before, "seen_through": n_before - n_merged,
+        **({"copy": n_merged - len(merged)} if len(merged) < n_merged else {}), "outlier": int((~keep).sum()),
         **count_thinned(int(keep.sum()), thinned),
     }  # fmt: skip
     if settings.diffusion.enabled and len(cloud) >= MIN_POINTS:
@@ -85,14 +89,39 @@ def _left_out(clouds: Sequence[PointCloud]) -> dict[str, str]:
     return {"colors_left_out": f"{n_without} of {len(full)} scans have none"} if 0 < n_without < len(full) else {}
 
 
+def turn_alike(clouds: Sequence[PointCloud]) -> Sequence[PointCloud]:
+    """Return the clouds with the normals of those whose scanner's place is unknown turned as the others' are.
+
+    Such a cloud looks outward where it is closed; of a wall or a relief that is a guess. It is turned round as a whole
+    where the quarter of its points that is nearest to clouds of known place looks against what is nearest there.
+    """
+    is_known = [c.origins is not None and bool(np.isfinite(c.origins).all()) for c in clouds]
+    known = [c for c, is_sure in zip(clouds, is_known, strict=True) if is_sure and len(c) and c.normals is not None]
+    if not known or all(is_known):
+        return clouds
+    normals = np.concatenate([c.normals for c in known if c.normals is not None])
+    tree = cKDTree(np.concatenate([c.points for c in known]))
+
+    def turned(cloud: PointCloud) -> PointCloud:
+        if cloud.normals is None or not len(cloud):
+            return cloud
+        apart, nearest = tree.query(cloud.points)
+        agreement = (cloud.normals * normals[nearest]).sum(axis=1)[apart <= np.quantile(apart, 0.25)]
+        return cloud if agreement.sum() >= 0.0 else dataclasses.replace(cloud, normals=-cloud.normals)
+
+    return [c if is_sure else turned(c) for c, is_sure in zip(clouds, is_known, strict=True)]
+
+
 def orientation_of(cloud: PointCloud) -> Floats | None:
     """Return what the normals of a merged cloud are turned by: those of its scans, None where no scanner is known.
 
     Without a known scanner each scan's normals were made to agree among themselves only; two scans of one relief may
-    look opposite ways, so the merged cloud decides anew.
+    look opposite ways, so the merged cloud decides anew. Where normals are not known, the places of the scanners are.
     """
-    unknown = cloud.origins is not None and not np.isfinite(cloud.origins).any()
-    return None if unknown else cloud.normals
+    if cloud.origins is not None and not np.isfinite(cloud.origins).any():
+        return None
+    is_known = cloud.normals is not None and bool(np.isfinite(cloud.normals).all())
+    return cloud.normals if is_known else known_directions(cloud)
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:

@@ -101,7 +101,7 @@ def _spread_bits(cell: Ints) -> Ints:
 class PointIndex:
     """Points in canonical order and the boxes over their runs; node 1 is the root, 2i and 2i + 1 the children of i.
 
-    Boxes are in float32, rounded outward.
+    Boxes are in float32, rounded outward; in float64 where coordinates are so large that rounding would widen them.
     """
 
     points: Floats
@@ -114,18 +114,34 @@ class PointIndex:
         return len(self.low) // 2
 
 
-def _outward(corners: Floats, towards: float) -> Floats:
-    """Return corners in float32, the next number towards minus or plus infinity."""
-    return np.nextafter(corners.astype(np.float32), np.float32(towards))
+def _outward(corners: Floats, towards: float, kind: type[np.floating[Any]]) -> Floats:
+    """Return corners in float32 or float64, the next number towards minus or plus infinity."""
+    return np.nextafter(corners.astype(kind), kind(towards))
+
+
+def _kind_of_boxes(least: Floats, most: Floats) -> type[np.floating[Any]]:
+    """Return float32 for leaves (m, 3) [m] on a surface where its steps are a tenth of a leaf or less, else float64.
+
+    A leaf of a thousand points to the metre is 2 mm wide; 5000 km from the origin float32 goes in steps of half a
+    metre, and every box would hold the whole object.
+    """
+    if not len(least):
+        return np.float32
+    low, high = least.min(axis=0), most.max(axis=0)
+    leaf = float((high - low).max()) / math.sqrt(len(least))
+    step = float(np.spacing(np.float32(max(abs(low).max(), abs(high).max()))))
+    return np.float32 if step <= 0.1 * leaf else np.float64
 
 
 def build_index(points: Floats) -> PointIndex:
     """Return the index of points (n, 3) [m] that are in canonical order."""
     n_leaves = 1 << max(0, math.ceil(math.log2(max(1, math.ceil(len(points) / LEAF)))))
-    low, high = (np.full((2 * n_leaves, 3), far, dtype=np.float32) for far in (np.inf, -np.inf))
     starts = np.arange(0, len(points), LEAF)
-    low[n_leaves : n_leaves + len(starts)] = _outward(np.minimum.reduceat(points, starts), -np.inf)
-    high[n_leaves : n_leaves + len(starts)] = _outward(np.maximum.reduceat(points, starts), np.inf)
+    least, most = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
+    kind = _kind_of_boxes(least, most)
+    low, high = (np.full((2 * n_leaves, 3), far, dtype=kind) for far in (np.inf, -np.inf))
+    low[n_leaves : n_leaves + len(starts)] = _outward(least, -np.inf, kind)
+    high[n_leaves : n_leaves + len(starts)] = _outward(most, np.inf, kind)
     level = n_leaves
     while level > 1:
         children = slice(level, 2 * level)

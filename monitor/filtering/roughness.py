@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from monitor.filtering.nearest import BLOCK
 from projects.model import Floats, Ints, Roughness
 
-BLOCK = 262_144
 ROUGH_TIMES_NOISE = 3.0  # shape that outweighs the noise three times over is rough
 
 

@@ -49,7 +49,8 @@ class FilterSettings:
 class FilterResult:
     """A filtered cloud with what each step did.
 
-    `counts`: points in, dropped by reason, merged, out. `automatic`: the values found from the data, lengths in metres.
+    `counts`: points in, dropped by reason, merged, out; each point that came in is counted once. `automatic`: the
+    values found from the data, lengths in metres.
     """
 
     cloud: PointCloud

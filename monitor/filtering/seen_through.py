@@ -42,9 +42,8 @@ def find_seen_through(clouds: Sequence[PointCloud], slack: float = 0.0) -> list[
         if not _is_usable(other):
             continue
         assert other.origins is not None
-        beams = other.points - other.origins
-        ranges = np.linalg.norm(beams, axis=1)
-        tree = cKDTree(beams / ranges[:, None])
+        ranges, directions = _look(other.points - other.origins)
+        tree = cKDTree(directions)
         for k, cloud in enumerate(clouds):
             if k != j and len(cloud):
                 masks[k] |= _passed(cloud, other, (tree, ranges), slack)

@@ -66,7 +66,8 @@ def voxel_median(cloud: PointCloud, settings: VoxelMedianSettings | None = None)
     Raises
     ------
     ParameterError
-        If there are fewer than 8 points, a coordinate is not finite, or the voxels are too many to number.
+        If there are fewer than 8 points, a coordinate is not finite, most points coincide, or the voxels are too many
+        to number.
     """
     settings = settings or VoxelMedianSettings()
     require_points(cloud.points)
@@ -77,6 +78,11 @@ def voxel_median(cloud: PointCloud, settings: VoxelMedianSettings | None = None)
     assert cloud.spacing is not None
     assert cloud.sigma is not None
     size = settings.voxel_size or VOXEL_IN_SPACINGS * float(np.median(cloud.spacing))
+    if not size > 0.0:
+        raise ParameterError(
+            f"half of the {len(cloud)} points have no spacing, their neighbours lie where they do; drop copies or give "
+            "voxel_size"
+        )
     noise = cloud.sigma if settings.noise is None else np.full(len(cloud), settings.noise)
     merged = np.ones(len(cloud), dtype=np.int32) if cloud.n_merged is None else cloud.n_merged
     found = take_medians(cloud.points, cloud.normals, noise, merged, size)

@@ -95,3 +95,15 @@ def test_canonical_order_does_not_depend_on_the_order_of_the_file(rng):
     for points in clouds(rng).values():
         shuffled = points[rng.permutation(len(points))]
         assert np.array_equal(ordered(points), ordered(shuffled))
+
+
+def test_boxes_are_as_narrow_far_from_the_origin_as_at_it(rng):
+    """In single precision they would be half a metre wide at 5000 km, and every search would visit every leaf."""
+    wall = clouds(rng)["wall"]
+    widths = []
+    for shift in (0.0, 5e6):
+        index = build_index(ordered(wall + shift))
+        leaves = slice(index.n_leaves, index.n_leaves + len(wall) // 8)
+        widths.append(float((index.high[leaves] - index.low[leaves]).max(axis=1).mean()))
+    assert np.isclose(widths[0], widths[1], rtol=0.02)
+    assert build_index(wall[:0]).n_leaves == 1

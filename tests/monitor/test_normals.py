@@ -165,7 +165,7 @@ def test_too_few_points_and_points_without_place_are_refused(rng):
     with pytest.raises(ParameterError, match="7 points were given; at least 8"):
         estimate_normals(PointCloud(points[:7]))
     points[3, 1] = np.nan
-    with pytest.raises(ParameterError, match="1 points have coordinates that are not finite"):
+    with pytest.raises(ParameterError, match="1 of 100 points have coordinates that are not finite"):
         estimate_normals(PointCloud(points))
     with pytest.raises(ParameterError, match="min_neighbours = 200 exceeds max_neighbours = 100"):
         dataclasses.replace(NormalSettings(), min_neighbours=200)

@@ -8,6 +8,7 @@ import pytest
 
 from monitor.filtering import average_scans, calibrate_range, filter_scan_with_record, merge_scans, voxel_median
 from monitor.filtering.nearest import canonical_order, find_copies
+from monitor.filtering.seen_through import find_seen_through
 from monitor.reconstruction.surface import blend
 from projects.errors import ParameterError
 from projects.model import PointCloud, Scan
@@ -169,3 +170,61 @@ def test_vertices_blend_what_is_known_of_the_samples_around():
     blended = blend(values, index, np.full((3, 2), 0.5))
     assert blended[:2].tolist() == [1.0, 2.0]
     assert np.isnan(blended[2])
+
+
+def test_a_scan_of_unknown_place_looks_the_way_that_the_others_do(rng):
+    """A flat wall does not tell its outside: merged with the wrong one, half of the normals would look away."""
+    known = filter_scan_with_record(scan_of(wall(rng))).cloud
+    nowhere = np.full(3, np.nan)
+    for sign in (1.0, -1.0):
+        unknown = dataclasses.replace(known, points=known.points + 1e-4, normals=sign * known.normals, origins=nowhere)
+        assert (merge_scans([known, unknown]).cloud.normals[:, 2] < 0.0).all()
+
+
+def test_normals_that_are_unknown_are_turned_to_the_scanners(rng):
+    for z in (-1.0, 5.0):
+        cloud = PointCloud(wall(rng), normals=np.full((3000, 3), np.nan), origins=np.array([0.0, 0.0, z]))
+        assert ((z - 2.0) * merge_scans([cloud]).cloud.normals[:, 2] > 0.0).all()
+
+
+def test_a_cloud_merged_with_itself_counts_once(rng):
+    cloud = filter_scan_with_record(scan_of(wall(rng))).cloud
+    once, twice = merge_scans([cloud]), merge_scans([cloud, cloud])
+    assert np.array_equal(once.cloud.sigma, twice.cloud.sigma)
+    assert twice.counts["copy"] == len(cloud)
+
+
+def test_rows_and_columns_that_are_all_the_same_are_no_grid(rng):
+    """By row and column all points would be one cell, and one point left."""
+    points, zeros = wall(rng), np.zeros(3000)
+    scans = [dataclasses.replace(scan_of(p), rows=zeros, columns=zeros) for p in (points, points * (1 + 1e-5))]
+    averaged = average_scans(scans)
+    assert averaged.automatic["by"] == "nearest direction"
+    assert averaged.counts["out"] == 3000
+
+
+def test_a_repeat_without_points_changes_nothing(rng):
+    places = np.arange(3000)
+    scan = dataclasses.replace(scan_of(wall(rng)), rows=places // 60, columns=places % 60)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        both = average_scans([scan.take(places[:0]), scan])
+    assert np.allclose(np.sort(both.scan.cloud.points, axis=0), np.sort(scan.cloud.points, axis=0), atol=1e-12)
+
+
+def test_a_scan_of_kilometres_is_not_searched_for_waves_without_end(rng):
+    """Beyond the reach of phase-shift scanners nothing is looked for: 100 km would be five million wavelengths."""
+    assert calibrate_range(scan_of(1e6 * wall(rng))).reason.startswith("0 plane patches")
+
+
+def test_voxels_without_a_size_are_refused():
+    with pytest.raises(ParameterError, match="half of the 100 points have no spacing"):
+        voxel_median(PointCloud(np.zeros((100, 3))))
+
+
+def test_a_point_where_another_scanner_stood_says_nothing_of_it(rng):
+    here = PointCloud(np.r_[wall(rng), np.zeros((1, 3))], origins=np.zeros(3))
+    there = PointCloud(wall(rng), origins=np.ones(3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not any(mask.any() for mask in find_seen_through([here, there]))

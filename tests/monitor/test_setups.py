@@ -7,10 +7,10 @@ import pytest
 
 from monitor.range_calibration import largest_of_setups
 from monitor.registration.adjustment import Adjustment
-from monitor.scan_network import _as_arrays
+from monitor.scan_network import _as_arrays, _why_nothing_is_left
 from monitor.setups import join_setups, join_targets, number_setups
 from monitor.simulation import stand_at
-from projects.model import PointCloud, SurveyTarget
+from projects.model import PointCloud, Step, SurveyTarget
 
 HERE = stand_at(np.array([1.0, 2.0, 1.7]), facing=np.zeros(3))
 THERE = stand_at(np.array([-1.0, 2.0, 1.7]), facing=np.zeros(3))
@@ -59,3 +59,11 @@ def test_all_scans_of_a_set_up_get_its_motion_and_one_that_saw_nothing_alone_sta
 
 def test_windows_are_calibrated_with_the_largest_scan_of_their_set_up() -> None:
     assert largest_of_setups(np.array([0, 0, 1, 1, 2]), [10, 900, 70, 70, 3]).tolist() == [1, 1, 2, 2, 4]
+
+
+def test_an_epoch_of_which_nothing_is_left_tells_what_became_of_its_points() -> None:
+    """Scans of a few points within the extent: that "no scan has a point within the extent" would be wrong."""
+    counts = ({"read": 900, "outside_extent": 897, "in": 3, "too_few": 3, "out": 0}, {"read": 4, "in": 4, "too_few": 4})
+    steps = [Step("s", "scan000", counts=c) for c in counts]
+    told = _why_nothing_is_left(steps)
+    assert told.startswith("no point is left of 904 in 2 scans (outside extent 897, too few 7); check")
