@@ -6,7 +6,10 @@ Used by the settings of every step; `monitor.settings` gathers them and turns th
 from __future__ import annotations
 
 import dataclasses
+import numbers
 from typing import Any
+
+import numpy as np
 
 from projects.errors import ParameterError
 
@@ -21,14 +24,30 @@ def setting(
 
 
 def check_settings(settings: Any) -> None:
-    """Raise `ParameterError` where a value lies outside its declared range; call it in `__post_init__`."""
+    """Raise `ParameterError` where a value is of another kind than declared or outside of its range; call it in
+    `__post_init__`."""
     for f in dataclasses.fields(settings):
         value, meta = getattr(settings, f.name), f.metadata
-        name = f"{type(settings).__name__}.{f.name}"
-        if value is None or not meta:
-            continue
-        if meta["choices"] and value not in meta["choices"]:
-            raise ParameterError(f"{name} = {value!r}: allowed are {', '.join(meta['choices'])}")
-        low, high = meta["low"], meta["high"]
-        if (low is not None and value < low) or (high is not None and value > high):
-            raise ParameterError(f"{name} = {value!r} {meta['unit']}: allowed is {low} to {high}")
+        if meta and value is not None:
+            _check_value(f"{type(settings).__name__}.{f.name} = {value!r}", value, f)
+
+
+def _check_value(told: str, value: Any, field: dataclasses.Field[Any]) -> None:
+    """Raise `ParameterError` where one value cannot be."""
+    meta, kinds = field.metadata, str(field.type).split(" | ")
+    if meta["choices"]:
+        if value not in meta["choices"]:
+            raise ParameterError(f"{told}: allowed are {', '.join(meta['choices'])}")
+        return
+    if "bool" in kinds:
+        if not isinstance(value, bool | np.bool_):
+            raise ParameterError(f"{told}: allowed are true and false")
+        return
+    low, high = meta["low"], meta["high"]
+    if low is None and high is None:
+        return
+    number = numbers.Integral if "int" in kinds else numbers.Real
+    if not isinstance(value, number) or isinstance(value, bool):
+        raise ParameterError(f"{told}: a {'whole ' if number is numbers.Integral else ''}number is needed")
+    if not (low is None or value >= low) or not (high is None or value <= high):  # NaN is in no range
+        raise ParameterError(f"{told} {meta['unit']}: allowed is {low} to {high}")

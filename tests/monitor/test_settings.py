@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from monitor.filtering import SilhouetteSettings
 from monitor.settings import Settings, read_settings, to_toml
 from projects.errors import ParameterError
 
@@ -45,6 +46,10 @@ def test_a_changed_setting_changes_only_itself(tmp_path: Path) -> None:
         ("icp = 3\n", "a group of settings"),
         ("[icp\n", "not valid TOML"),
         ("[icp]\nmax_iterations = 'many'\n", "a value like"),
+        ("[filter.thinning]\ntarget_spacing = '4 mm'\n", "target_spacing = '4 mm': a number is needed"),
+        ("[filter.thinning]\ntarget_spacing = nan\n", "target_spacing = nan m: allowed is 1e-06 to 10.0"),
+        ("[filter.normals]\nn_neighbours = 12.5\n", "n_neighbours = 12.5: a whole number is needed"),
+        ("[filter.diffusion]\nn_steps = true\n", "n_steps = True: a whole number is needed"),
     ],
 )
 def test_wrong_lines_are_refused_with_what_to_do(tmp_path: Path, text: str, message: str) -> None:
@@ -57,3 +62,9 @@ def test_wrong_lines_are_refused_with_what_to_do(tmp_path: Path, text: str, mess
 def test_a_missing_file_is_one_clear_line(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="cannot be read"):
         read_settings(tmp_path / "none.toml")
+
+
+def test_a_word_is_no_switch() -> None:
+    """A word is true to Python, "no" too."""
+    with pytest.raises(ParameterError, match="drop_rims = 'no': allowed are true and false"):
+        SilhouetteSettings(drop_rims="no")
