@@ -11,8 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.filtering import estimate_normals
+from monitor.filtering.normals import MIN_POINTS
 from monitor.filtering.thinning import hash_points
 from monitor.registration.assembly import Assembly, assemble
+from projects.errors import ParameterError
 from projects.formats import ScanStream
 from projects.model import Floats, PointCloud
 from projects.transforms import invert
@@ -54,5 +56,9 @@ def read_oriented(stream: ScanStream) -> PointCloud:
     share = min(1.0, N_POINTS / max(len(points), 1))
     some = points[hash_points(points, 0) <= share * float(2**64 - 1)]
     some = some[np.isfinite(some).all(axis=1)]
+    if len(some) < MIN_POINTS:
+        raise ParameterError(
+            f"{stream.name}: {len(some)} points have no shape to place scans by; give --poses FILE with a line for each"
+        )
     origin = stream.origin if stream.is_origin_stated else None
     return estimate_normals(PointCloud(some, origins=origin))

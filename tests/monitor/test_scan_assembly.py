@@ -52,6 +52,16 @@ def test_scans_of_different_things_are_refused_with_their_names(
     assert "blank1.xyz" in told
 
 
+def test_a_scan_of_three_points_without_a_pose_is_refused_with_its_name(
+    project: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [tmp_path / f"few{k}.xyz" for k in range(2)]
+    for file in files:
+        np.savetxt(file, rng.uniform(1.0, 2.0, (3, 3)), fmt="%.5f")
+    assert add(project, "few", files) == 2
+    assert "few0.xyz: 3 points have no shape to place scans by; give --poses FILE" in capsys.readouterr().err
+
+
 def test_poses_that_are_known_stay_and_give_the_frame(rng: np.random.Generator) -> None:
     T = [perturb(np.eye(4), np.zeros(3), rng.normal(size=6)) for _ in range(3)]
     found = Assembly(np.array([np.eye(4), T[0], T[1]]), np.array([True, True, True]), (), ())
