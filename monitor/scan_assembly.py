@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.filtering import estimate_normals
-from monitor.filtering.normals import MIN_POINTS
+from monitor.filtering.soundness import MIN_POINTS
 from monitor.filtering.thinning import hash_points
 from monitor.registration.assembly import Assembly, assemble
 from projects.errors import ParameterError

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from monitor.declare import check_settings, setting
 from monitor.filtering.cells import Cells, gather_cells
 from monitor.filtering.drift import Drift, drift_at, estimate_drift
+from monitor.filtering.soundness import without_zero_ranges
 from projects.model import Bools, Floats, Scan
 
 RUN = 32  # neighbouring cells whose noise is looked at together
@@ -96,6 +97,9 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
     Richter (paper 003), sections 1.3, 3 and 4.2.
     """
     settings = settings or AveragingSettings()
+    n_given = sum(len(scan.cloud) for scan in scans)
+    scans = [without_zero_ranges(scan) for scan in scans]
+    n_at_scanner = n_given - sum(len(scan.cloud) for scan in scans)
     cells = gather_cells(scans)
     drift = estimate_drift(cells.ranges, cells.directions, settings.significance)
     averages = _average_all(cells, drift)
@@ -108,7 +112,10 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
     )  # fmt: skip
     at_cell = (cells.rows[keep], cells.columns[keep]) if cells.is_grid else (None, None)
     scan = replace(scans[0], cloud=cloud, rows=at_cell[0], columns=at_cell[1])
-    return AveragedScan(scan, _count(cells, averages, keep), _describe(cells, averages, drift, keep), drift)
+    counts = _count(cells, averages, keep)
+    if n_at_scanner:
+        counts |= {"in": n_given, "at_scanner": n_at_scanner}
+    return AveragedScan(scan, counts, _describe(cells, averages, drift, keep), drift)
 
 
 def _average_all(cells: Cells, drift: Drift) -> _Averages:

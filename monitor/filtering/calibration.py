@@ -29,8 +29,8 @@ from monitor.filtering.cyclic_adjustment import (
     waves_at,
 )
 from monitor.filtering.nearest import BLOCK
-from monitor.filtering.normals import require_finite
 from monitor.filtering.patches import find_plane_patches
+from monitor.filtering.soundness import require_finite
 from monitor.filtering.thinning import draw_order
 from projects.model import Bools, Floats, Ints, Scan
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.filtering.nearest import canonical_order
-from monitor.filtering.normals import require_scan
+from monitor.filtering.soundness import require_scan
 from projects.errors import ParameterError
 from projects.model import Floats, Ints, PointCloud, Scan
 from projects.transforms import apply, invert
@@ -108,8 +108,6 @@ def _beams_of(scans: Sequence[Scan]) -> list[Floats]:
         require_scan(scan)
         if not np.isfinite(scan.origin).all():
             raise ParameterError(f"scan {scan.name!r}: where the scanner stood is not known; repeated scans need it")
-        if (scan.cloud.points == scan.origin).all(axis=1).any():
-            raise ParameterError(f"scan {scan.name!r}: points lie where the scanner stood; leave them out")
     first = scans[0]
     beams: list[Floats] = []
     for k, scan in enumerate(scans):

@@ -17,7 +17,8 @@ from numba import njit
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.nearest import build_index, canonical_order, find_nearest
-from monitor.filtering.normals import NormalSettings, fit_planes, known_directions, require_points
+from monitor.filtering.normals import NormalSettings, fit_planes, known_directions
+from monitor.filtering.soundness import require_points
 from projects.model import Floats, Ints, PointCloud
 
 N_NEIGHBOURS = 8  # of a grid's pixel

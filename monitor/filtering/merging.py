@@ -15,9 +15,10 @@ from scipy.spatial import cKDTree
 
 from monitor.filtering.diffusion import diffuse_with_record
 from monitor.filtering.nearest import build_index, canonical_order, find_copies
-from monitor.filtering.normals import MIN_POINTS, fit_planes, known_directions, require_finite
+from monitor.filtering.normals import fit_planes, known_directions
 from monitor.filtering.scan import FilterResult, FilterSettings, count_thinned, thin_cloud
 from monitor.filtering.seen_through import find_seen_through
+from monitor.filtering.soundness import MIN_POINTS, require_finite
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud
 

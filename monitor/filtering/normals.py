@@ -18,17 +18,15 @@ from monitor.filtering.nearest import PointIndex, build_index, canonical_order, 
 from monitor.filtering.neighbourhoods import NeighbourhoodModel, find_sizes, model_noise, undo_ball
 from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
+from monitor.filtering.soundness import require_points
 from monitor.filtering.tangents import OUTLIER, fit_tangents
 from projects.errors import ParameterError
-from projects.model import Bools, Floats, Ints, PointCloud, Scan
-from projects.transforms import require_rigid
+from projects.model import Bools, Floats, Ints, PointCloud
 
 BLOCK = 32_768  # points whose neighbours are in memory at once; a multiple of LEAF
 N_SIZES = 14
 LEAST_SIZE = 10
 BAND = 3.0  # sigmas of the noise that a neighbourhood's radius must exceed for its normal to mean something
-MIN_POINTS = 8
-FARTHEST = 1e12  # m, coordinates: as the readers of files have it; squares of more would not hold
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,27 +244,3 @@ def known_directions(cloud: PointCloud) -> Floats | None:
     if cloud.origins is not None and np.isfinite(cloud.origins).all():
         return cloud.origins - cloud.points
     return cloud.normals if cloud.normals is not None and np.isfinite(cloud.normals).all() else None
-
-
-def require_points(points: Floats) -> None:
-    """Raise `ParameterError` where there is nothing to fit a plane to."""
-    if len(points) < MIN_POINTS:
-        raise ParameterError(f"{len(points)} points were given; at least {MIN_POINTS} are needed for a tangent plane")
-    require_finite(points, "the cloud")
-
-
-def require_finite(points: Floats, what: str) -> None:
-    """Raise `ParameterError` where a coordinate is not a number, or one of no place that was scanned."""
-    good = np.abs(points) <= FARTHEST
-    if not good.all():
-        n_bad = int((~good).any(axis=1).sum())
-        raise ParameterError(
-            f"{what}: {n_bad} of {len(points)} points have coordinates that are not finite or exceed {FARTHEST:g} m; "
-            "leave them out"
-        )
-
-
-def require_scan(scan: Scan) -> None:
-    """Raise `ParameterError`, with the scan's name, where coordinates are not finite or the pose is no rigid motion."""
-    require_finite(scan.cloud.points, f"scan {scan.name!r}")
-    require_rigid(scan.pose, f"scan {scan.name!r}: its pose")

@@ -15,7 +15,8 @@ from numba import njit
 
 from monitor.filtering.covariance import eigenvalues, eigenvector
 from monitor.filtering.nearest import build_index, canonical_order, find_nearest
-from monitor.filtering.normals import MIN_POINTS, NormalSettings, fit_planes
+from monitor.filtering.normals import NormalSettings, fit_planes
+from monitor.filtering.soundness import MIN_POINTS
 from projects.model import Bools, Floats, Ints
 
 N_LINKS = 12  # neighbours that a region may grow to

@@ -17,7 +17,7 @@ from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
 from monitor.filtering.diffusion import DiffusionSettings
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_copies
-from monitor.filtering.normals import MIN_POINTS, NormalSettings, TangentPlanes, fit_planes, require_scan
+from monitor.filtering.normals import NormalSettings, TangentPlanes, fit_planes
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.silhouettes import (
     SilhouetteSettings,
@@ -27,6 +27,7 @@ from monitor.filtering.silhouettes import (
     find_specks,
     measure_ranges,
 )
+from monitor.filtering.soundness import MIN_POINTS, require_scan, without_zero_ranges
 from monitor.filtering.thinning import ThinnedPoints, ThinningSettings, target_spacings, thin
 from monitor.filtering.voxel_median import take_medians
 from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan
@@ -91,7 +92,7 @@ def filter_scan_with_record(
     require_scan(scan)
     is_known = bool(np.isfinite(scan.origin).all())
     origin = scan.origin if is_known else np.full(3, np.nan)
-    measured = _without_zero_ranges(dataclasses.replace(scan, origin=origin))
+    measured = without_zero_ranges(dataclasses.replace(scan, origin=origin))
     given = {"in": len(scan.cloud)}
     if len(measured.cloud) < len(scan.cloud):
         given["at_scanner"] = len(scan.cloud) - len(measured.cloud)
@@ -103,13 +104,6 @@ def filter_scan_with_record(
         origins=apply(scan.pose, origin),
     )
     return dataclasses.replace(found, cloud=cloud, counts={**given, **found.counts})
-
-
-def _without_zero_ranges(scan: Scan) -> Scan:
-    """Return the scan without points exactly where the scanner stood; readers drop them, other sources may not."""
-    points = scan.cloud.points
-    at_scanner = (points[:, 0] == scan.origin[0]) & (points[:, 1] == scan.origin[1]) & (points[:, 2] == scan.origin[2])
-    return scan.take(~at_scanner) if at_scanner.any() else scan
 
 
 def _thin_scan(scan: Scan, settings: FilterSettings) -> FilterResult:

@@ -14,7 +14,8 @@ import numpy as np
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.nearest import canonical_order
-from monitor.filtering.normals import NormalSettings, estimate_normals, require_points
+from monitor.filtering.normals import NormalSettings, estimate_normals
+from monitor.filtering.soundness import require_points
 from monitor.filtering.thinning import ThinnedPoints, hash_points
 from projects.errors import ParameterError
 from projects.model import Floats, Ints, PointCloud

@@ -228,3 +228,13 @@ def test_a_point_where_another_scanner_stood_says_nothing_of_it(rng):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert not any(mask.any() for mask in find_seen_through([here, there]))
+
+
+def test_a_repeat_with_a_point_where_the_scanner_stood_is_averaged_without_it(rng):
+    """A text file may hold one: it has no direction, and is no reason to refuse the others."""
+    points = wall(rng)
+    scans = [scan_of(p) for p in (np.r_[points, np.zeros((1, 3))], points * (1 + 1e-5))]
+    averaged = average_scans(scans)
+    assert averaged.counts["at_scanner"] == 1
+    assert averaged.counts["in"] == sum(n for reason, n in averaged.counts.items() if reason != "in") == 6001
+    assert np.isfinite(averaged.scan.cloud.points).all()
