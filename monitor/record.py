@@ -23,7 +23,7 @@ METHOD = {
     "targets": 1,
     "network": 14,
     "filtered": 6,
-    "surface": 15,
+    "surface": 16,
     "mesh": 5,
     "quality": 2,
     "comparison": 22,

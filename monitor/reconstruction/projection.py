@@ -45,6 +45,7 @@ from projects.model import Bools, Floats, Ints
 LADDER_RATIO = 1.4  # of one radius to the next
 BIAS_POWER = 4  # of the radius, with which the bias of a curved patch grows
 MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch at the rim of its points exceeds it
+UNFIT = 1.5  # times the noise: points that scatter more about a fit are not of one smooth patch
 N_WIDENED = 3  # radii of the ladder for a plane: its own and the next wider, where too few points lie within it
 MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees
 STEEPEST2 = 3.0  # squared slope of 60 degrees against the mean normal, beyond which a fit is not of its points' sheet
@@ -56,7 +57,8 @@ class Reach(NamedTuple):
 
     `curved` and `flat` are the rungs of the ladder for a curved patch and for a plane, `is_flat` says which to take
     where the points allow both, `is_fourth` where a curved patch errs by its fourth order and is to be rid of it (see
-    `fit_fourth`), and `misfit` (m) is what the surface was seen to depart from such a fit at its middle.
+    `fit_fourth`), `misfit` (m) is what the surface was seen to depart from such a fit at its middle, and `noise` (m)
+    one sigma of a point there.
     """
 
     curved: Ints
@@ -64,12 +66,13 @@ class Reach(NamedTuple):
     is_flat: Bools
     is_fourth: Bools
     misfit: Floats
+    noise: Floats
     furrows: Furrows | None = None
 
     def take(self, which: Ints) -> Reach:
         """Return what holds at the vertices selected, by discs alone."""
         return Reach(self.curved[which], self.flat[which], self.is_flat[which], self.is_fourth[which],
-                     self.misfit[which])  # fmt: skip
+                     self.misfit[which], self.noise[which])  # fmt: skip
 
 
 class Furrows(NamedTuple):
@@ -127,19 +130,13 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
     is not about this vertex: it is refused.
     """
     out, misfit = np.zeros((len(vertices), 9)), reach.misfit
-    last = len(samples.radii) - 1
     if reach.furrows is not None:
         _project_along(vertices, normals, samples, reach.furrows, max_shift, out)
         misfit = misfit.copy()
         misfit[reach.furrows.which] = reach.furrows.misfit
         misfit = np.where(out[:, OUT_SUPPORT] > 0.0, misfit, reach.misfit)
-    fourth = np.flatnonzero(reach.is_fourth & ~reach.is_flat & (reach.curved < last) & (out[:, OUT_SUPPORT] == 0.0))
-    _project_all(vertices, normals, samples, 4, np.minimum(reach.curved + 1, last), fourth, max_shift, out)
-    curved = np.flatnonzero(~reach.is_flat & (out[:, OUT_SUPPORT] == 0.0))
-    _project_all(vertices, normals, samples, 2, reach.curved, curved, max_shift, out)
-    for wider in range(N_WIDENED):
-        waiting = np.flatnonzero(out[:, OUT_SUPPORT] == 0.0)
-        _project_all(vertices, normals, samples, 1, np.minimum(reach.flat + wider, last), waiting, max_shift, out)
+    _project_as_reached(vertices, normals, samples, reach, max_shift, out)
+    _narrow(vertices, normals, samples, reach, max_shift, out)
     is_fitted = out[:, OUT_SUPPORT] > 0.0
     return Projection(
         vertices=np.where(is_fitted[:, None], out[:, PLACE], vertices),
@@ -149,6 +146,38 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
         n_support=np.abs(out[:, OUT_SUPPORT]).astype(np.int32),
         is_fitted=is_fitted,
     )
+
+
+def _project_as_reached(
+    vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float, out: Floats
+) -> None:
+    """Project the vertices that have no fit in `out` yet: onto curved patches, where there is none onto planes."""
+    last = len(samples.radii) - 1
+    fourth = np.flatnonzero(reach.is_fourth & ~reach.is_flat & (reach.curved < last) & (out[:, OUT_SUPPORT] == 0.0))
+    _project_all(vertices, normals, samples, 4, np.minimum(reach.curved + 1, last), fourth, max_shift, out)
+    curved = np.flatnonzero(~reach.is_flat & (out[:, OUT_SUPPORT] == 0.0))
+    _project_all(vertices, normals, samples, 2, reach.curved, curved, max_shift, out)
+    for wider in range(N_WIDENED):
+        waiting = np.flatnonzero(out[:, OUT_SUPPORT] == 0.0)
+        _project_all(vertices, normals, samples, 1, np.minimum(reach.flat + wider, last), waiting, max_shift, out)
+
+
+def _narrow(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float, out: Floats) -> None:
+    """Project vertices again, within less and less, whose points scatter about the fit by more than their noise.
+
+    How far fits may reach is decided at probes. A vertex on an edge may be nearest to one on a flat side, whose plane
+    would take in both sides here, and lie millimetres inside of them.
+    """
+    for _ in samples.radii:
+        rung = np.where(reach.is_flat, reach.flat, reach.curved)
+        unfit = (rung > 0) & (out[:, OUT_SUPPORT] > 0.0) & (out[:, OUT_SCATTER] > UNFIT * reach.noise)
+        if not unfit.any():
+            return
+        curved, flat = np.maximum(reach.curved - unfit, 0), np.maximum(reach.flat - unfit, 0)
+        is_flat, is_fourth = reach.is_flat & ~(unfit & (flat == 0)), reach.is_fourth & ~unfit
+        reach = reach._replace(curved=curved, flat=flat, is_flat=is_flat, is_fourth=is_fourth)
+        out[unfit] = 0.0
+        _project_as_reached(vertices, normals, samples, reach, max_shift, out)
 
 
 def _project_all(

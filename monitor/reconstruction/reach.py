@@ -185,7 +185,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     )
     misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
-    reach = Reach(curved, flat, is_flat, is_fourth, np.sqrt(np.where(is_flat, flat_misfit2, misfit2)))
+    misfit = np.sqrt(np.where(is_flat, flat_misfit2, misfit2))
+    reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2))
     return Climbed(reach, is_ended, own_error2, whole2, noise2)
 
 

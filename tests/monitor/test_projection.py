@@ -161,7 +161,9 @@ def test_a_fit_to_groups_is_that_to_their_points(rng):
     normals = np.column_stack([s * np.cos(turn), s * np.sin(turn), z])
     points = (RADIUS + noise * rng.normal(size=(n, 1))) * normals
     places = normals[::100]
-    reach = Reach(np.full(400, 2), np.full(400, 2), np.zeros(400, bool), np.zeros(400, bool), np.zeros(400))
+    reach = Reach(
+        np.full(400, 2), np.full(400, 2), np.zeros(400, bool), np.zeros(400, bool), np.zeros(400), np.full(400, np.nan)
+    )
     summed = sum_up_samples(level_of_points(points, normals, radius), radius * 1.4 ** np.arange(-2.0, 1.0), noise)
     single = summed._replace(levels=[None, None, level_of_points(points, normals, radius)])
     moved = [project_vertices(RADIUS * places, places, samples, reach, 0.01) for samples in (summed, single)]
@@ -179,7 +181,7 @@ def test_noise_that_reaches_over_the_borders_of_cells_is_no_outlier(rng):
     x, y = (a.ravel() for a in np.meshgrid(g, g))
     up, flat = (
         np.tile([0.0, 0.0, 1.0], (6400, 1)),
-        Reach(*np.zeros((2, 1), int), *np.array([[True], [False]]), np.zeros(1)),
+        Reach(*np.zeros((2, 1), int), *np.array([[True], [False]]), *np.zeros((2, 1))),
     )
     moved = []
     for _ in range(60):
@@ -197,7 +199,7 @@ def test_vertices_of_a_thin_plate_rest_on_their_own_side_only(rng):
     top, bottom = (np.column_stack([x, y, np.full_like(x, z)]) for z in (0.001, -0.001))
     up = np.tile([0.0, 0.0, 1.0], (len(x), 1))
     samples = samples_at(np.r_[top, bottom], np.r_[up, -up], 0.004, 0.0005)
-    reach = Reach(np.zeros(1, int), np.zeros(1, int), np.zeros(1, bool), np.zeros(1, bool), np.zeros(1))
+    reach = Reach(np.zeros(1, int), np.zeros(1, int), np.zeros(1, bool), np.zeros(1, bool), *np.zeros((2, 1)))
     moved = project_vertices(np.array([[0.02, 0.02, 0.0004]]), np.array([[0.0, 0.0, 1.0]]), samples, reach, 0.01)
     assert moved.vertices[0] == pytest.approx([0.02, 0.02, 0.001], abs=1e-9)
 
@@ -212,7 +214,9 @@ def test_vertices_of_a_rounded_step_come_back_to_the_part_that_they_belong_to(rn
     slope = z * (0.005 - z) / (0.005 * 0.0012)
     outward = np.column_stack([-slope, 0.0 * slope, np.ones(60)]) / np.sqrt(1.0 + slope**2)[:, None]
     raw = np.concatenate([raw + np.array([0.0, side, 0.0]) for side in np.linspace(-0.012, 0.012, 25)])
-    reach = Reach(np.zeros(1500, int), np.zeros(1500, int), np.zeros(1500, bool), np.zeros(1500, bool), np.zeros(1500))
+    reach = Reach(
+        np.zeros(1500, int), np.zeros(1500, int), np.zeros(1500, bool), np.zeros(1500, bool), *np.zeros((2, 1500))
+    )
     moved = project_vertices(raw, np.tile(outward, (25, 1)), samples_at(points, normals, 0.0035, 1e-4), reach, 0.003)
     assert moved.is_fitted.all()
     x, _, z = moved.vertices.T
@@ -325,3 +329,23 @@ def test_no_part_of_a_bumpy_sheet_is_fitted_too_wide(draw):
     inside = (np.abs(vertices[:, :2]) < 0.05).all(axis=1)
     assert np.abs(error[inside]).max() < 0.25e-3
     assert np.std((error / surface.sigma)[inside]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_vertex_on_an_edge_does_not_take_over_the_reach_of_a_flat_side(rng):
+    """The nearest probe may stand on a side, where planes reach far: here they would lie inside of both."""
+    g = 0.001 * (np.arange(1200) % 40 + 0.5), 0.001 * (np.arange(1200) // 40 - 14.5)
+    half = np.sqrt(0.5)
+    right = np.column_stack([half * g[0], g[1], -half * g[0]])
+    points, normals = (
+        np.r_[right, right * [-1.0, 1.0, 1.0]],
+        np.repeat([[half, 0, half], [-half, 0, half]], 1200, axis=0),
+    )
+    points = points + 0.0002 * rng.normal(size=(2400, 1)) * normals
+    radii = 0.002 * 1.4 ** np.arange(8)
+    samples = sum_up_samples(level_of_points(points, normals, 0.01), radii, 0.0002)
+    reach = Reach(np.array([7]), np.array([7]), np.array([True]), np.array([False]), np.zeros(1), np.full(1, 0.0002))
+    places, up = np.array([[0.0, 0.0, -0.0003]]), np.array([[0.0, 0.0, 1.0]])
+    found = project_vertices(places, up, samples, reach, 0.01)
+    assert -0.001 < found.vertices[0, 2] <= 0.0002  # within 20 mm a plane lies 3 mm inside
+    trusted = project_vertices(places, up, samples, reach._replace(noise=np.full(1, np.nan)), 0.01)
+    assert trusted.vertices[0, 2] < -0.002
