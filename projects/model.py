@@ -186,6 +186,8 @@ class Surface:
     colors, intensity : as of `PointCloud`.
     is_unresolved : (n,) bool, vertices beside a place left open because two sheets come nearer each other there than
         the cells of the surface tell apart; absent where there are none.
+    is_crest : (n,) bool, vertices on the line where two sides of an edge or fold meet, their normals the mean of both;
+        absent where there are none.
     face_invented : (m,) bool, faces that close holes where nothing was measured; absent where there are none.
     """
 
@@ -200,6 +202,7 @@ class Surface:
     colors: NDArray[np.uint8] | None = None
     intensity: Floats | None = None
     is_unresolved: Bools | None = None
+    is_crest: Bools | None = None
     face_invented: Bools | None = None
 
     def __post_init__(self) -> None:
@@ -214,7 +217,8 @@ class Surface:
         object.__setattr__(self, "colors", _array(self.colors, "colors", (n, 3), np.uint8))
         object.__setattr__(self, "face_invented", _array(self.face_invented, "face_invented", (len(faces),), np.bool_))
         kinds = {"sigma": np.float64, "sigma_shared": np.float64, "n_support": np.int32, "sample_distance": np.float64,
-                 "roughness": np.uint8, "intensity": np.float32, "is_unresolved": np.bool_}  # fmt: skip
+                 "roughness": np.uint8, "intensity": np.float32, "is_unresolved": np.bool_,
+                 "is_crest": np.bool_}  # fmt: skip
         for name, kind in kinds.items():
             object.__setattr__(self, name, _array(getattr(self, name), name, (n,), kind))
 

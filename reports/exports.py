@@ -112,6 +112,8 @@ def surface_columns(surface: Surface) -> dict[str, NDArray[Any]]:
         columns["n_support"] = surface.n_support
     if surface.is_unresolved is not None:
         columns["unresolved"] = surface.is_unresolved.astype(np.uint8)
+    if surface.is_crest is not None:
+        columns["crest"] = surface.is_crest.astype(np.uint8)
     return columns
 
 

@@ -34,19 +34,26 @@ def bow_at(surface: Surface, faces: Ints, weights: Floats) -> Floats:
     """
     out = np.zeros(len(faces))
     if surface.normals is not None and surface.sigma is not None:
-        run_tasks(_bow, len(out), surface.vertices, surface.normals, np.asarray(surface.faces), faces, weights, out)
+        is_crest = np.zeros(len(surface.vertices), bool) if surface.is_crest is None else surface.is_crest
+        mesh = (surface.vertices, surface.normals, is_crest, np.asarray(surface.faces))
+        run_tasks(_bow, len(out), *mesh, faces, weights, out)
     return out
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def _bow(first, last, vertices, normals, faces, at, weights, out):  # type: ignore[no-untyped-def]
-    """Write the bow of the face `at` (n,) under the `weights` (n, 3) of its corners; 0 where corners have no normal."""
+def _bow(first, last, vertices, normals, is_crest, faces, at, weights, out):  # type: ignore[no-untyped-def]
+    """Write the bow of the face `at` (n,) under the `weights` (n, 3) of its corners; 0 where corners have no normal.
+
+    The normal of a vertex on a crest is of neither side: edges to it are straight.
+    """
     for i in range(first, last):
         if at[i] < 0:
             continue
         bow = 0.0
         for k in range(3):
             p, q = faces[at[i], k], faces[at[i], (k + 1) % 3]
+            if is_crest[p] or is_crest[q]:
+                continue
             cosine, bend = 0.0, 0.0
             for a in range(3):
                 cosine += normals[p, a] * normals[q, a]

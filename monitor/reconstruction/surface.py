@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,6 +18,7 @@ from monitor.boxes import box_of
 from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
 from monitor.reconstruction.coverage import count_uncovered
+from monitor.reconstruction.crests import snap, split_along
 from monitor.reconstruction.faces import least_cosines
 from monitor.reconstruction.furrows import choose_fits
 from monitor.reconstruction.gathering import GATE_SIGMAS
@@ -30,6 +31,7 @@ from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, Samples, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import Ladder, Stated, choose_reach, make_ladder
+from monitor.reconstruction.roofs import find_roofs, no_roofs
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from monitor.reconstruction.usable import mark_usable
 from projects.errors import ReconstructionError
@@ -71,6 +73,9 @@ class SurfaceSettings:
     )  # fmt: skip
     along_furrows: bool = setting(
         False, unit="", meaning="whether fits lie along furrows and edges: less noise, but faint changes smear there"
+    )  # fmt: skip
+    sharp_edges: bool = setting(
+        True, unit="", meaning="whether edges and folds between two sides are kept sharp where the points show them"
     )  # fmt: skip
     close_holes: float = setting(
         0.0, unit="m", meaning="holes up to this width are closed by invented faces; 0: none", low=0, high=1000
@@ -156,17 +161,17 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     faces = trim(vertices, faces, finest, settings.trim_cells * cell_used)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
     stated = None if cloud.sigma is None else Stated(samples, cloud.sigma)
-    projection, faces, beside = settle(
-        vertices, faces, (summed_up, ladder, stated), cell_used, settings, counts, automatic
-    )
-    n_measured = len(faces)
-    projection, faces = invent(projection, faces, ALONG_HOLES * cell_used, settings, counts)
-    beside = np.r_[beside, np.zeros(len(projection.vertices) - len(beside), bool)]
-    surface = finish(projection, faces, samples, cloud)
+    settled = settle(vertices, faces, (summed_up, ladder, stated), cell_used, settings, counts, automatic)
+    n_measured = len(settled.faces)
+    projection, faces = invent(settled.projection, settled.faces, ALONG_HOLES * cell_used, settings, counts)
+    marks = {
+        name: np.r_[is_so, np.zeros(len(projection.vertices) - len(is_so), bool)]
+        for name, is_so in (("is_unresolved", settled.beside), ("is_crest", settled.is_crest))
+        if is_so.any()
+    }
+    surface = replace(finish(projection, faces, samples, cloud), **marks)
     if len(faces) > n_measured:
         surface = replace(surface, face_invented=np.arange(len(faces)) >= n_measured)
-    if beside.any():
-        surface = replace(surface, is_unresolved=beside)
     counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise, finest)
     automatic["uncovered_share"] = counts["points_without_surface"] / len(cloud)
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
@@ -209,14 +214,21 @@ def trim(vertices: Floats, faces: Ints, samples: Level, farthest: float) -> Ints
     return faces.compress(all_corners(has_near(samples, vertices, vertices, farthest), faces), axis=0)
 
 
+class Settled(NamedTuple):
+    """Vertices on the points and their faces; which vertices (n,) lie beside faces that were left out between two near
+    sheets, and which on the line where two sides of an edge meet."""
+
+    projection: Projection
+    faces: Ints
+    beside: Bools
+    is_crest: Bools
+
+
 def settle(
     vertices: Floats, faces: Ints, measured: tuple[Samples, Ladder, Stated | None], cell: float,
     settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any],
-) -> tuple[Projection, Ints, Bools]:  # fmt: skip
-    """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties.
-
-    Returns the vertices, the faces, and which vertices lie beside faces that were left out between two near sheets.
-    """
+) -> Settled:  # fmt: skip
+    """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties."""
     samples, ladder, stated = measured
     faces = weld(vertices, faces, SLIVER * cell)
     used, faces = compact(len(vertices), faces)
@@ -225,7 +237,15 @@ def settle(
     choose = choose_fits if settings.along_furrows else choose_reach
     reach = choose(vertices, outward, samples, ladder, stated)
     reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
-    projection = project_vertices(vertices, outward, samples, reach, cell + GATE_SIGMAS * samples.noise)
+    max_shift = cell + GATE_SIGMAS * samples.noise
+    projection = project_vertices(vertices, outward, samples, reach, max_shift)
+    roofs = no_roofs()
+    if settings.sharp_edges:
+        projection, roofs = find_roofs(
+            vertices, projection, faces, samples, np.fmin(reach.noise, samples.noise), cell, max_shift
+        )
+        projection = snap(projection, faces, roofs, cell)
+    automatic["roof_share"] = len(roofs.which) / len(vertices)
     automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))
     automatic["flat_share"] = float(np.mean(reach.is_flat))
     automatic["stretched_share"] = 0.0 if reach.furrows is None else len(reach.furrows.which) / len(vertices)
@@ -245,8 +265,11 @@ def settle(
     before = len(faces)
     faces = drop_intersecting(projection.vertices, faces, ~all_corners(~doubtful, faces))
     counts["faces_intersecting"] = before - len(faces)
-    used, faces = compact(len(projection.vertices), faces)
-    return projection.take(used), faces, beside[used]
+    crested = split_along(projection, faces, roofs, cell)
+    counts["edges_split"] = len(crested.projection.vertices) - len(projection.vertices)
+    beside = np.r_[beside, np.zeros(counts["edges_split"], bool)]
+    used, faces = compact(len(crested.projection.vertices), crested.faces)
+    return Settled(crested.projection.take(used), faces, beside[used], crested.is_crest[used])
 
 
 def all_corners(is_so: Bools, faces: Ints) -> Bools:

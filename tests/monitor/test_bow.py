@@ -99,3 +99,14 @@ def test_a_round_body_cut_otherwise_in_each_epoch_has_not_changed_on_either_side
         assert side.is_assessed.all()
         assert abs(side.distances.mean()) < 2e-5
         assert np.abs(side.distances).max() < 1e-4
+
+
+def test_edges_to_a_crest_are_straight() -> None:
+    """A vertex on the line where two sides meet has the mean of their normals, which neither side bends by."""
+    tilted = np.array([[0.0, 0, 1], [0.0, 0, 1], [0.0, 1, 1]])
+    assert abs(bow(patch(tilted), 0.5, 0.0, 0.5)) > 5e-4
+    on_crest = replace(patch(tilted), is_crest=[False, False, True])
+    assert bow(on_crest, 0.5, 0.0, 0.5) == 0.0
+    round_below = np.array([[-0.1, 0, 1], [0.1, 0, 1], [0.0, 1, 1]])
+    both = replace(patch(round_below), is_crest=[False, False, True])
+    assert bow(both, 0.5, 0.5, 0.0) == pytest.approx(0.125 * 0.01 * 0.2 / np.hypot(1.0, 0.1), rel=1e-9)  # along x

@@ -1,0 +1,124 @@
+"""Faces split along edges: nothing lost, nothing turned over, one fan around each vertex."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from monitor.reconstruction.crests import Splits, propose, snap, split_along, split_faces, spoiled, two_of_each
+from monitor.reconstruction.mesh import edge_table, face_areas_and_normals
+from monitor.reconstruction.projection import Projection
+from monitor.reconstruction.roofs import Roofs, no_roofs
+from projects.model import Floats, Ints
+
+CELL = 1.0
+
+
+def on_points(vertices: Floats, normals: Floats) -> Projection:
+    """Return vertices that are known to a hundredth of a cell."""
+    n = len(vertices)
+    return Projection(np.asarray(vertices, float), np.asarray(normals, float), np.full(n, 0.01), np.full(n, 0.1),
+                      np.full(n, 9), np.ones(n, bool))  # fmt: skip
+
+
+def flat(vertices: Floats) -> Projection:
+    """Return vertices that all look up."""
+    return on_points(vertices, np.tile([0.0, 0.0, 1.0], (len(vertices), 1)))
+
+
+@pytest.mark.parametrize(
+    ("which", "n_faces"), [([0], 2), ([1], 2), ([0, 1], 3), ([1, 2], 3), ([0, 2], 3), ([0, 1, 2], 4)]
+)
+def test_a_split_face_keeps_its_area_and_its_way(which: list[int], n_faces: int) -> None:
+    vertices, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0.2, 1, 0]]), np.array([[0, 1, 2]])
+    edges, edge_of, _ = edge_table(faces)
+    place = vertices[edges[which]].mean(axis=1)
+    splits = Splits(np.array(which), place, np.tile([0.0, 0.0, 1.0], (len(which), 1)), np.full(len(which), 0.01))
+    made = split_faces(flat(vertices), faces, np.zeros(3, bool), edges, edge_of, splits)
+    areas, normals = face_areas_and_normals(made.projection.vertices, made.faces)
+    assert len(made.faces) == n_faces
+    assert areas.sum() == pytest.approx(0.5, rel=1e-12)
+    assert areas.min() > 0.05
+    np.testing.assert_allclose(normals[:, 2], 1.0, atol=1e-12)
+    np.testing.assert_array_equal(made.is_crest, np.arange(3 + len(which)) > 2)
+    assert edge_table(made.faces)[2].max() <= 2
+
+
+def roof_of_four() -> tuple[Projection, Ints, Roofs]:
+    """Return two faces over a ridge of 90 degrees along y, cut off between x = -0.5 and 0.5, whose corners know it."""
+    vertices = np.array([[-0.5, 0.0, -0.5], [0.5, 0.0, -0.5], [0.5, 1.0, -0.5], [-0.5, 1.0, -0.5]])
+    left, right = np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]) / np.sqrt(2.0)
+    own, other = np.array([left, right, right, left]), np.array([right, left, left, right])
+    crest = vertices * [0.0, 1.0, 0.0]
+    roofs = Roofs(np.arange(4), own, other, crest, np.zeros(4, bool), np.zeros(4))
+    return on_points(vertices, own), np.array([[0, 1, 2], [0, 2, 3]]), roofs
+
+
+def test_edges_over_a_ridge_get_a_vertex_on_it() -> None:
+    projection, faces, roofs = roof_of_four()
+    made = split_along(projection, faces, roofs, CELL)
+    assert made.is_crest.sum() == 3  # two rungs and the diagonal
+    crest = made.projection.vertices[made.is_crest]
+    np.testing.assert_allclose(crest[:, [0, 2]], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.sort(crest[:, 1]), [0.0, 0.5, 1.0], atol=1e-12)
+    np.testing.assert_allclose(made.projection.normals[made.is_crest], [[0.0, 0.0, 1.0]] * 3, atol=1e-12)
+    areas, normals = face_areas_and_normals(made.projection.vertices, made.faces)
+    assert areas.sum() == pytest.approx(np.sqrt(2.0), rel=1e-12)  # of both sides, where the cut had 1
+    np.testing.assert_allclose(np.abs(normals[:, 0]), np.sqrt(0.5), atol=1e-12)
+    # 0.01 of each plane: along the bisector of 90 degrees hypot(0.01, 0.01) / (2 cos 45)
+    np.testing.assert_allclose(made.projection.sigma[made.is_crest], 0.01, rtol=1e-12)
+
+
+def test_a_round_edge_is_not_split() -> None:
+    projection, faces, roofs = roof_of_four()
+    made = split_along(projection, faces, roofs._replace(is_round=np.ones(4, bool)), CELL)
+    assert not made.is_crest.any()
+    np.testing.assert_array_equal(made.faces, faces)
+
+
+def test_nothing_is_split_where_both_ends_disagree() -> None:
+    projection, faces, roofs = roof_of_four()
+    crest = roofs.crest + np.where(np.arange(4)[:, None] % 3 == 0, 0.4, -0.4) * np.array([0.0, 0.0, 1.0])
+    assert (
+        len(propose(projection, edge_table(faces)[0], roofs._replace(crest=crest), np.zeros(4, bool), CELL).edge) == 0
+    )
+
+
+def test_a_vertex_near_an_edge_moves_onto_it_and_one_held_back_looks_its_own_way_again() -> None:
+    projection, faces, roofs = roof_of_four()
+    near = projection._replace(vertices=projection.vertices * [0.4, 1.0, 0.4])
+    snapped = snap(near, faces[:0], roofs, CELL)
+    np.testing.assert_allclose(snapped.vertices, roofs.crest, atol=1e-15)
+    np.testing.assert_allclose(snapped.normals, [[0.0, 0.0, 1.0]] * 4, atol=1e-12)
+    np.testing.assert_allclose(snapped.sigma, 0.01 * np.sqrt(2.0), rtol=1e-12)
+    held = snapped._replace(vertices=0.5 * (snapped.vertices + near.vertices))
+    made = split_along(held, faces, roofs._replace(is_round=np.ones(4, bool)), CELL)
+    assert not made.is_crest.any()
+    np.testing.assert_array_equal(made.projection.normals, roofs.own)
+
+
+def test_a_split_that_would_turn_a_face_over_is_told() -> None:
+    vertices, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0]]), np.array([[0, 1, 2]])
+    edges, edge_of, _ = edge_table(faces)
+    beyond = Splits(np.array([0]), np.array([[0.5, 1.5, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([0.01]))
+    made = split_faces(flat(vertices), faces, np.zeros(3, bool), edges, edge_of, beyond)
+    assert spoiled(made, 3, 0.02).tolist() == [True]
+    level = beyond._replace(place=np.array([[0.5, 0.1, 0.0]]))
+    assert spoiled(split_faces(flat(vertices), faces, np.zeros(3, bool), edges, edge_of, level), 3, 0.02).tolist() == [
+        False
+    ]
+
+
+def test_without_roofs_nothing_changes() -> None:
+    projection, faces, _ = roof_of_four()
+    made = split_along(projection, faces, no_roofs(), CELL)
+    np.testing.assert_array_equal(made.faces, faces)
+    assert made.projection is projection
+
+
+def test_of_no_face_all_three_corners_move_onto_an_edge() -> None:
+    """All three on one line would make the face flat, and the mesh hold back around it."""
+    faces, off = np.array([[0, 1, 2], [1, 2, 3]]), np.array([0.3, 0.1, 0.2, 0.05])
+    assert two_of_each(faces, off, 0.35).tolist() == [False, True, False, True]
+    assert two_of_each(faces, off, 0.15).tolist() == [False, True, False, True]
+    assert two_of_each(faces[:1], off, 0.35).tolist() == [False, True, True, True]
