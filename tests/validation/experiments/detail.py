@@ -1,4 +1,4 @@
-"""What of its detail a surface keeps: sine reliefs, a sharp step, a thin cylinder; noise beside it, peers in the run.
+"""What of its detail a surface keeps: sine reliefs, a step, edges, a thin cylinder; noise beside it, peers in the run.
 
 Points 1 mm apart on a grid (jittered by 0.3 mm) seen along z, noise 0.4 mm along the normal, a random rigid motion each
 seed. Kept is the amplitude of the sine fitted to the vertices; noise is the scatter about that sine across the surface.
@@ -24,6 +24,7 @@ TITLE = "Detail kept by the surface: amplitude, edges, noise, mm"
 WAVELENGTHS = (0.003, 0.005, 0.008, 0.012, 0.020)
 AMPLITUDE, SPACING, NOISE, N_SIDE, RIM = 0.001, 0.001, 0.0004, 60, 0.005
 STEP, CYLINDER = 0.005, 0.010
+TURNS = (45.0, 90.0)  # degrees, of the normals over an edge
 SEEDS = {"small": 1, "full": 5}
 FARTHEST = 0.004  # m from the relief: vertices of another sheet
 MIDDLE = 0.5 * (N_SIDE - 1) * SPACING
@@ -80,6 +81,14 @@ def make_step(rng: np.random.Generator) -> Shape:
     v, w = grid(rng, N_SIDE, round(STEP / SPACING))
     wall = np.column_stack([np.zeros_like(v), v, w + 0.5 * STEP])
     return place(np.r_[top, wall], np.r_[up, np.tile([-1.0, 0.0, 0.0], (len(v), 1))], rng)
+
+
+def make_edge(turn: float, rng: np.random.Generator) -> Shape:
+    """Draw two planes that meet along y, their normals `turn` (rad) apart."""
+    s, y = grid(rng)
+    way = 0.5 * turn * np.sign(s)
+    normals = np.column_stack([np.sin(way), np.zeros_like(way), np.cos(way)])
+    return place(np.column_stack([s * np.cos(way), y, -s * np.sin(way)]), normals, rng)
 
 
 def make_cylinder(rng: np.random.Generator) -> Shape:
@@ -143,6 +152,16 @@ def edges_of_step(mesh: Mesh, drawn: float) -> tuple[float, float]:
     return edge_radius(mesh, np.array([0.0, STEP]), outward, 1.0), edge_radius(mesh, np.zeros(2), outward, -1.0)
 
 
+def error_of_edge(turn: float, mesh: Mesh, drawn: float) -> tuple[float, float]:
+    """Return the rms [mm] of the vertices within 3 mm of an edge off both planes, and of those from there to 10 mm."""
+    x, y, z = mesh[0].T
+    off = np.abs(x) * np.sin(0.5 * turn) + z * np.cos(0.5 * turn) - drawn
+    along = np.hypot(x, z)
+    known = (np.abs(y) < MIDDLE - RIM) & (np.abs(off) < FARTHEST)
+    near, aside = known & (along < 0.003), known & (along >= 0.003) & (along < 0.01)
+    return 1e3 * float(np.sqrt(np.mean(off[near] ** 2))), 1e3 * float(np.sqrt(np.mean(off[aside] ** 2)))
+
+
 def error_of_cylinder(mesh: Mesh, drawn: float) -> tuple[float, float]:
     """Return net mean error and its scatter [mm], positive outwards, away from the open ends."""
     local = mesh[0]
@@ -177,6 +196,13 @@ def run(size: Size) -> list[Row]:
         )  # fmt: skip
         rows.append(row_of_waves(wavelength, found))
     rows += rows_of_step(over_seeds(size, 10, make_step, edges_of_step))
+    for number, degrees in enumerate(TURNS if size == "full" else TURNS[1:]):
+        turn = float(np.radians(degrees))
+        found = over_seeds(
+            size, 30 + number, lambda rng, t=turn: make_edge(t, rng),
+            lambda mesh, drawn, t=turn: error_of_edge(t, mesh, drawn),
+        )  # fmt: skip
+        rows.append(row_of_edge(degrees, found))
     rows.append(row_of_cylinder(over_seeds(size, 20, make_cylinder, error_of_cylinder)))
     return rows
 
@@ -230,6 +256,18 @@ def rows_of_step(found: Measured) -> list[Row]:
                 "no larger than both defaults", texts, ours, "" if holds else cause_of(found, "its edges"))
         )  # fmt: skip
     return rows
+
+
+def row_of_edge(degrees: float, found: Measured) -> Row:
+    """Vertices beside an edge no farther off it than the peers'."""
+    texts = {n: f"{in_words(column(found, n, 0)[0])}, {in_words(column(found, n, 1)[0])}" for n in programs(found)}
+    ours, error = column(found, "ours", 0)
+    best = min(column(found, n, 0)[0] for n in ("Open3D, same cell", "APSS, default"))
+    holds = ours <= best + 2.0 * float(np.nan_to_num(error))
+    return Row(
+        f"edge of {degrees:g} degrees: vertices within 3 mm, and 10, off it, rms", texts.pop("ours"), judge(holds),
+        "", "no farther than both defaults", texts, ours, "" if holds else cause_of(found, "vertices"),
+    )  # fmt: skip
 
 
 def row_of_cylinder(found: Measured) -> Row:
