@@ -35,18 +35,21 @@ class Crested(NamedTuple):
 
 
 def snap(projection: Projection, faces: Ints, roofs: Roofs, cell: float) -> Projection:
-    """Return the projection with the vertices nearest to an edge on it, of no face all three."""
+    """Return the projection with the vertices nearest to an edge on it, of no face all three.
+
+    How they look is left to `split_along`.
+    """
     off = np.full(len(projection.vertices), np.inf)
     off[roofs.which] = np.linalg.norm(roofs.crest - projection.vertices[roofs.which], axis=1)
     off[roofs.which[roofs.is_round]] = np.inf
     is_near = two_of_each(faces, off, SNAP * cell)
     near = is_near[roofs.which]
     which = roofs.which[near]
-    vertices, normals, sigma = projection.vertices.copy(), projection.normals.copy(), projection.sigma.copy()
+    vertices, sigma = projection.vertices.copy(), projection.sigma.copy()
     vertices[which] = roofs.crest[near]
-    normals[which], half = between(roofs.own[near], roofs.other[near])
+    _, half = between(roofs.own[near], roofs.other[near])
     sigma[which] = np.hypot(sigma[which] / half, roofs.hidden[near])
-    return projection._replace(vertices=vertices, normals=normals, sigma=sigma)
+    return projection._replace(vertices=vertices, sigma=sigma)
 
 
 def two_of_each(faces: Ints, off: Floats, farthest: float) -> Bools:
@@ -69,15 +72,17 @@ def between(one: Floats, other: Floats) -> tuple[Floats, Floats]:
 def split_along(projection: Projection, faces: Ints, roofs: Roofs, cell: float) -> Crested:
     """Return the mesh with a vertex on each edge of faces that passes over an edge of the surface.
 
-    A split that would turn a face over or push it through another is not made.
+    A split that would turn a face over or push it through another is not made. Vertices on the edge look between both
+    sides; one held back on its way there is of one side still, and looks as it did.
     """
     is_crest = np.zeros(len(projection.vertices), bool)
     if not len(roofs.which):
         return Crested(projection, faces, is_crest)
-    is_crest[roofs.which] = (projection.vertices[roofs.which] == roofs.crest).all(axis=1)
-    aside = ~is_crest[roofs.which]  # held back on its way onto the edge: of one side still
-    projection = projection._replace(normals=projection.normals.copy())
-    projection.normals[roofs.which[aside]] = roofs.own[aside]
+    on = (projection.vertices[roofs.which] == roofs.crest).all(axis=1)
+    is_crest[roofs.which] = on
+    normals = projection.normals.copy()
+    normals[is_crest], _ = between(roofs.own[on], roofs.other[on])
+    projection = projection._replace(normals=normals)
     edges, edge_of, _ = edge_table(faces)
     splits = propose(projection, edges, roofs, is_crest, cell)
     while True:

@@ -84,17 +84,31 @@ def test_nothing_is_split_where_both_ends_disagree() -> None:
     )
 
 
-def test_a_vertex_near_an_edge_moves_onto_it_and_one_held_back_looks_its_own_way_again() -> None:
+def test_a_vertex_near_an_edge_moves_onto_it_and_looks_between_its_sides() -> None:
     projection, faces, roofs = roof_of_four()
     near = projection._replace(vertices=projection.vertices * [0.4, 1.0, 0.4])
     snapped = snap(near, faces[:0], roofs, CELL)
     np.testing.assert_allclose(snapped.vertices, roofs.crest, atol=1e-15)
-    np.testing.assert_allclose(snapped.normals, [[0.0, 0.0, 1.0]] * 4, atol=1e-12)
     np.testing.assert_allclose(snapped.sigma, 0.01 * np.sqrt(2.0), rtol=1e-12)
-    held = snapped._replace(vertices=0.5 * (snapped.vertices + near.vertices))
+    made = split_along(snapped, faces, roofs, CELL)
+    assert made.is_crest.all()
+    np.testing.assert_allclose(made.projection.normals, [[0.0, 0.0, 1.0]] * 4, atol=1e-12)
+    unseen = snap(near, roofs._replace(hidden=np.full(4, 0.03)), CELL)
+    np.testing.assert_allclose(unseen.sigma, np.hypot(0.01 * np.sqrt(2.0), 0.03), rtol=1e-12)
+    left = snap(near, roofs._replace(is_round=np.ones(4, bool)), CELL)
+    np.testing.assert_array_equal(left.vertices, near.vertices)
+    np.testing.assert_array_equal(snap(projection, roofs, CELL).vertices, projection.vertices)  # 0.7 of a cell off
+
+
+def test_a_vertex_held_back_on_its_way_to_the_edge_looks_as_it_did() -> None:
+    """Where a smooth fit is better known than the roof, its normal is too."""
+    projection, faces, roofs = roof_of_four()
+    tilted = projection.normals + np.array([0.0, 0.1, 0.0])
+    tilted /= np.linalg.norm(tilted, axis=1)[:, None]
+    held = projection._replace(vertices=projection.vertices * [0.2, 1.0, 0.2], normals=tilted)
     made = split_along(held, faces, roofs._replace(is_round=np.ones(4, bool)), CELL)
     assert not made.is_crest.any()
-    np.testing.assert_array_equal(made.projection.normals, roofs.own)
+    np.testing.assert_array_equal(made.projection.normals, tilted)
 
 
 def test_a_split_that_would_turn_a_face_over_is_told() -> None:
