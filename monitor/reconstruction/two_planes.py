@@ -18,7 +18,7 @@ from monitor.reconstruction.quadric import factorise, substitute
 from projects.model import Floats, Ints
 
 COS_BACK = -0.5  # points that look 120 degrees away from the vertex are of another sheet
-LEAST_UPRIGHT = 0.2  # cosine of either plane with the mean of both
+LEAST_UPRIGHT = 0.45  # cosine of either plane with the mean of both: they look 127 degrees apart; a vertex sees 120
 FEWEST = 6.0  # points of either side
 N_ROUNDS, N_POWER, N_TURNS = 8, 16, 3
 CLIPPED2 = 9.0  # of a squared residual, in variances of a point: the most that it counts
@@ -106,15 +106,14 @@ def fit_two_planes(
         return
     kind, up = kind_of(planes), np.empty(3)
     for _ in range(N_ROUNDS):
-        up[:] = planes[0, :3] + planes[1, :3]
-        if not to_unit(up) or min(dot(planes[0], up), dot(planes[1], up)) < LEAST_UPRIGHT:
+        if not mean_upright(planes, up):
             return
         n_changed = part_by_place(n, window, up, kind)
         if not (fit_side(n, 0, window) and fit_side(n, 1, window)):
             return
         if n_changed == 0:
             break
-    if not what_is_left(n, window, noise2, row):
+    if not mean_upright(planes, up) or not what_is_left(n, window, noise2, row):
         return
     under = 1 if kind * (planes[0, OFFSET] / dot(planes[0], up) - planes[1, OFFSET] / dot(planes[1], up)) > 0.0 else 0
     unit2, effective = error_under_vertex(n, under, window)
@@ -251,6 +250,13 @@ def kind_of(planes: Floats) -> float:
 
 
 @jit(nopython=True, cache=True, error_model="numpy")
+def mean_upright(planes: Floats, up: Floats) -> bool:
+    """Write the direction between both planes' normals; False where these are too far apart for one roof."""
+    up[:] = planes[0, :3] + planes[1, :3]
+    return to_unit(up) and min(dot(planes[0], up), dot(planes[1], up)) >= LEAST_UPRIGHT
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
 def part_by_place(n: int, window: Any, up: Floats, kind: float) -> int:
     """Give each group to the plane that is the surface there: of a ridge the lower one along `up`. How many changed."""
     places, sides, planes = window.places, window.sides, window.planes
@@ -316,14 +322,19 @@ def error_under_vertex(n: int, side: int, window: Any) -> Any:
 
 @jit(nopython=True, cache=True, error_model="numpy")
 def bow_of(n: int, side: int, window: Any, noise2: float) -> float:
-    """By how many sigmas the points of one side bow out of its plane, across the line where both meet.
+    """By how many sigmas the points of one side bow out of its plane, across the line where both meet or along it.
 
-    What is beyond the next edge or bend shows there long before all that is left does.
+    What is beyond the next edge or bend shows there long before all that is left does; along an edge, what is round.
     """
+    across, along = frame_along(vector(window.planes[side]), window.planes[1 - side])
+    return max(bow_along(n, side, window, noise2, across, along), bow_along(n, side, window, noise2, along, across))
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def bow_along(n: int, side: int, window: Any, noise2: float, across: Any, along: Any) -> float:
+    """By how many sigmas the points of one side bow out of its plane in the first of two directions in it."""
     places, weights, counts, sides = window.places, window.weights, window.counts, window.sides
-    up, beyond = vector(window.planes[side]), window.planes[1 - side]
-    middle, whole = vector(window.planes[side, MIDDLE]), window.planes[side, TOTAL]
-    across, along = frame_along(up, beyond)
+    up, middle, whole = vector(window.planes[side]), vector(window.planes[side, MIDDLE]), window.planes[side, TOTAL]
     uu, uv, vv, _, _ = sum_products(n, side, window, across, along, up)
     u3 = u2v = 0.0
     for i in range(n):

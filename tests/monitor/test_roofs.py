@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from edges_between_planes import NOISE, edge_cloud, off_edge
@@ -10,9 +12,10 @@ from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import boundary_vertices, edge_table
 from monitor.reconstruction.projection import Projection
-from monitor.reconstruction.roofs import share_roofs
+from monitor.reconstruction.roofs import BOWED, share_roofs
 from monitor.reconstruction.two_planes import (
     ACTIVE,
+    BOW,
     CREST,
     GAIN,
     N_VALUES,
@@ -89,11 +92,14 @@ def test_relief_without_edges_has_none() -> None:
     assert reconstruct_with_record(cloud).automatic["roof_share"] < 0.05
 
 
-def window_of(cloud: PointCloud, vertex: Floats, radius: float, noise: float) -> Floats:
-    """Return the row of two planes around one vertex that looks up; all its points count once."""
+def window_of(cloud: PointCloud, vertex: Floats, radius: float, noise: float, way: float = 0.5) -> Floats:
+    """Return the row of two planes around one vertex that looks up; all its points count once.
+
+    Their normals say `way` (rad) to either side: near enough to tell the sides.
+    """
     places = cloud.points
     normals = np.column_stack(
-        [np.sign(places[:, 0]) * np.sin(0.5), 0.0 * places[:, 0], np.full(len(places), np.cos(0.5))]
+        [np.sign(places[:, 0]) * np.sin(way), 0.0 * places[:, 0], np.full(len(places), np.cos(way))]
     )
     values = np.column_stack([places, normals, np.ones(len(places))]).T.copy()
     row = np.full(N_VALUES, np.nan)
@@ -159,3 +165,27 @@ def test_a_cube_is_whole_but_for_a_corner() -> None:
     assert len(find_intersections(surface.vertices, faces)) == 0
     off = np.abs(surface.vertices).max(axis=1) - 0.015
     assert rms(off) < 0.12e-3
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_side_that_is_round_across_or_along_the_edge_bows(monkeypatch: pytest.MonkeyPatch, axis: int) -> None:
+    """The rim of a cylinder: its side is no plane, though points 0.1 mm uncertain leave little more than noise."""
+    monkeypatch.setattr("edges_between_planes.NOISE", 1e-4)
+    vertex, turn = np.array([0.001, 0.0, 0.0]), np.radians(90.0)
+    flat = edge_cloud(np.random.default_rng(17), turn)
+    along = flat.points[:, axis] * (np.sqrt(2.0) if axis == 0 else 1.0)
+    inwards = np.where(flat.points[:, 0] > 0.0, -(along**2) / (2.0 * 0.03), 0.0)
+    own = np.array([np.sin(0.5 * turn), 0.0, np.cos(0.5 * turn)])
+    bowed = replace(flat, points=flat.points + inwards[:, None] * own)
+    assert window_of(flat, vertex, 0.007, 1e-4, 0.7)[BOW] < BOWED < window_of(bowed, vertex, 0.007, 1e-4, 0.7)[BOW]
+
+
+def test_both_sides_of_a_thin_blade_are_no_roof(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planes that look 140 degrees apart are seen in part only from a vertex between them."""
+    monkeypatch.setattr("edges_between_planes.NOISE", 1e-4)
+    wedge, blade = (
+        window_of(edge_cloud(np.random.default_rng(18), turn), np.array([0.001, 0.0, -0.002]), 0.01, 1e-4, 0.7)
+        for turn in np.radians([110.0, 140.0])
+    )
+    assert wedge[TURN] == pytest.approx(np.cos(np.radians(110.0)), abs=0.02)
+    assert np.isnan(blade[TURN])
