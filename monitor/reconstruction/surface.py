@@ -241,10 +241,10 @@ def settle(
     projection = project_vertices(vertices, outward, samples, reach, max_shift)
     roofs = no_roofs()
     if settings.sharp_edges:
-        projection, roofs = find_roofs(
-            vertices, projection, faces, samples, np.fmin(reach.noise, samples.noise), cell, max_shift
-        )
+        noise = np.maximum(np.fmin(reach.noise, samples.noise), FINEST * cell)
+        projection, roofs = find_roofs(vertices, projection, faces, samples, noise, cell, max_shift)
         projection = snap(projection, faces, roofs, cell)
+        projection = projection._replace(sigma=np.maximum(projection.sigma, FINEST * cell))
     automatic["roof_share"] = len(roofs.which) / len(vertices)
     automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))
     automatic["flat_share"] = float(np.mean(reach.is_flat))

@@ -189,3 +189,17 @@ def test_both_sides_of_a_thin_blade_are_no_roof(monkeypatch: pytest.MonkeyPatch)
     )
     assert wedge[TURN] == pytest.approx(np.cos(np.radians(110.0)), abs=0.02)
     assert np.isnan(blade[TURN])
+
+
+def test_an_edge_without_noise_is_sharp_and_known_to_no_more_than_a_share_of_a_cell() -> None:
+    turn = np.radians(90.0)
+    drawn = edge_cloud(np.random.default_rng(19), turn)
+    way = np.sign(drawn.points[:, 0])[:, None] * [np.sqrt(0.5), 0.0, 0.0] + [0.0, 0.0, np.sqrt(0.5)]
+    off = off_edge(drawn.points, turn)[:, None]
+    result = reconstruct_with_record(PointCloud(drawn.points - off * way, normals=way))
+    surface = result.surface
+    assert surface.is_crest is not None
+    assert surface.is_crest.sum() > 20
+    assert surface.sigma is not None
+    assert np.abs(off_edge(surface.vertices, turn)[surface.is_crest]).max() < 1e-7
+    assert surface.sigma.min() >= 0.99e-4 * result.automatic["cell_size_m"]
