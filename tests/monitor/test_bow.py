@@ -107,6 +107,8 @@ def test_edges_to_a_crest_are_straight() -> None:
     assert abs(bow(patch(tilted), 0.5, 0.0, 0.5)) > 5e-4
     on_crest = replace(patch(tilted), is_crest=[False, False, True])
     assert bow(on_crest, 0.5, 0.0, 0.5) == 0.0
+    assert abs(bow(patch(tilted), 0.0, 0.5, 0.5)) > 5e-4
+    assert bow(on_crest, 0.0, 0.5, 0.5) == 0.0  # to it, as from it
     round_below = np.array([[-0.1, 0, 1], [0.1, 0, 1], [0.0, 1, 1]])
     both = replace(patch(round_below), is_crest=[False, False, True])
     assert bow(both, 0.5, 0.5, 0.0) == pytest.approx(0.125 * 0.01 * 0.2 / np.hypot(1.0, 0.1), rel=1e-9)  # along x

@@ -42,6 +42,8 @@ def test_a_split_face_keeps_its_area_and_its_way(which: list[int], n_faces: int)
     np.testing.assert_allclose(normals[:, 2], 1.0, atol=1e-12)
     np.testing.assert_array_equal(made.is_crest, np.arange(3 + len(which)) > 2)
     assert edge_table(made.faces)[2].max() <= 2
+    if which == [0, 2]:  # of a, b and the apex over a: the diagonal from a is the shorter one
+        assert [0, 4] in edge_table(made.faces)[0].tolist()
 
 
 def roof_of_four() -> tuple[Projection, Ints, Roofs]:
@@ -67,6 +69,40 @@ def test_edges_over_a_ridge_get_a_vertex_on_it() -> None:
     np.testing.assert_allclose(np.abs(normals[:, 0]), np.sqrt(0.5), atol=1e-12)
     # 0.01 of each plane: along the bisector of 90 degrees hypot(0.01, 0.01) / (2 cos 45)
     np.testing.assert_allclose(made.projection.sigma[made.is_crest], 0.01, rtol=1e-12)
+    unseen = split_along(projection, faces, roofs._replace(hidden=np.full(4, 0.03)), CELL)
+    np.testing.assert_allclose(unseen.projection.sigma[unseen.is_crest], np.hypot(0.01, 0.03), rtol=1e-12)
+
+
+def n_proposed(projection: Projection, faces: Ints, roofs: Roofs) -> int:
+    """Return how many edges of the mesh are to be split, of three that pass over the ridge."""
+    return len(propose(projection, edge_table(faces)[0], roofs, np.zeros(4, bool), CELL).edge)
+
+
+@pytest.mark.parametrize(("half", "rise", "n"), [(0.5, 0.0, 3), (0.15, 0.1, 3), (0.15, 0.55, 1), (0.6, -0.75, 0)])
+def test_a_ridge_far_over_an_edge_or_that_its_ends_do_not_reach_is_none_of_its_own(
+    half: float, rise: float, n: int
+) -> None:
+    """Farther than the edge is long (the diagonal is longer); and both ends 0.53 of a cell off the other plane."""
+    projection, faces, roofs = roof_of_four()
+    narrow = projection._replace(vertices=projection.vertices * [2.0 * half, 1.0, 2.0 * half])
+    assert n_proposed(narrow, faces, roofs._replace(crest=roofs.crest + np.array([0.0, 0.0, rise]))) == n
+
+
+@pytest.mark.parametrize(("aside", "n"), [(0.3, 3), (0.45, 1)])
+def test_no_vertex_is_put_next_to_the_end_of_an_edge(aside: float, n: int) -> None:
+    """The ridge passes at a fifth or a twentieth of the edges along x, half-way over the diagonal."""
+    projection, faces, roofs = roof_of_four()
+    moved = roofs._replace(crest=roofs.crest + np.array([aside, 0.0, -aside]))
+    assert n_proposed(projection, faces, moved) == n
+
+
+@pytest.mark.parametrize(("degrees", "n"), [(45.0, 3), (20.0, 3), (12.0, 0)])
+def test_an_edge_is_split_where_its_ends_look_as_both_sides_do(degrees: float, n: int) -> None:
+    """Ends that look 12 degrees to either side are 33 from the sides, which look 45."""
+    projection, faces, roofs = roof_of_four()
+    turn = np.radians(degrees)
+    looks = np.column_stack([np.sign(projection.vertices[:, 0]) * np.sin(turn), np.zeros(4), np.full(4, np.cos(turn))])
+    assert n_proposed(projection._replace(normals=looks), faces, roofs) == n
 
 
 def test_a_round_edge_is_not_split() -> None:
@@ -121,6 +157,17 @@ def test_a_split_that_would_turn_a_face_over_is_told() -> None:
     assert spoiled(split_faces(flat(vertices), faces, np.zeros(3, bool), edges, edge_of, level), 3, 0.02).tolist() == [
         False
     ]
+
+
+def test_a_split_that_leaves_a_sliver_or_meets_another_face_is_told() -> None:
+    beside = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.4, 0.2, 0.15], [0.6, 0.2, 0.15], [0.5, 0.8, 0.15]])
+    faces = np.array([[0, 1, 2], [3, 4, 5]])
+    edges, edge_of, _ = edge_table(faces)
+    first = int(np.flatnonzero((edges == [0, 1]).all(axis=1))[0])
+    for place, is_bad in (([0.5, 0.1, 0.0], False), ([0.5, 0.1, 0.3], True), ([0.5, 0.995, 0.0], True)):
+        split = Splits(np.array([first]), np.array([place]), np.array([[0.0, 0.0, 1.0]]), np.array([0.01]))
+        made = split_faces(flat(beside), faces, np.zeros(6, bool), edges, edge_of, split)
+        assert spoiled(made, 6, 0.02).tolist() == [is_bad]
 
 
 def test_without_roofs_nothing_changes() -> None:
