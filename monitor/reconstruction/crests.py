@@ -48,7 +48,7 @@ def snap(projection: Projection, faces: Ints, roofs: Roofs, cell: float) -> Proj
     vertices, sigma = projection.vertices.copy(), projection.sigma.copy()
     vertices[which] = roofs.crest[near]
     _, half = between(roofs.own[near], roofs.other[near])
-    sigma[which] = np.hypot(sigma[which] / half, roofs.hidden[near])
+    sigma[which] = np.hypot(sigma[which] / (np.sqrt(2.0) * half), roofs.hidden[near])  # both planes alike
     return projection._replace(vertices=vertices, sigma=sigma)
 
 
