@@ -47,8 +47,8 @@ COS_LEAST = float(np.cos(np.radians(12.0)))  # between both planes of a roof
 COS_CLEAR = float(np.cos(np.radians(25.0)))  # of those whose evidence counts together
 ALONE = 10.0  # what a smooth patch leaves more, in variances of a point (twice the log of a likelihood), of one vertex
 TOGETHER = 1.0  # the same in the mean of all around, none of them worse than
-AGAINST = -4.0
-ENDED = -10.0  # mean of all around, below which no wider roof will be better
+AGAINST, SMOOTHER = -4.0, -1.0  # at a look: smooth patches leave less there
+ENDED = -2.0  # mean of all around, below which no wider roof will be better
 LEAST_ALIKE = 0.2  # of them, at least, have a clear edge in the middle of their window
 LOOK, VERTICES_PER_LOOK, N_LOOKS = 2, 5, 4  # rung; how many vertices share a look; looks around a vertex that count
 N_POOLED = 100  # vertices: an edge is long, and neighbours see the same points
@@ -219,7 +219,7 @@ def at_clear_turns(vertices: Floats, normals: Floats, samples: Samples, noise: F
         return probes
     rows = fit_at(vertices, normals, probes, samples, min(LOOK, len(samples.radii) - 1), noise)[probes]
     with np.errstate(invalid="ignore"):
-        is_clear = (rows[:, TURN] < COS_CLEAR) & (rows[:, GAIN] > AGAINST) & (rows[:, BOW] < BOWED)
+        is_clear = (rows[:, TURN] < COS_CLEAR) & (rows[:, GAIN] > SMOOTHER) & (rows[:, BOW] < BOWED)
     nearest = cKDTree(vertices[probes]).query(vertices, k=[*range(1, min(N_LOOKS, len(probes)) + 1)], workers=2)[1]
     return np.flatnonzero(is_clear[nearest].any(axis=1))
 
