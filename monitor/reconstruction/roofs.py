@@ -20,7 +20,7 @@ from monitor.reconstruction.mesh import any_corner
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.projection import Projection, Samples
 from monitor.reconstruction.reach import mean_of_pool
-from monitor.reconstruction.two_planes import (
+from monitor.reconstruction.roof_evidence import (
     ACTIVE,
     BOW,
     CHANCE,
@@ -35,9 +35,9 @@ from monitor.reconstruction.two_planes import (
     SUPPORT,
     TURN,
     UNIT,
-    fit_two_planes,
-    window_room,
+    look_for_roof,
 )
+from monitor.reconstruction.two_planes import window_room
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
@@ -46,12 +46,12 @@ N_RINGS = 2  # of faces around such a face, whose vertices may gain by a roof
 COS_LEAST = float(np.cos(np.radians(12.0)))  # between both planes of a roof
 COS_CLEAR = float(np.cos(np.radians(25.0)))  # of those whose evidence counts together
 ALONE = 10.0  # what a smooth patch leaves more, in variances of a point (twice the log of a likelihood), of one vertex
-TOGETHER = 1.0  # the same in the mean of all around, none of them worse than
-AGAINST, SMOOTHER = -4.0, -1.0  # at a look: smooth patches leave less there
+TOGETHER, AGAINST = 1.0, -4.0  # the same in the mean of all around, and of the vertex itself no less than
 ENDED = -2.0  # mean of all around, below which no wider roof will be better
-LEAST_ALIKE = 0.2  # of them, at least, have a clear edge in the middle of their window
+N_POOLED = 100  # vertices around: an edge is long, and neighbours see the same points
+LEAST_ALIKE = 0.2  # of these, at least, have a clear edge in the middle of their window
 LOOK, VERTICES_PER_LOOK, N_LOOKS = 2, 5, 4  # rung; how many vertices share a look; looks around a vertex that count
-N_POOLED = 100  # vertices: an edge is long, and neighbours see the same points
+SMOOTHER = -1.0  # at a look, below which a smooth patch speaks against an edge
 CLIPPED_GAIN = 12.0  # of one vertex in that mean
 CENTRAL = 0.5  # of the radius: farther from the edge a window sees little of it
 ROUND, WIDTH = 2.0, 0.5  # sigmas, and of the narrowest fit's radius: how wide the edge is looked at
@@ -100,17 +100,21 @@ def find_roofs(
     near = np.flatnonzero(near_edges(projection.normals, faces) & np.isfinite(noise))
     which: Ints = near[at_clear_turns(raw[near], projection.normals[near], samples, noise[near])]
     best = climb_roofs(raw[which], projection.normals[which], samples, noise[which])
-    good = (np.abs(best[:, OVER]) <= max_shift) & np.isfinite(best[:, UNIT])
-    good &= (best[:, ROUNDED] < ROUND) | (from_crest(best) > BESIDE_ROUND * cell)
+    good = can_serve(best, cell, max_shift)
     good[good] = has_company(which[good], faces, len(raw))
     which, best = share_roofs(raw, projection, near, which[good], best[good].astype(float), cell)
-    good = (np.abs(best[:, OVER]) <= max_shift) & (
-        (best[:, ROUNDED] < ROUND) | (from_crest(best) > BESIDE_ROUND * cell)
-    )
+    good = can_serve(best, cell, max_shift)
     which, best = which[good], best[good]
     roofs = Roofs(which, best[:, ACTIVE], best[:, OTHER], raw[which] + best[:, CREST], best[:, ROUNDED] >= ROUND,
                   noise[which] * best[:, HIDDEN])  # fmt: skip
     return bring_onto(raw[which], projection, roofs, best, noise[which]), roofs
+
+
+def can_serve(rows: Floats, cell: float, max_shift: float) -> Bools:
+    """Return which roofs (k,) there are, within `max_shift` (m) of their vertex and not beside a round edge."""
+    is_sharp = (rows[:, ROUNDED] < ROUND) | (from_crest(rows) > BESIDE_ROUND * cell)
+    found: Bools = np.isfinite(rows[:, UNIT]) & (np.abs(rows[:, OVER]) <= max_shift) & is_sharp
+    return found
 
 
 def share_roofs(
@@ -258,4 +262,4 @@ def _fit_all(first: int, last: int, sites: Sites, level: Level, sizes: Any, nois
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
             vertex, normal = sites.vertices[i], sites.normals[i]
-            fit_two_planes(near.values, n_near, vertex, normal, sizes, noise[i], window, rows[i])
+            look_for_roof(near.values, n_near, vertex, normal, sizes, noise[i], window, rows[i])

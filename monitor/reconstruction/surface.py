@@ -31,7 +31,7 @@ from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, Samples, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import Ladder, Stated, choose_reach, make_ladder
-from monitor.reconstruction.roofs import find_roofs, no_roofs
+from monitor.reconstruction.roofs import Roofs, find_roofs, no_roofs
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from monitor.reconstruction.usable import mark_usable
 from projects.errors import ReconstructionError
@@ -229,26 +229,10 @@ def settle(
     settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any],
 ) -> Settled:  # fmt: skip
     """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties."""
-    samples, ladder, stated = measured
     faces = weld(vertices, faces, SLIVER * cell)
     used, faces = compact(len(vertices), faces)
     vertices = vertices.take(used, axis=0)
-    outward = vertex_normals(vertices, faces)
-    choose = choose_fits if settings.along_furrows else choose_reach
-    reach = choose(vertices, outward, samples, ladder, stated)
-    reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
-    max_shift = cell + GATE_SIGMAS * samples.noise
-    projection = project_vertices(vertices, outward, samples, reach, max_shift)
-    roofs = no_roofs()
-    if settings.sharp_edges:
-        noise = np.maximum(np.fmin(reach.noise, samples.noise), FINEST * cell)
-        projection, roofs = find_roofs(vertices, projection, faces, samples, noise, cell, max_shift)
-        projection = snap(projection, faces, roofs, cell)
-        projection = projection._replace(sigma=np.maximum(projection.sigma, FINEST * cell))
-    automatic["roof_share"] = len(roofs.which) / len(vertices)
-    automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))
-    automatic["flat_share"] = float(np.mean(reach.is_flat))
-    automatic["stretched_share"] = 0.0 if reach.furrows is None else len(reach.furrows.which) / len(vertices)
+    projection, roofs = fit_vertices(vertices, faces, measured, cell, settings, automatic)
     keep = all_corners(projection.is_fitted, faces)
     counts["faces_without_support"] = int(np.count_nonzero(~keep))
     faces = faces.compress(keep, axis=0)
@@ -270,6 +254,31 @@ def settle(
     beside = np.r_[beside, np.zeros(counts["edges_split"], bool)]
     used, faces = compact(len(crested.projection.vertices), crested.faces)
     return Settled(crested.projection.take(used), faces, beside[used], crested.is_crest[used])
+
+
+def fit_vertices(
+    vertices: Floats, faces: Ints, measured: tuple[Samples, Ladder, Stated | None], cell: float,
+    settings: SurfaceSettings, automatic: dict[str, Any],
+) -> tuple[Projection, Roofs]:  # fmt: skip
+    """Bring the vertices onto smooth fits to the points, beside edges onto both their sides; also these edges."""
+    samples, ladder, stated = measured
+    outward = vertex_normals(vertices, faces)
+    choose = choose_fits if settings.along_furrows else choose_reach
+    reach = choose(vertices, outward, samples, ladder, stated)
+    reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))
+    max_shift = cell + GATE_SIGMAS * samples.noise
+    projection = project_vertices(vertices, outward, samples, reach, max_shift)
+    roofs = no_roofs()
+    if settings.sharp_edges:
+        noise = np.maximum(np.fmin(reach.noise, samples.noise), FINEST * cell)
+        projection, roofs = find_roofs(vertices, projection, faces, samples, noise, cell, max_shift)
+        projection = snap(projection, faces, roofs, cell)
+        projection = projection._replace(sigma=np.maximum(projection.sigma, FINEST * cell))
+    automatic["roof_share"] = len(roofs.which) / len(vertices)
+    automatic["fit_radius_m"] = float(np.median(ladder.radii[np.where(reach.is_flat, reach.flat, reach.curved)]))
+    automatic["flat_share"] = float(np.mean(reach.is_flat))
+    automatic["stretched_share"] = 0.0 if reach.furrows is None else len(reach.furrows.which) / len(vertices)
+    return projection, roofs
 
 
 def all_corners(is_so: Bools, faces: Ints) -> Bools:

@@ -12,8 +12,7 @@ from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import boundary_vertices, edge_table
 from monitor.reconstruction.projection import Projection
-from monitor.reconstruction.roofs import BOWED, share_roofs
-from monitor.reconstruction.two_planes import (
+from monitor.reconstruction.roof_evidence import (
     ACTIVE,
     BOW,
     CHANCE,
@@ -27,9 +26,10 @@ from monitor.reconstruction.two_planes import (
     ROUNDED,
     TURN,
     UNIT,
-    fit_two_planes,
-    window_room,
+    look_for_roof,
 )
+from monitor.reconstruction.roofs import BOWED, share_roofs
+from monitor.reconstruction.two_planes import window_room
 from projects.model import Bools, Floats, PointCloud, Surface
 
 SMOOTH_ALONE = SurfaceSettings(sharp_edges=False)
@@ -116,7 +116,7 @@ def window_of(
     values = np.column_stack([places, normals, np.full(len(places), count)]).T.copy()
     row = np.full(N_VALUES, np.nan)
     up, sizes = np.array([0.0, 0.0, 1.0]), (radius, 0.0012)
-    fit_two_planes(values, len(places), vertex, up, sizes, noise, window_room(len(places)), row)
+    look_for_roof(values, len(places), vertex, up, sizes, noise, window_room(len(places)), row)
     return row
 
 
