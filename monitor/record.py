@@ -24,7 +24,7 @@ METHOD = {
     "network": 14,
     "filtered": 6,
     "surface": 16,
-    "mesh": 5,
+    "mesh": 6,
     "quality": 2,
     "comparison": 22,
     "series": 1,

@@ -14,11 +14,18 @@ import numpy as np
 from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
-from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_nearest, find_nearest_sorted
+from monitor.filtering.nearest import (
+    PointIndex,
+    build_index,
+    canonical_order,
+    find_copies,
+    find_nearest,
+    find_nearest_sorted,
+)
 from monitor.filtering.neighbourhoods import NeighbourhoodModel, find_sizes, model_noise, undo_ball
 from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
-from monitor.filtering.soundness import require_points
+from monitor.filtering.soundness import MIN_POINTS, require_points
 from monitor.filtering.tangents import OUTLIER, fit_tangents
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud
@@ -215,7 +222,8 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
     -------
     PointCloud
         The same points in the same order with `normals`, `sigma` (spread of the neighbours across the tangent plane,
-        m; a given sigma is kept), `surface_variation`, `roughness` and `spacing`.
+        m; a given sigma is kept), `surface_variation`, `roughness` and `spacing`. Copies (`find_copies`) bear no
+        witness, and have what the point has that they are copies of.
 
     Raises
     ------
@@ -225,10 +233,12 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
     settings = settings or NormalSettings()
     require_points(cloud.points)
     order = canonical_order(cloud.points)
-    towards = known_directions(cloud)
-    planes = fit_planes(build_index(cloud.points[order]), None if towards is None else towards[order], settings)
+    is_own = ~find_copies(cloud.points[order])
+    is_own[np.flatnonzero(~is_own)[: max(MIN_POINTS - int(is_own.sum()), 0)]] = True  # a plane needs as many
+    own, towards = order[is_own], known_directions(cloud)
+    planes = fit_planes(build_index(cloud.points[own]), None if towards is None else towards[own], settings)
     back = np.empty_like(order)
-    back[order] = np.arange(len(order))
+    back[order] = np.cumsum(is_own) - 1
     return dataclasses.replace(
         cloud,
         normals=planes.normals[back],

@@ -54,6 +54,7 @@ MANY_MORE = 1.5  # times as many points that find partners: the motions are righ
 N_TIE_STEPS = 4  # steps by targets alone, before surfaces are matched
 NEAR = 4.0  # spacings: scans whose first search radius is no larger lie on each other as well as points can tell
 N_TIES_HOLD = 3  # targets of a scan that tell where it is
+LEAST_MISFIT = 1e-7  # of the lever: copies of one scan miss each other by nothing, which no equations can be scaled by
 TURN_BACK = 0.7  # of the length of steps is kept where a step goes back
 
 
@@ -276,9 +277,10 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
     ties, components, radius = network.ties, TieScales(), network.radius
     prior, fine, pace, last = np.full(2, np.nan), network.lies_near, 1.0, np.zeros((n, 6))
     steepest: Steepest = {}
+    least = LEAST_MISFIT * network.lever
     for step in range(1, max_iterations + 1):
         matches = match_overlaps(network.overlaps, motions, radius, fine=fine, steepest=steepest)
-        sigma = misfit_of(matches) if matches else _tie_sigma(network.ties)
+        sigma = max(misfit_of(matches) if matches else _tie_sigma(network.ties), least)
         prior = np.full(2, max(sigma, _given_misfit(network))) if step == 1 else prior
         scales = _scales(network, matches, sigma, prior, fine, motions)
         solution = solve_network(pair_equations(matches, motions, scales), ties, places, motions, (scales, components))
@@ -296,7 +298,7 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
             ties, pace = blunder, 1.0
         elif fine or not matches:
             components = estimate_components(solution, components)
-            prior = np.minimum(prior, estimate_prior(solution, motions, scales))
+            prior = np.clip(estimate_prior(solution, motions, scales), least, prior)
         shrunk = radius <= network.finest_radius
         radius = max(SHRINK * radius, network.finest_radius)
         fine = fine or not matches or (shrunk and length < 0.3 * sigma)

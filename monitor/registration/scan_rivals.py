@@ -25,6 +25,7 @@ from projects.transforms import apply, rotate
 MOST_POINTS = 100_000  # of all scans together, that tell where one of them could lie
 ANGLE = np.radians(45.0)
 REACH_SPACINGS = 4.0
+ROUNDING = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ def _rival_of(k: int, samples: Samples, others: Side, motions: Sequence[Floats])
     matches = match(samples, others, motions[k], MatchLimits(reach, 0.0, ANGLE), True)
     if len(matches) < FEWEST_PAIRS:
         return None
-    rival = find_rival(Fit(samples, others, motions[k], matches, robust_scale(matches.residuals), rules, True))
+    sigma = max(robust_scale(matches.residuals), ROUNDING * reach)  # copies miss each other by nothing
+    rival = find_rival(Fit(samples, others, motions[k], matches, sigma, rules, True))
     if rival is None:
         return None
     given = np.mean([apply(T, samples.points) for j, T in enumerate(motions) if j != k], axis=0)

@@ -54,7 +54,7 @@ def explains_misfit(before: Witnesses, after: Witnesses, n_parameters: int) -> b
     n = len(after.means)
     if n <= n_parameters:
         return False
-    return after.misfit**2 * n / (n - n_parameters) <= (1.0 - EXPLAINED) * before.misfit**2
+    return after.misfit**2 * n / (n - n_parameters) < (1.0 - EXPLAINED) * before.misfit**2
 
 
 def pair_factors(matches: Pairs, motions: Sequence[Floats], scales: Scales) -> dict[tuple[int, int], float]:

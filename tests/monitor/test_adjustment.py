@@ -139,3 +139,19 @@ def test_points_seen_obliquely_do_not_push_the_scans_outward(rng: np.random.Gene
     assert (
         abs(breathing) < 0.0006
     )  # 0.3 mm is one sigma of this ring, 0.4 mm here; with oblique points it swells by 1.2
+
+
+def test_copies_of_one_scan_stay_where_they_were_given(rng: np.random.Generator) -> None:
+    cap = bumpy_cap(rng, 0.0, 0.0003)
+    adjustment = adjust_scans([cap, cap, cap])
+    assert (adjustment.applied, adjustment.converged) == (False, True)
+    assert adjustment.reason == "the given poses fit as well"
+    assert adjustment.sigma_before == adjustment.sigma_after == 0.0
+
+
+def test_a_copy_that_was_moved_comes_back_to_the_micrometre(rng: np.random.Generator) -> None:
+    cap, error = bumpy_cap(rng, 0.0, 0.0003), perturb(np.eye(4), np.zeros(3), [1e-3, 0, 1e-3, 1e-3, 0, 0])
+    adjustment = adjust_scans([cap, displaced(cap, error)])
+    assert adjustment.applied
+    left = np.linalg.inv(adjustment.motions[0]) @ adjustment.motions[1] @ error
+    assert np.abs(left - np.eye(4)).max() < 1e-6

@@ -51,6 +51,17 @@ def test_normals_survive_forty_percent_of_outliers(rng):
     assert np.quantile(off, 0.95) < 4.0
 
 
+def test_copies_bear_no_witness_and_have_what_their_point_has(rng):
+    """Many thousand points at one place took the square of their number, and made a neighbourhood without a size."""
+    points = wall(rng, 2000)
+    piled = np.r_[points, np.tile(points[:1], (30_000, 1))]
+    alone, found = (estimate_normals(PointCloud(p, origins=STATION)) for p in (points, piled))
+    for name in ("normals", "sigma", "spacing", "roughness", "surface_variation"):
+        values, expected = getattr(found, name), getattr(alone, name)
+        np.testing.assert_array_equal(values[:2000], expected)
+        assert (values[2000:] == expected[0]).all()
+
+
 def test_points_far_off_a_wall_are_outliers_and_the_wall_stays(rng):
     points = wall(rng)
     bad = rng.random(len(points)) < 0.03
