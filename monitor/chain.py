@@ -27,6 +27,7 @@ from monitor.registration.epochs import held_by_frames, register_epochs
 from monitor.registration.held import Frames
 from monitor.registration.parts import find_parts
 from monitor.repeats import filter_repeats, is_averaged
+from monitor.same_survey import require_own_scans
 from monitor.scan_network import adjust_epoch, frames_between
 from monitor.scans import read_within
 from monitor.second_opinion import ask_m3c2, gather_sights
@@ -79,6 +80,7 @@ def compare_epochs(
     if reference_id == compared_id:
         raise ParameterError(f"epoch {reference_id} was given twice; a comparison needs two different epochs")
     earlier = replace(place, epoch_id=reference_id)
+    require_own_scans(earlier, place)
     before, after = latest_step(earlier, "surface"), latest_step(place, "surface")
     mode = mode or default_mode(place.project, place.object_id, reference_id, compared_id)
     tolerance = place.project.object(place.object_id).tolerance

@@ -29,7 +29,7 @@ from reports.history import (
     record_steps,
     versions_table,
 )
-from reports.quantities import CM2, CM3, MM, day, estimate, percent
+from reports.quantities import CM2, CM3, MM, day, estimate, listed, percent
 from reports.ranging import gather_calibrations
 from reports.whereabouts import locate
 from reports.wholemotion import parts_table
@@ -167,7 +167,21 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
     surfaces = [(e, e.step("surface")) for e in (before, after)]
     stale = [e.record.epoch_id for e, s in surfaces if s is not None and s.step_id not in made.inputs]
     again = tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)
-    return (*_found_by_shape(made), *again)
+    return (*_same_survey(before, after), *_found_by_shape(made), *again)
+
+
+def _same_survey(before: EpochHistory, after: EpochHistory) -> tuple[str, ...]:
+    """Return the remark that both epochs hold the same files (in a comparison that an older version made)."""
+    read = [next((s for s in e.steps if s.product in ("raw", "mesh")), None) for e in (before, after)]
+    both = {sha256 for sha256 in read[0].inputs if sha256 in read[1].inputs} if read[0] and read[1] else set()
+    shared = list(dict.fromkeys(str(s["file"]) for s in after.record.sources if s.get("sha256") in both))
+    if not shared:
+        return ()
+    return (
+        f"Both epochs hold the same measurements ({listed(shared)}). What was measured once can show no change: where "
+        "only these saw the object, nothing below holds, and the level of detection is not known. Add the epoch again "
+        "with the scans of its own survey.",
+    )
 
 
 def _found_by_shape(made: Step) -> tuple[str, ...]:

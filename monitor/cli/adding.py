@@ -13,6 +13,8 @@ import numpy as np
 import typer
 
 from monitor.cli.progress import show_progress
+from monitor.record import Place
+from monitor.same_survey import describe_copies
 from monitor.scans import open_scans
 from monitor.unit_check import UnitCheck, with_questioned_unit
 from projects.errors import ParameterError, StoreError
@@ -140,8 +142,9 @@ def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit
 
 
 def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:
-    """Say what was kept, what was dropped, and of how many scans the pose was found by what."""
+    """Say what was kept, what was dropped, of how many scans the pose was found by what, and what is a copy."""
     headers = project.scan_headers(record.object_id, record.epoch_id)
+    copies = describe_copies(Place(project, record.object_id, record.epoch_id))
     dropped: dict[str, int] = {}
     for header in headers:
         for reason, n in header.dropped.items():
@@ -149,9 +152,14 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
     n_points = sum(header.n_points for header in headers)
     if as_json:
         facts = {"object": record.object_id, "epoch": record.epoch_id, "n_scans": len(headers), "n_points": n_points}
-        typer.echo(json.dumps({**facts, "dropped": dropped, "placed_by": dict(placed)}, indent=2))
+        typer.echo(json.dumps({**facts, "dropped": dropped, "placed_by": dict(placed), "copies": copies}, indent=2))
         return
     what = "a mesh" if record.is_mesh else f"{len(headers)} scan{'s' if len(headers) != 1 else ''}, {n_points} points"
     left_out = "".join(f"; {n} {reason.replace('_', ' ')} left out" for reason, n in dropped.items() if n)
     found = "".join(f"; {n} without a pose placed by {means}" for means, n in placed.items())
     typer.echo(f"epoch {record.epoch_id} added to object {record.object_id}: {what}{left_out}{found}")
+    if copies:
+        more = f" and {len(copies) - 3} more" if len(copies) > 3 else ""
+        typer.echo(
+            f"mind: {', '.join(copies[:3])}{more}: one survey, not two; these epochs cannot be compared", err=True
+        )

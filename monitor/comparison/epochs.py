@@ -93,7 +93,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     Raises
     ------
     ComparisonError
-        Where the epochs do not overlap.
+        Where the epochs do not overlap, or are one and the same.
     RegistrationError
         Where the registration did not converge.
     """
@@ -105,6 +105,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if registration is None:
         require_near(reference, compared, limit)
     registration = require_settled(register_epochs(reference, compared) if registration is None else registration)
+    require_two(reference, compared)
     left = registration if mode == "absolute" else None
     registration, held = hold_frames(registration, frames, mode)
     moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
@@ -137,6 +138,15 @@ def require_sound(reference: Surface, compared: Surface) -> None:
             raise ComparisonError(
                 f"the {name} surface has no faces, or vertices that are not finite; give a sound mesh"
             )
+
+
+def require_two(reference: Surface, compared: Surface) -> None:
+    """Raise `ComparisonError` where both surfaces are one: errors that are the same in both show no error at all."""
+    if np.array_equal(reference.vertices, compared.vertices) and np.array_equal(reference.faces, compared.faces):
+        raise ComparisonError(
+            "the compared surface is the reference itself, vertex by vertex: what was measured once can show no "
+            "change, and its level of detection is not known; give the surfaces of two surveys"
+        )
 
 
 def require_near(reference: Surface, compared: Surface, limit: float) -> None:

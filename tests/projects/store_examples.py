@@ -67,6 +67,16 @@ def example_surface(rng: np.random.Generator, n: int = 30) -> Surface:
     return Surface(rng.normal(size=(n, 3)), rng.integers(0, n, (2 * n, 3)), sigma=sigma)
 
 
+def full_surface(rng: np.random.Generator, n: int = 30) -> Surface:
+    """Return a surface of which everything is known."""
+    return Surface(
+        rng.normal(size=(n, 3)), rng.integers(0, n, (2 * n, 3)), normals=rng.normal(size=(n, 3)), sigma=rng.random(n),
+        sigma_shared=rng.random(n), n_support=rng.integers(0, 90, n), sample_distance=rng.random(n),
+        roughness=rng.integers(0, 3, n), colors=rng.integers(0, 256, (n, 3)), intensity=rng.random(n),
+        is_unresolved=rng.random(n) < 0.3, is_crest=rng.random(n) < 0.3, face_invented=rng.random(2 * n) < 0.3,
+    )  # fmt: skip
+
+
 def example_registration(rng: np.random.Generator, n: int = 30) -> Registration:
     """Return a registration with some fields unknown."""
     return Registration(np.eye(4), np.diag(rng.random(6)), rng.normal(size=3), True, n_inliers=5, rmse=1e-3,

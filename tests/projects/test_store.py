@@ -15,6 +15,7 @@ from store_examples import (
     example_step,
     example_stream,
     example_surface,
+    full_surface,
 )
 
 from projects.errors import StoreError
@@ -87,6 +88,15 @@ def test_nouns_come_back_equal(tmp_path, rng):
         assert_same(again.latest("stove", "E2", product), step)
         assert_same(again.find("stove", "E2", product, step.step_id), step)
         assert again.find("stove", "E2", product, "0" * 16) is None
+
+
+def test_everything_known_of_a_surface_comes_back(tmp_path, rng):
+    surface = full_surface(rng)
+    unset = [f.name for f in dataclasses.fields(surface) if getattr(surface, f.name) is None]
+    assert unset == []  # a new field belongs into the example, the store and FORMAT.md
+    project = example_project(tmp_path, rng)
+    project.put("stove", "E1", example_step(), surface)
+    assert_same(Project.open(project.path).get("stove", "E1", "surface"), surface)
 
 
 def test_records_come_back_equal(tmp_path, rng):

@@ -14,7 +14,7 @@ from report_examples import (
 )
 
 from projects.errors import StoreError
-from projects.model import ControlPoint
+from projects.model import ControlPoint, Step
 from projects.store import Project
 from reports.document import gather_facts, make_facts
 
@@ -53,6 +53,16 @@ def rows_of(facts, title):
     """Return the rows of the table of a title, by their first column."""
     table = next(t for t in (*facts.certainty, *facts.history) if t.title == title)
     return {row[0]: [plain(cell) for cell in row[1:]] for row in table.rows}
+
+
+def test_epochs_of_one_survey_are_said_to_show_no_change():
+    epochs = example_epochs()
+    raw = Step("r" * 16, "raw", inputs=(f"{1:064x}",))
+    epochs = tuple(dataclasses.replace(e, steps=(raw, *e.steps[1:])) for e in epochs)
+    (remark,) = facts_of(epochs=epochs).remarks
+    assert remark.startswith(
+        "Both epochs hold the same measurements (b.e57). What was measured once can show no change"
+    )
 
 
 def test_two_regions_are_told_with_their_place_size_and_margins():

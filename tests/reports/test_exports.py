@@ -1,0 +1,41 @@
+"""Surfaces as files: each column is what the surface knows, under its name."""
+
+import numpy as np
+import pandas as pd
+import trimesh
+
+from projects.model import Surface
+from reports.exports import export_surface
+
+KNOWN = {
+    "sigma": np.array([1e-4, np.nan, 3e-4, 4e-4]), "sigma_shared": np.array([5e-5, 6e-5, 7e-5, np.nan]),
+    "sample_distance": np.array([0.0, 1e-3, 2e-3, 3e-3]), "intensity": np.array([0.1, 0.2, 0.3, 0.4]),
+    "n_support": np.array([9, 8, 7, 6]), "is_unresolved": np.array([True, False, False, False]),
+    "is_crest": np.array([False, True, True, False]),
+}  # fmt: skip
+
+
+def tetrahedron(**known):
+    """Return a tetrahedron of 1 m far from the origin."""
+    corners = np.vstack([np.zeros(3), np.eye(3)]) + np.array([657_123.25, 5_400_321.5, 310.0])
+    return Surface(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]), **known)
+
+
+def test_all_that_a_surface_knows_is_exported_under_its_name(tmp_path):
+    surface = tetrahedron(**KNOWN)
+    table, ply = export_surface(tmp_path, "vase", "e1", surface, ("csv", "ply"))
+    assert (table.name, ply.name) == ("vase_e1_surface.csv", "vase_e1_surface.ply")
+    written = pd.read_csv(table)
+    np.testing.assert_array_equal(written[["x", "y", "z"]], surface.vertices)
+    columns = {"unresolved": "is_unresolved", "crest": "is_crest"}
+    for name in ("sigma", "sigma_shared", "sample_distance", "intensity", "n_support", *columns):
+        expected = KNOWN[columns.get(name, name)]
+        np.testing.assert_allclose(written[name], np.asarray(expected, dtype=float), rtol=1e-6, err_msg=name)
+    properties = trimesh.load(ply, process=False).metadata["_ply_raw"]["vertex"]["data"]
+    assert properties["crest"].tolist() == [0, 1, 1, 0]
+    assert properties["unresolved"].tolist() == [1, 0, 0, 0]
+
+
+def test_what_a_surface_does_not_know_has_no_column(tmp_path):
+    (table,) = export_surface(tmp_path, "vase", "e1", tetrahedron(), ("csv",))
+    assert list(pd.read_csv(table).columns) == ["x", "y", "z"]
