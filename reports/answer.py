@@ -16,6 +16,7 @@ from reports.wholemotion import describe_motion
 
 NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
+MOSTLY = 0.5  # of the surface not assessable: the headline says so
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
 NO_CONTROL = (
     "The margins are those of the fit of the two surfaces; the coordinates of each epoch are only as good as the poses "
@@ -52,11 +53,15 @@ def state_answer(
         _whole(comparison, has_control),
         _not_assessed(comparison),
     )
-    return Answer(_headline(regions), changed, sure, _figures(comparison, regions))
+    return Answer(_headline(comparison, regions), changed, sure, _figures(comparison, regions))
 
 
-def _headline(regions: tuple[RegionFacts, ...]) -> str:
-    n = len(regions)
+def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
+    n, unknown = len(regions), share_not_assessed(comparison)
+    if n == 0 and not comparison.on_compared.assessment.any():
+        return "Nothing could be assessed."
+    if n == 0 and unknown > MOSTLY:
+        return f"No change was found on the {percent(1.0 - unknown)} of the surface that could be assessed."
     if n == 0:
         return "No change was found."
     return "One region changed." if n == 1 else f"{in_words(n).capitalize()} regions changed."
@@ -67,6 +72,8 @@ def _what_changed(
 ) -> tuple[str, ...]:
     """Return what changed between which dates, and the largest regions one by one."""
     between = f"Between {before.date} and {after.date}"
+    if not regions and not comparison.on_compared.assessment.any():
+        return (f"Whether anything changed between {before.date} and {after.date} is not known.",)
     if not regions:
         return (f"{between} no part of the surface that could be assessed changed by more than the measurement error.",)
     parts: list[str] = []

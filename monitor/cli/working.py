@@ -108,9 +108,11 @@ def _compared(place: Place, reference: str, comparison: Comparison) -> dict[str,
     n, unknown = comparison.statistics["n_vertices"], comparison.statistics["n_not_assessable"]
     count = len(comparison.regions)
     found = f"{count} region{'s' if count != 1 else ''} of change" if count else "no change found"
+    level = f"level of detection {1000 * comparison.statistics['lod95_median_m']:.2f} mm"
     answer = (
-        f"{found}; level of detection {1000 * comparison.statistics['lod95_median_m']:.2f} mm; "
-        f"{100 * unknown / max(1, n):.0f} % not assessable"
+        f"{found}; {level}; {100 * unknown / max(1, n):.0f} % not assessable"
+        if unknown < n or count
+        else f"nothing of {place.epoch_id} could be assessed"
     )
     answer += f"; {comparison.registration.doubt}" if comparison.registration.doubt else ""
     return {

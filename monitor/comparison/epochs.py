@@ -34,6 +34,7 @@ from projects.model import (
     Registration,
     Surface,
 )
+from projects.transforms import require_rigid
 
 MODES = ("relative", "absolute")
 
@@ -101,6 +102,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if mode not in MODES:
         raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")
     require_sound(reference, compared)
+    require_tolerance(tolerance)
     limit = settings.search_limit or search_limit(reference, compared, 0.05)
     if registration is None:
         require_near(reference, compared, limit)
@@ -134,10 +136,26 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
 def require_sound(reference: Surface, compared: Surface) -> None:
     """Raise `ComparisonError` where a surface has no faces or vertices that are not finite."""
     for surface, name in ((reference, "reference"), (compared, "compared")):
-        if not len(surface.faces) or not np.isfinite(surface.vertices).all():
-            raise ComparisonError(
-                f"the {name} surface has no faces, or vertices that are not finite; give a sound mesh"
+        if not isinstance(surface, Surface):
+            raise ParameterError(
+                f"the {name} surface is a {type(surface).__name__}; a Surface is needed: reconstruct(cloud)"
             )
+        if not len(surface.faces):
+            raise ComparisonError(f"the {name} surface has no faces; give a sound mesh")
+        n_bad = int((~np.isfinite(surface.vertices)).any(axis=1).sum())
+        if n_bad:
+            raise ComparisonError(
+                f"the {name} surface has {n_bad} of {len(surface.vertices)} vertices that are not finite; "
+                "give a sound mesh"
+            )
+
+
+def require_tolerance(tolerance: float | None) -> None:
+    """Raise `ParameterError` where a client's tolerance is no length."""
+    if tolerance is None:
+        return
+    if not isinstance(tolerance, int | float | np.number) or not 0.0 < tolerance < math.inf:
+        raise ParameterError(f"tolerance {tolerance!r}: a length above 0 m is needed, or None")
 
 
 def require_two(reference: Surface, compared: Surface) -> None:
@@ -159,11 +177,12 @@ def require_near(reference: Surface, compared: Surface, limit: float) -> None:
 
 
 def require_settled(registration: Registration) -> Registration:
-    """Return the registration; raise `RegistrationError` with its reason where it did not converge."""
+    """Return the registration, a rigid one; raise `RegistrationError` with its reason where it did not converge."""
     if not registration.converged:
         raise RegistrationError(
             f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
         )
+    require_rigid(registration.T_target_source, "the registration")
     return registration
 
 

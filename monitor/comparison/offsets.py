@@ -66,5 +66,6 @@ def _find_nearest(tree: Any, points: Any, order: Any, limit: float) -> Any:
             face[i], distances[i] = tree.order[last], np.copysign(size, height)
             slope[i] = 1.0
             if is_on_border(tree, last, best[4]) and size > 0.0:
-                slope[i] = abs(height) / (size * np.sqrt(dot(normal, normal)))
+                length = np.sqrt(dot(normal, normal))  # none where faces lie back to back, or have no area
+                slope[i] = abs(height) / (size * length) if length > 0.0 else 0.0
     return distances, slope, face

@@ -63,7 +63,7 @@ def closest_on_triangle(p, a, b, c):  # type: ignore[no-untyped-def]
     if d3 >= 0.0 and d4 <= d3:
         return 1.0, 0.0, CORNER_B
     vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:  # a and b may be one place
         return d1 / (d1 - d3), 0.0, EDGE_AB
     cp = sub(p, c)
     d5, d6 = dot(ab, cp), dot(ac, cp)

@@ -9,7 +9,7 @@ import pytest
 
 from monitor.comparison import CompareSettings, compare
 from projects.errors import ComparisonError, ParameterError, RegistrationError
-from projects.model import Assessment, Floats, Registration, Surface
+from projects.model import Assessment, Floats, PointCloud, Registration, Surface
 
 NOISE = 1e-4
 
@@ -185,6 +185,23 @@ def test_settings_and_mode_out_of_range_are_refused(rng: np.random.Generator) ->
         compare(sheet, sheet, known_motion(sheet), mode="both")
     with pytest.raises(ParameterError, match="search_limit"):
         CompareSettings(search_limit=-1.0)
+
+
+def test_what_is_no_surface_no_length_or_no_rigid_motion_is_refused_by_name(rng: np.random.Generator) -> None:
+    sheet, other = make_sheet(rng, 20), make_sheet(rng, 20)
+    with pytest.raises(ParameterError, match="the compared surface is a PointCloud; a Surface is needed"):
+        compare(sheet, PointCloud(sheet.vertices))  # type: ignore[arg-type]
+    holed = dataclasses.replace(sheet, vertices=np.where(np.arange(400)[:, None] < 3, np.nan, sheet.vertices))
+    with pytest.raises(ComparisonError, match="the reference surface has 3 of 400 vertices that are not finite"):
+        compare(holed, other)
+    with pytest.raises(ComparisonError, match="the compared surface has no faces"):
+        compare(sheet, Surface(sheet.vertices, np.zeros((0, 3), dtype=int)))
+    for tolerance in (-0.001, 0.0, float("nan"), float("inf"), "2"):
+        with pytest.raises(ParameterError, match="a length above 0 m is needed"):
+            compare(sheet, other, known_motion(other), tolerance=tolerance)  # type: ignore[arg-type]
+    doubled = dataclasses.replace(known_motion(other), T_target_source=np.diag([2.0, 2.0, 2.0, 1.0]))
+    with pytest.raises(ParameterError, match="the registration: the transform scales by 2 to 2 or mirrors"):
+        compare(sheet, other, doubled)
 
 
 def test_the_result_is_the_same_twice_and_inputs_are_untouched(rng: np.random.Generator) -> None:

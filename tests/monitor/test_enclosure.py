@@ -87,6 +87,15 @@ def test_the_side_is_known_over_a_surface_whichever_way_it_looks_but_not_beside_
     assert found.faces[4] == -1
 
 
+def test_a_face_without_area_has_no_side() -> None:
+    """It ended as an error of ours: beside its free edges a normal without length was divided by."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 5], [1, 0, 5], [0, 1, 5]], dtype=float)
+    tree = build_tree(Surface(vertices, np.array([[0, 1, 2], [1, 1, 2], [3, 4, 5]])), np.zeros(3), 1.0)
+    found = signed_offsets(np.array([[0.5, 0.1, 0.0], [2.1, 0.0, 0.1], [0.2, 0.2, 5.1]]), tree, 0.5)
+    np.testing.assert_allclose(np.abs(found.distances), [0.1, np.hypot(0.1, 0.1), 0.1])
+    np.testing.assert_array_equal(found.is_known, [False, False, True])
+
+
 def block(rng: np.random.Generator, cut: np.ndarray | None, is_open: bool, noise: float = NOISE) -> Surface:
     """Return a block of 0.12 x 0.1 x 0.08 m with rounded edges, beyond a plane cut off, its base perhaps open.
 

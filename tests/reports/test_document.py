@@ -65,6 +65,24 @@ def test_epochs_of_one_survey_are_said_to_show_no_change():
     )
 
 
+def with_assessed(share):
+    """Return the example without a change, of which only the lowest share of the vertices was assessed."""
+    comparison = example_comparison(rows=(), assessed_area_share=share)
+    side = comparison.on_compared
+    known = np.arange(len(side.assessment)) < share * len(side.assessment)
+    unassessed = dataclasses.replace(side, assessment=np.where(known, 1, 0).astype(np.uint8))
+    return dataclasses.replace(comparison, on_compared=unassessed)
+
+
+def test_where_little_or_nothing_was_assessed_the_headline_says_so():
+    assert facts_of(with_assessed(0.95)).answer.headline == "No change was found."
+    little = plain(facts_of(with_assessed(0.2)).answer.headline)
+    assert little == "No change was found on the 20 % of the surface that could be assessed."
+    text = said(facts_of(with_assessed(0.0)))
+    assert text.startswith("Nothing could be assessed. Whether anything changed between 12 May 2025 and 18 May 2026 is")
+    assert "no part of the surface" not in text
+
+
 def test_two_regions_are_told_with_their_place_size_and_margins():
     text = said(facts_of())
     assert text.startswith("Two regions changed. Between 12 May 2025 and 18 May 2026 one region lost material (no. 1)")
