@@ -50,4 +50,6 @@ def _check_value(told: str, value: Any, field: dataclasses.Field[Any]) -> None:
     if not isinstance(value, number) or isinstance(value, bool):
         raise ParameterError(f"{told}: a {'whole ' if number is numbers.Integral else ''}number is needed")
     if not (low is None or value >= low) or not (high is None or value <= high):  # NaN is in no range
-        raise ParameterError(f"{told} {meta['unit']}: allowed is {low} to {high}")
+        unit = f" {meta['unit']}" if meta["unit"] else ""
+        span = f"at least {low}" if high is None else f"at most {high}" if low is None else f"{low} to {high}"
+        raise ParameterError(f"{told}{unit}: allowed is {span}")

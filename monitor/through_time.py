@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 import pandas as pd
@@ -32,7 +32,7 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
     found = [(e, kept_comparison(project, object_id, first, e)) for e in later]
     epochs = [e for e, step in found if step is not None]
     direct = [step for _, step in found if step is not None]
-    if len(epochs) < 2 or len({e.date for e in (first, *epochs)}) <= len(epochs):
+    if len(epochs) < 2 or epochs_of_one_date(project, object_id):
         return None
     steps = [kept_comparison(project, object_id, a, b) for a, b in pairwise(epochs)]
     between = [(k, step) for k, step in enumerate(steps) if step is not None]
@@ -54,6 +54,15 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
 
     asked = Asked(f"series-{first.epoch_id}", "series", {}, (*direct, *(s for _, s in between)))
     return once_step(places[-1], asked, make)
+
+
+def epochs_of_one_date(project: Project, object_id: str) -> list[str]:
+    """Return the ids of the first epochs of one date among those compared with the first, and it; none where all
+    differ."""
+    first, *later = project.epochs(object_id)
+    known = [first, *(e for e in later if kept_comparison(project, object_id, first, e) is not None)]
+    alike = [[e.epoch_id for e in group] for _, group in groupby(known, key=lambda e: e.date)]
+    return next((ids for ids in alike if len(ids) > 1), [])
 
 
 def kept_comparison(project: Project, object_id: str, reference: EpochRecord, compared: EpochRecord) -> Step | None:

@@ -167,7 +167,17 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
     surfaces = [(e, e.step("surface")) for e in (before, after)]
     stale = [e.record.epoch_id for e, s in surfaces if s is not None and s.step_id not in made.inputs]
     again = tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)
-    return (*_same_survey(before, after), *_found_by_shape(made), *again)
+    return (*_backwards(before.record, after.record), *_same_survey(before, after), *_found_by_shape(made), *again)
+
+
+def _backwards(before: EpochRecord, after: EpochRecord) -> tuple[str, ...]:
+    """Return the remark that the reference is the later epoch, where it is."""
+    if before.date <= after.date:
+        return ()
+    return (
+        f"Told backwards in time: epoch {before.epoch_id} of {day(before.date)}, the reference, is the later one. "
+        "What is called lost was gained since, and what is called gained was lost.",
+    )
 
 
 def _same_survey(before: EpochHistory, after: EpochHistory) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from projects.errors import ParameterError
 from projects.formats import write_csv, write_e57, write_glb, write_las, write_obj, write_ply_mesh, write_stl
+from projects.formats.complete_file import complete_file
 from projects.model import ComparedSurface, Comparison, PointCloud, Scan, Series, Step, Surface
 from reports.colours import choose_limit, vertex_colours
 
@@ -138,7 +139,8 @@ def summarize(comparison: Comparison, step: Step) -> dict[str, Any]:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write plain values as strict JSON; what is unknown (NaN) is null."""
     text = json.dumps(_plain(content), indent=2, allow_nan=False, ensure_ascii=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    with complete_file(path) as unfinished:
+        unfinished.write_text(text + "\n", encoding="utf-8")
 
 
 def _plain(value: Any) -> Any:

@@ -13,7 +13,7 @@ from monitor.cli.progress import show_progress
 from monitor.engine import open_engine
 from monitor.record import Place
 from monitor.settings import read_settings
-from monitor.through_time import follow_epochs
+from monitor.through_time import epochs_of_one_date, follow_epochs
 from projects.errors import ParameterError, StoreError
 from projects.extent import read_extent
 from projects.model import Comparison, Step
@@ -81,6 +81,9 @@ def compare_object(
             step = compare_epochs(place, reference, settings, notify, mode, stable)
             facts.append(_compared(place, reference, place.get(step)))
         followed = None if pair[0] else follow_epochs(project, object_id, notify)
+        alike = [] if pair[0] or len(pairs) < 2 else epochs_of_one_date(project, object_id)
+    if followed is None and alike:
+        facts[-1]["answer"] += f"; no series: {' and '.join(alike)} are of one date, and leave no order"
     if followed is not None:
         n = int(followed.counts["regions"])
         facts[-1]["series"] = {"n_epochs": followed.counts["epochs"], "n_regions": n}
@@ -115,6 +118,8 @@ def _compared(place: Place, reference: str, comparison: Comparison) -> dict[str,
         else f"nothing of {place.epoch_id} could be assessed"
     )
     answer += f"; {comparison.registration.doubt}" if comparison.registration.doubt else ""
+    before, after = (place.project.epoch(place.object_id, e).date for e in (reference, place.epoch_id))
+    answer += "; told backwards in time, the reference is the later epoch" if before > after else ""
     return {
         "object": place.object_id,
         "reference": reference,

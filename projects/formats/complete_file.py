@@ -5,15 +5,21 @@ from __future__ import annotations
 import os
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from projects.errors import FormatError
+from projects.errors import FormatError, ParameterError
 
 
 @contextmanager
 def complete_file(path: Path) -> Iterator[Path]:
-    """Yield a path to write to, with the same suffix; it takes the place of `path` when the block ends well."""
+    """Yield a path to write to, with the same suffix; it takes the place of `path` when the block ends well.
+
+    Raises
+    ------
+    ParameterError
+        If the disk is full or refuses the file; what was there before stays.
+    """
     path = Path(path)
     if not path.parent.is_dir():
         raise FormatError(f"{path}: the folder {path.parent} does not exist; make it first")
@@ -21,5 +27,9 @@ def complete_file(path: Path) -> Iterator[Path]:
     try:
         yield unfinished
         os.replace(unfinished, path)
+    except OSError as error:
+        why = error.strerror or error
+        raise ParameterError(f"{path}: cannot be written ({why}); make room there or choose another folder") from error
     finally:
-        unfinished.unlink(missing_ok=True)
+        with suppress(OSError):
+            unfinished.unlink(missing_ok=True)

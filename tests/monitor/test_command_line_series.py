@@ -80,6 +80,25 @@ def test_program_reads_the_series_from_the_answer(made: Path, capsys: pytest.Cap
     assert facts[-1]["series"] == {"n_epochs": 4, "n_regions": 1}
 
 
+def test_epochs_of_one_date_leave_no_order_and_that_is_said(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = str(tmp_path / "project")
+    assert run(["init", project]) == 0
+    assert run(["add-object", project, "relief"]) == 0
+    for name, date in (("late", "2023-05-01"), ("b", "2022-05-01"), ("a", "2022-05-01")):
+        write_ply_mesh(tmp_path / f"{name}.ply", relief(0.0, rng))
+        given = ["add-epoch", project, "relief", name, "--date", date, "--mesh", str(tmp_path / f"{name}.ply")]
+        assert run(given) == 0
+    assert run(["process", project]) == 0
+    capsys.readouterr()
+    assert run(["compare", project, "relief"]) == 0
+    said = capsys.readouterr().out
+    assert said.strip().endswith("no series: a and b are of one date, and leave no order")
+    assert run(["compare", project, "relief", "late", "a"]) == 0
+    assert "told backwards in time, the reference is the later epoch" in capsys.readouterr().out
+
+
 def test_the_drawing_is_the_same_every_time(made: Path) -> None:
     series = Project.open(made / "project").get("relief", "e2025", "series-e2021")
     drawing = draw_courses(series)

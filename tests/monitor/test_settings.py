@@ -48,6 +48,8 @@ def test_a_changed_setting_changes_only_itself(tmp_path: Path) -> None:
         ("[icp]\nmax_iterations = 'many'\n", "a value like"),
         ("[filter.thinning]\ntarget_spacing = '4 mm'\n", "target_spacing = '4 mm': a number is needed"),
         ("[filter.thinning]\ntarget_spacing = nan\n", "target_spacing = nan m: allowed is 1e-06 to 10.0"),
+        ("[compare]\nsearch_limit = -1\n", "search_limit = -1 m: allowed is at least 0.0$"),
+        ("[compare]\nfalse_discovery_rate = 2\n", "false_discovery_rate = 2.0: allowed is 1e-09 to 0.5"),
         ("[filter.normals]\nn_neighbours = 12.5\n", "n_neighbours = 12.5: a whole number is needed"),
         ("[filter.diffusion]\nn_steps = true\n", "n_steps = True: a whole number is needed"),
     ],

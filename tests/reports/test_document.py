@@ -65,6 +65,14 @@ def test_epochs_of_one_survey_are_said_to_show_no_change():
     )
 
 
+def test_epochs_given_the_wrong_way_round_are_said_to_be():
+    before, after = example_epochs()
+    comparison = dataclasses.replace(after.steps[-1], product="comparison-e2")
+    earlier = dataclasses.replace(before, steps=(*before.steps, comparison))
+    (remark,) = facts_of(epochs=(after, earlier)).remarks
+    assert plain(remark).startswith("Told backwards in time: epoch e2 of 18 May 2026, the reference, is the later one.")
+
+
 def with_assessed(share):
     """Return the example without a change, of which only the lowest share of the vertices was assessed."""
     comparison = example_comparison(rows=(), assessed_area_share=share)
