@@ -27,9 +27,19 @@ def complete_file(path: Path) -> Iterator[Path]:
     try:
         yield unfinished
         os.replace(unfinished, path)
-    except OSError as error:
-        why = error.strerror or error
+    except Exception as error:
+        why = _refusal_of(error)
+        if not why:
+            raise
         raise ParameterError(f"{path}: cannot be written ({why}); make room there or choose another folder") from error
     finally:
         with suppress(OSError):
             unfinished.unlink(missing_ok=True)
+
+
+def _refusal_of(error: Exception) -> str:
+    """Return why a disk took no more, empty for any other error; libraries of formats have errors of their own."""
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    told = str(error).split("****")[0].strip()
+    return told if type(error).__name__ in ("LazrsError", "E57Exception") and "write" in told else ""

@@ -2,13 +2,16 @@
 
 import errno
 import os
+from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from projects.errors import ParameterError
-from projects.formats import write_csv
+from projects.formats import write_csv, write_e57, write_las, write_ply_mesh
 from projects.formats.complete_file import complete_file
+from projects.model import PointCloud, Scan, Surface
 
 
 def test_a_full_disk_is_one_line_and_what_was_there_stays(tmp_path):
@@ -24,6 +27,28 @@ def test_a_full_disk_is_one_line_and_what_was_there_stays(tmp_path):
         fill()
     assert [p.name for p in tmp_path.iterdir()] == ["regions.csv"]
     assert path.read_text() == "before"
+
+
+def cloud_on_a_full_disk(write, monkeypatch, tmp_path, suffix):
+    """Write a cloud to /dev/full in place of a file in the folder."""
+    monkeypatch.setattr(Path, "with_name", lambda path, name: Path("/dev/full"))
+    monkeypatch.setattr(Path, "unlink", lambda path, missing_ok=False: None)
+    cloud = PointCloud(np.random.default_rng(0).normal(size=(50_000, 3)))
+    write(tmp_path / f"cloud{suffix}", cloud)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, which is a full disk")
+@pytest.mark.parametrize(
+    ("suffix", "write"),
+    [
+        (".laz", write_las),
+        (".e57", lambda path, cloud: write_e57(path, [Scan("a", cloud, np.eye(4))])),
+        (".ply", lambda path, cloud: write_ply_mesh(path, Surface(cloud.points, np.zeros((0, 3), int)))),
+    ],
+)
+def test_each_writer_tells_of_a_full_disk_in_one_line(tmp_path, monkeypatch, suffix, write):
+    with pytest.raises(ParameterError, match=rf"cloud{suffix}: cannot be written"):
+        cloud_on_a_full_disk(write, monkeypatch, tmp_path, suffix)
 
 
 def test_a_name_that_a_folder_has_is_told(tmp_path):
