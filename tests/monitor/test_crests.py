@@ -46,6 +46,18 @@ def test_a_split_face_keeps_its_area_and_its_way(which: list[int], n_faces: int)
         assert [0, 4] in edge_table(made.faces)[0].tolist()
 
 
+def test_a_new_vertex_knows_no_more_than_the_ends_of_its_edge() -> None:
+    vertices, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0.2, 1, 0]]), np.array([[0, 1, 2]])
+    edges, edge_of, _ = edge_table(faces)
+    split = Splits(np.array([1]), vertices[edges[[1]]].mean(axis=1), np.array([[0.0, 0.0, 1.0]]), np.array([0.01]))
+    known = flat(vertices)._replace(scatter=np.array([0.1, 0.2, 0.4]), n_support=np.array([9, 7, 4]))
+    made = split_faces(known, faces, np.zeros(3, bool), edges, edge_of, split).projection
+    ends = edges[1]
+    assert made.scatter[3] == pytest.approx(known.scatter[ends].mean())
+    assert made.n_support[3] == known.n_support[ends].min()
+    assert made.is_fitted[3]
+
+
 def roof_of_four() -> tuple[Projection, Ints, Roofs]:
     """Return two faces over a ridge of 90 degrees along y, cut off between x = -0.5 and 0.5, whose corners know it."""
     vertices = np.array([[-0.5, 0.0, -0.5], [0.5, 0.0, -0.5], [0.5, 1.0, -0.5], [-0.5, 1.0, -0.5]])
@@ -103,6 +115,46 @@ def test_an_edge_is_split_where_its_ends_look_as_both_sides_do(degrees: float, n
     turn = np.radians(degrees)
     looks = np.column_stack([np.sign(projection.vertices[:, 0]) * np.sin(turn), np.zeros(4), np.full(4, np.cos(turn))])
     assert n_proposed(projection._replace(normals=looks), faces, roofs) == n
+
+
+def test_how_far_an_edge_may_be_round_unseen_is_told_by_the_end_that_knows_it() -> None:
+    """Of the ends of each edge only the one on the right knows the ridge."""
+    projection, faces, roofs = roof_of_four()
+    right = Roofs(np.array([1, 2]), roofs.own[1:3], roofs.other[1:3], roofs.crest[1:3], np.zeros(2, bool),
+                  np.array([0.03, 0.05]))  # fmt: skip
+    made = propose(projection, edge_table(faces)[0], right, np.zeros(4, bool), CELL)
+    by_y = dict(zip(made.place[:, 1].round(6).tolist(), made.sigma.tolist(), strict=True))
+    assert by_y[0.0] == pytest.approx(np.hypot(0.01, 0.03))
+    assert by_y[1.0] == pytest.approx(np.hypot(0.01, 0.05))
+
+
+@pytest.mark.parametrize(("degrees", "n"), [(8.0, 0), (-8.0, 1)])
+def test_an_end_that_looks_more_like_the_side_of_the_other_is_of_that_side(degrees: float, n: int) -> None:
+    """Sides look 20 degrees to the left and to the right: an end beyond the ridge still looks 8 to the left."""
+    half = np.radians(20.0)
+    vertices = np.array([[-0.5, 0.0, -0.5 * np.tan(half)], [0.5, 0.0, -0.5 * np.tan(half)], [0.0, 1.0, 0.0]])
+    left, right = np.array([[-np.sin(half), 0.0, np.cos(half)], [np.sin(half), 0.0, np.cos(half)]])
+    look = -np.radians(degrees)
+    projection = on_points(vertices, np.array([left, [np.sin(look), 0.0, np.cos(look)], [0.0, 0.0, 1.0]]))
+    roof = Roofs(np.array([0]), left[None], right[None], np.zeros((1, 3)), np.zeros(1, bool), np.zeros(1))
+    assert len(propose(projection, np.array([[0, 1]]), roof, np.zeros(3, bool), CELL).edge) == n
+
+
+def test_an_edge_that_ends_on_the_ridge_is_split_no_more() -> None:
+    projection, faces, roofs = roof_of_four()
+    on = np.array([True, False, False, False])
+    left = propose(projection, edge_table(faces)[0], roofs, on, CELL)
+    assert edge_table(faces)[0][left.edge].tolist() == [[2, 3]]
+
+
+def test_a_new_face_that_looks_as_one_of_its_corners_is_whole() -> None:
+    """One corner looks 80 degrees aside, as a vertex held back over the other side may."""
+    vertices, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0]]), np.array([[0, 1, 2]])
+    edges, edge_of, _ = edge_table(faces)
+    normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, np.sin(1.4), np.cos(1.4)]])
+    split = Splits(np.array([0]), np.array([[0.5, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([0.01]))
+    made = split_faces(on_points(vertices, normals), faces, np.zeros(3, bool), edges, edge_of, split)
+    assert not spoiled(made, 3, 0.02).any()
 
 
 def test_a_round_edge_is_not_split() -> None:

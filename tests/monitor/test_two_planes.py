@@ -1,0 +1,138 @@
+"""Two planes around a vertex: which points count, when there is none, and what each figure of its row is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from edges_between_planes import edge_cloud
+
+from monitor.reconstruction.roof_evidence import (
+    BOW,
+    CHI2,
+    GAIN,
+    N_VALUES,
+    OVER,
+    SUPPORT,
+    TURN,
+    UNIT,
+    look_for_roof,
+)
+from monitor.reconstruction.two_planes import window_room
+from projects.model import Floats
+
+TURN_60 = np.radians(60.0)
+VERTEX = np.array([0.001, 0.0, 0.0])
+RADIUS, NOISE = 0.008, 1e-4
+
+
+@pytest.fixture
+def ridge(monkeypatch: pytest.MonkeyPatch) -> Floats:
+    """Return points (n, 3) of a ridge of 60 degrees along y without noise, 1 mm apart."""
+    monkeypatch.setattr("edges_between_planes.NOISE", 0.0)
+    return edge_cloud(np.random.default_rng(1), TURN_60).points
+
+
+def looks_of(points: Floats, way: float = 0.5 * TURN_60) -> Floats:
+    """Return normals (n, 3) that look `way` (rad) to the side of x on which each point lies."""
+    x = points[:, 0]
+    return np.column_stack([np.sign(x) * np.sin(way), np.zeros(len(x)), np.full(len(x), np.cos(way))])
+
+
+def on_own_side(x: Floats, y: Floats) -> Floats:
+    """Return points (n, 3) of the side beyond x = 0, `x` along its slope."""
+    return np.column_stack([x * np.cos(0.5 * TURN_60), y, -x * np.sin(0.5 * TURN_60)])
+
+
+def row_of(
+    points: Floats, normals: Floats, up: tuple[float, float, float] = (0.0, 0.0, 1.0), count: float = 1.0,
+    vertex: Floats = VERTEX,
+) -> Floats:  # fmt: skip
+    """Return the row of two planes around a vertex that looks `up`; each point stands for `count`."""
+    values = np.column_stack([points, normals, np.full(len(points), count)]).T.copy()
+    row, n = np.full(N_VALUES, np.nan), len(points)
+    look_for_roof(values, n, vertex, np.array(up), (RADIUS, 0.0012), NOISE, window_room(n), row)
+    return row
+
+
+def test_a_sheet_behind_that_looks_away_is_none_of_the_surface(ridge: Floats) -> None:
+    alone = row_of(ridge, looks_of(ridge))
+    behind = ridge - np.array([0.0, 0.0, 0.003])
+    both = row_of(np.concatenate([ridge, behind]), np.concatenate([looks_of(ridge), -looks_of(ridge)]))
+    np.testing.assert_array_equal(both, alone)
+
+
+def test_the_other_side_of_a_wedge_counts_though_it_looks_more_than_a_right_angle_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A vertex sees 120 degrees; the sides of this wedge look 110 degrees apart."""
+    monkeypatch.setattr("edges_between_planes.NOISE", 0.0)
+    half = np.radians(55.0)
+    wedge = edge_cloud(np.random.default_rng(2), 2.0 * half).points
+    up, vertex = (float(np.sin(half)), 0.0, float(np.cos(half))), np.array([0.001, 0.0, -0.0014])
+    assert row_of(wedge, looks_of(wedge, half), up, vertex=vertex)[TURN] == pytest.approx(np.cos(2.0 * half), abs=1e-9)
+
+
+def test_points_whose_normals_say_the_wrong_side_go_where_they_lie(ridge: Floats) -> None:
+    """Of those within 3 mm of the edge, whose neighbourhoods reach over it, three in ten look as the other side."""
+    rng, normals = np.random.default_rng(3), looks_of(ridge)
+    wrong = (np.abs(ridge[:, 0]) < 0.003) & (rng.random(len(ridge)) < 0.3)
+    assert wrong.sum() > 80
+    normals[wrong, 0] *= -1.0
+    row = row_of(ridge, normals)
+    assert row[TURN] == pytest.approx(np.cos(TURN_60), abs=1e-9)
+    assert row[OVER] == pytest.approx(VERTEX[0] * np.sin(0.5 * TURN_60), abs=1e-9)
+
+
+def test_points_on_a_line_make_no_plane(ridge: Floats) -> None:
+    """One scan line beside the edge, straight to a tenth of a micrometre."""
+    line = on_own_side(0.003 + 1e-7 * np.random.default_rng(4).normal(size=40), np.linspace(-0.02, 0.02, 40))
+    points = np.concatenate([ridge[ridge[:, 0] < 0.0], line])
+    assert np.isnan(row_of(points, looks_of(points))).all()
+
+
+@pytest.mark.parametrize(("n_beyond", "is_roof"), [(5, False), (8, True)])
+def test_a_side_needs_six_points(ridge: Floats, n_beyond: int, is_roof: bool) -> None:
+    beyond = np.flatnonzero((ridge[:, 0] > 0.0) & (np.linalg.norm(ridge - VERTEX, axis=1) < 0.006))
+    some = beyond[:: len(beyond) // n_beyond][:n_beyond]
+    points = np.concatenate([ridge[ridge[:, 0] < 0.0], ridge[some]])
+    row = row_of(points, looks_of(points))
+    assert np.isfinite(row[TURN]) == is_roof
+    assert not is_roof or row[SUPPORT] == n_beyond  # of the plane under the vertex alone
+    assert np.isnan(row_of(ridge[beyond[:11]], looks_of(ridge[beyond[:11]]))).all()
+
+
+@pytest.mark.parametrize("count", [1.0, 4.0])
+@pytest.mark.parametrize(("begins", "is_roof"), [(0.002, True), (0.0025, False)])
+def test_a_plane_is_not_extrapolated_to_more_than_four_times_its_error(
+    ridge: Floats, begins: float, is_roof: bool, count: float
+) -> None:
+    """40 points over 2 mm of slope: under the vertex their plane errs by 3.6 or 4.2 times what their mean does."""
+    rng = np.random.default_rng(5)
+    own = on_own_side(rng.uniform(begins, begins + 0.002, 40), np.random.default_rng(6).uniform(-0.004, 0.004, 40))
+    points = np.concatenate([ridge[ridge[:, 0] < 0.0], own])
+    row = row_of(points, looks_of(points), count=count)
+    assert np.isfinite(row[TURN]) == is_roof
+    assert not is_roof or row[UNIT] * np.sqrt(40.0 * count) == pytest.approx(3.6, abs=0.1)
+
+
+def test_one_point_far_off_counts_as_one_of_three_sigmas(ridge: Floats) -> None:
+    """It lies 26 sigmas off: its square alone would make the mean of 200 points more than four."""
+    rng = np.random.default_rng(7)
+    noisy = ridge + NOISE * rng.normal(size=(len(ridge), 1)) * looks_of(ridge)
+    near = np.flatnonzero((np.linalg.norm(ridge - VERTEX, axis=1) < 0.004) & (ridge[:, 0] > 0.0015))[0]
+    off = noisy.copy()
+    off[near, 2] += 0.003
+    before, after = row_of(noisy, looks_of(ridge)), row_of(off, looks_of(ridge))
+    assert before[CHI2] == pytest.approx(1.0, abs=0.25)
+    assert after[CHI2] < 1.8
+    assert after[GAIN] == pytest.approx(before[GAIN], rel=0.2)  # nor does it speak for either
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_either_side_that_bows_is_told(ridge: Floats, side: float) -> None:
+    """To a radius of 30 mm about an axis along the edge."""
+    slope = np.abs(ridge[:, 0]) / np.cos(0.5 * TURN_60)
+    inwards = np.where(side * ridge[:, 0] > 0.0, -(slope**2) / 0.06, 0.0)
+    bowed = ridge + inwards[:, None] * looks_of(ridge)
+    assert row_of(ridge, looks_of(ridge))[BOW] < 1e-6
+    assert row_of(bowed, looks_of(ridge))[BOW] > 3.0
