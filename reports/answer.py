@@ -162,7 +162,9 @@ def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> tuple[
     statistics = comparison.statistics
     motion = describe_motion(comparison.registration)
     significance = statistics.get("motion_significance", NAN)
-    sure = f"{motion.angle.text}; significance {print_significance(significance)}"
+    moved = "significant" if statistics.get("motion_is_significant") else "not significant"
+    told = f"{moved} ({print_significance(significance)})" if np.isfinite(significance) else NOT_KNOWN
+    sure = f"turned by {motion.angle.text}; {told}"
     kinds = ", ".join(f"{n}\u00a0{kind}" for kind, n in Counter(r.kind for r in regions).items())
     return (
         KeyFigure("Regions of change", str(len(regions)), kinds or "on all of the surface that could be assessed"),

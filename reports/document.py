@@ -102,7 +102,7 @@ def make_facts(
         title=record.name or record.object_id,
         subtitle=f"What changed between {earlier.caption} and {later.caption}",
         made=day(datetime.date.fromisoformat(made.created[:10])) if made and made.created else "",
-        remarks=_remarks(made, before, after),
+        remarks=(*_remarks(made, before, after), *_doubts(comparison, (before, after))),
         before=earlier,
         after=later,
         answer=state_answer(comparison, regions, earlier, later, has_control),
@@ -168,6 +168,15 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
     stale = [e.record.epoch_id for e, s in surfaces if s is not None and s.step_id not in made.inputs]
     again = tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)
     return (*_backwards(before.record, after.record), *_same_survey(before, after), *_found_by_shape(made), *again)
+
+
+def _doubts(comparison: Comparison, epochs: tuple[EpochHistory, EpochHistory]) -> tuple[str, ...]:
+    """Return what speaks against the motion between the epochs, or against the poses of their scans."""
+    networks = [(e.record.epoch_id, e.step("network")) for e in epochs]
+    of_scans = [(name, str(step.automatic.get("doubt") or "")) for name, step in networks if step is not None]
+    told = [("how the epochs lie on each other", comparison.registration.doubt)]
+    told += [(f"how the scans of epoch {name} lie on each other", doubt) for name, doubt in of_scans]
+    return tuple(f"In doubt is {what}: {doubt}. See “How sure”." for what, doubt in told if doubt)
 
 
 def _backwards(before: EpochRecord, after: EpochRecord) -> tuple[str, ...]:

@@ -13,7 +13,10 @@ import typer
 app = typer.Typer(
     name="monitor",
     help="Follow the state of monuments through time: laser scans in, difference models and reports out.",
-    epilog="Every command has --help; --debug shows the traceback of an error.",
+    epilog=(
+        "The usual way: init, add-object, add-epoch once a survey, process, compare, report. Every command has --help; "
+        "--debug shows the traceback of an error."
+    ),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -21,11 +24,11 @@ app = typer.Typer(
 )
 
 ProjectArgument = Annotated[Path, typer.Argument(metavar="PROJECT", help="Folder of the project.")]
-ObjectArgument = Annotated[str, typer.Argument(metavar="OBJECT", help="Id of the object.")]
-OptionalObject = Annotated[str | None, typer.Argument(metavar="[OBJECT]", help="Id of the object; all by default.")]
-EpochArgument = Annotated[str, typer.Argument(metavar="EPOCH", help="Id of the epoch.")]
-Reference = Annotated[str | None, typer.Argument(metavar="[REFERENCE]", help="Id of the earlier epoch.")]
-Compared = Annotated[str | None, typer.Argument(metavar="[COMPARED]", help="Id of the later epoch.")]
+ObjectArgument = Annotated[str, typer.Argument(metavar="OBJECT", help="Id of the object: letters, digits, . and -")]
+OptionalObject = Annotated[str | None, typer.Argument(metavar="OBJECT", help="Id of the object; all by default.")]
+EpochArgument = Annotated[str, typer.Argument(metavar="EPOCH", help="Id of the epoch: letters, digits, . and -")]
+Reference = Annotated[str | None, typer.Argument(metavar="REFERENCE", help="Id of the earlier epoch.")]
+Compared = Annotated[str | None, typer.Argument(metavar="COMPARED", help="Id of the later epoch.")]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write to; made if missing.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON for a program.")]
 SettingsOption = Annotated[
@@ -96,12 +99,17 @@ def add_epoch(
     epoch_id: EpochArgument,
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Scans: E57, PTX, PTS, LAS, LAZ, PLY, PCD, OBJ, STL, XYZ, TXT, CSV."),
+        typer.Argument(
+            metavar="FILE...", help="Scans of one survey: E57, PTX, PTS, LAS, LAZ, PLY, PCD, OBJ, STL, XYZ, TXT, CSV."
+        ),
     ],
     date: Annotated[str, typer.Option(metavar="YYYY-MM-DD", help="Date of the survey.")],
     label: Annotated[str, typer.Option(help="Name of the epoch, free text: before restoration.")] = "",
     scanner: Annotated[
-        str | None, typer.Option(metavar="PRESET", help="Instrument; without it, found from the scans.")
+        str | None,
+        typer.Option(
+            metavar="PRESET", help="Instrument, a wrong name lists those known; without it, found from the scans."
+        ),
     ] = None,
     operator: Annotated[str, typer.Option(help="Who made the survey, free text.")] = "",
     poses: Annotated[
@@ -114,7 +122,7 @@ def add_epoch(
     repeated: Annotated[
         bool, typer.Option("--repeated", help="The files are repeated scans from one station.")
     ] = False,
-    mesh: Annotated[bool, typer.Option("--mesh", help="The file is a finished surface.")] = False,
+    mesh: Annotated[bool, typer.Option("--mesh", help="The file is a finished surface: PLY, OBJ, STL, GLB.")] = False,
     unit: Annotated[
         str | None,
         typer.Option(metavar="m|mm|cm|in|ft", help="Unit of files, poses and control; metres where not given."),
@@ -148,7 +156,7 @@ def remove_epoch(
 def process(
     project: ProjectArgument,
     object_id: OptionalObject = None,
-    epoch_id: Annotated[str | None, typer.Argument(metavar="[EPOCH]", help="Id of the epoch; all by default.")] = None,
+    epoch_id: Annotated[str | None, typer.Argument(metavar="EPOCH", help="Id of the epoch; all by default.")] = None,
     settings: SettingsOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -185,7 +193,10 @@ def compare(
     scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare epochs; by default with the first and the previous."""
+    """Compare epochs; by default with the first and the previous.
+
+    What the later epoch has more of is gained, what it has less of is lost. Where nothing can be said is told too.
+    """
     from monitor.cli.working import compare_object
 
     compare_object(project, object_id, (reference, compared), mode, settings, (workers, scheduler), as_json, stable)
@@ -197,14 +208,17 @@ def export(
     object_id: ObjectArgument,
     out: OutOption,
     reference: Annotated[
-        str | None, typer.Argument(metavar="[REFERENCE|EPOCH]", help="Earlier epoch, or the one to export.")
+        str | None, typer.Argument(metavar="REFERENCE|EPOCH", help="Earlier epoch, or the one to export.")
     ] = None,
     compared: Compared = None,
     formats: Annotated[
         str, typer.Option("--format", metavar="LIST", help="Of ply,glb,obj,stl,laz,e57,csv,screen; with commas.")
     ] = "ply",
 ) -> None:
-    """Write surfaces and difference models as files."""
+    """Write surfaces and difference models as files.
+
+    One epoch, or the comparison of two; all that there is where none is named.
+    """
     from monitor.cli.results import export_results
 
     export_results(project, object_id, (reference, compared), out, formats)
@@ -218,7 +232,10 @@ def report(
     reference: Reference = None,
     compared: Compared = None,
 ) -> None:
-    """Write what changed, where and how sure as one HTML page."""
+    """Write what changed, where and how sure as one HTML page.
+
+    Of the comparison of two epochs; of every one that was made where none is named.
+    """
     from monitor.cli.results import write_reports
 
     write_reports(project, object_id, (reference, compared), out)
@@ -266,7 +283,10 @@ def plan(
     unit: Annotated[str, typer.Option(metavar="m|mm|cm|in|ft", help="Unit of the files.")] = "m",
     as_json: JsonOption = False,
 ) -> None:
-    """Plan a campaign: from where, at which resolution, is a change seen?"""
+    """Plan a campaign: from where is a change seen?
+
+    Stations around a model of the object are tried, each with several resolutions.
+    """
     from monitor.cli.planning import PlanRequest, plan_for_mesh
 
     request = PlanRequest(

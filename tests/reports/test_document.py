@@ -73,6 +73,29 @@ def test_epochs_given_the_wrong_way_round_are_said_to_be():
     assert plain(remark).startswith("Told backwards in time: epoch e2 of 18 May 2026, the reference, is the later one.")
 
 
+def test_doubts_stand_with_the_answer():
+    comparison = example_comparison()
+    doubted = dataclasses.replace(comparison.registration, doubt="a step further fits as well")
+    facts = facts_of(dataclasses.replace(comparison, registration=doubted))
+    expected = "In doubt is how the epochs lie on each other: a step further fits as well. See “How sure”."
+    assert facts.remarks == (expected,)
+    before, after = example_epochs()
+    network = dataclasses.replace(before.step("network"), automatic={"doubt": "scan 2 fits elsewhere"})
+    steps = tuple(network if s.product == "network" else s for s in before.steps)
+    (remark,) = facts_of(epochs=(dataclasses.replace(before, steps=steps), after)).remarks
+    assert remark.startswith("In doubt is how the scans of epoch e1 lie on each other: scan 2 fits elsewhere.")
+
+
+def test_the_figure_of_the_whole_says_in_words_whether_it_moved():
+    def note(**statistics):
+        figures = facts_of(example_comparison(**statistics)).answer.figures
+        return plain(next(f.note for f in figures if f.label == "Object as a whole"))
+
+    assert note().endswith("; significant (above 99.9 %)")
+    assert note(motion_is_significant=False, motion_significance=0.907).endswith("; not significant (90.7 %)")
+    assert note(motion_significance=NAN).endswith("; not known")
+
+
 def with_assessed(share):
     """Return the example without a change, of which only the lowest share of the vertices was assessed."""
     comparison = example_comparison(rows=(), assessed_area_share=share)
