@@ -176,14 +176,18 @@ def doubt_stable(stable: Matches, numbers: Ints) -> str:
 
     Where every piece of an object moved, the motion in their midst is nobody's, and the patches about it pass for badly
     measured ones. Surfaces state what whole neighbourhoods are off by; of bare clouds nothing does, and pieces that
-    moved look the same there as scans that err over as far as a piece.
+    moved look the same there as scans that err over as far as a piece. What is stated of single points or vertices may
+    be common to all of a patch, as where fits to overlapping neighbourhoods made them: such a patch is no better known
+    than one of them.
     """
     patches = sum_patches(stable, numbers, np.zeros(3))
-    stated2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2 / patches.count + patches.shared2
+    stated2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2 / patches.count
+    single2 = np.bincount(patches.member, stable.sigma**2, len(patches.count)) / patches.count
+    stated2 = stated2 + np.where(patches.shared2 > 0.0, patches.shared2, single2)
     scatter, stated = robust_scale(patches.mean), float(np.sqrt(np.median(stated2)))
     if scatter <= DOUBTFUL * stated:
         return ""
-    off = f"the stable areas lie {1e3 * scatter:.1f} mm off each other, {scatter / stated:.0f} times what"
+    off = f"the stable areas lie {1e3 * scatter:.2g} mm off each other, {scatter / stated:.0f} times what"
     if np.any(patches.shared2 > 0.0):
         return f"{off} their scans state: perhaps all of it moved, in pieces"
     return f"{off} the noise of their points explains: errors of the scans, or all of it moved, in pieces"
