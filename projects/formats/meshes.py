@@ -19,6 +19,9 @@ MESH_FORMATS = ("ply", "obj", "stl", "glb")
 def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None) -> Surface:
     """Return the triangle mesh of a file, polygons cut into triangles, triangles without three corners left out.
 
+    Corners at exactly one place are one vertex: files with textures part them along seams, others part all faces, and
+    each seam would be a free edge.
+
     Parameters
     ----------
     path : PLY, OBJ, STL or GLB; parsed in a child process with `limits`.
@@ -37,7 +40,10 @@ def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None
     pieces: list[Columns] = [columns for _, columns in ask_child(path, {"format": format_name, "job": "mesh"}, limits)]
     vertices = _joined([piece for piece in pieces if "points" in piece])
     faces = _joined([piece for piece in pieces if "faces" in piece]).get("faces", np.empty((0, 3), np.int64))
-    return _surface(path, vertices, _true_triangles(path, faces, len(vertices.get("points", ()))), unit)
+    faces = _true_triangles(path, faces, len(vertices.get("points", ())))
+    _require_places(path, vertices["points"][np.unique(faces)])
+    vertices, faces = _joined_at_seams(vertices, faces)
+    return _surface(vertices, _true_triangles(path, faces, len(vertices["points"])), unit)
 
 
 def _joined(pieces: list[Columns]) -> Columns:
@@ -59,13 +65,35 @@ def _true_triangles(path: Path, faces: np.ndarray, n_vertices: int) -> np.ndarra
     return kept
 
 
-def _surface(path: Path, vertices: Columns, faces: np.ndarray, unit: float) -> Surface:
-    """Return the surface in metres."""
-    points = vertices["points"]
-    used = points[np.unique(faces)]
+def _require_places(path: Path, used: np.ndarray) -> None:
+    """Raise where corners of faces (n, 3) are not finite, or all at one place."""
     if not np.isfinite(used).all():
         raise FormatError(f"{path}: has faces with corners that are not finite; the file is broken")
     if (used == used[0]).all():
         raise FormatError(f"{path}: all its corners lie at one place; the file is broken")
+
+
+def _joined_at_seams(vertices: Columns, faces: np.ndarray) -> tuple[Columns, np.ndarray]:
+    """Return vertices and faces with those at exactly one place as one: the first, its normal the mean of all."""
+    points = vertices["points"]
+    order = np.lexsort(points.T)
+    is_new = np.ones(len(points), dtype=bool)
+    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)  # NaN, of no face, is no other's place
+    if is_new.all():
+        return vertices, faces
+    first = order[is_new][np.cumsum(is_new) - 1]  # of each in order; the sort is stable, so the first in the file
+    kept = np.sort(order[is_new])
+    place = np.empty(len(points), dtype=np.int64)
+    place[order] = np.searchsorted(kept, first)
+    joined = {name: values[kept] for name, values in vertices.items()}
+    if "normals" in vertices:
+        total = np.stack([np.bincount(place, column, len(kept)) for column in vertices["normals"].T], axis=1)
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        joined["normals"] = np.divide(total, length, out=joined["normals"].astype(float), where=length > 0.0)
+    return joined, place[faces]
+
+
+def _surface(vertices: Columns, faces: np.ndarray, unit: float) -> Surface:
+    """Return the surface in metres."""
     known = {name: vertices[name] for name in ("normals", "intensity", "colors") if name in vertices}
-    return Surface(vertices=points * unit, faces=faces, **known)
+    return Surface(vertices=vertices["points"] * unit, faces=faces, **known)

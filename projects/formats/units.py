@@ -50,7 +50,7 @@ def question_unit(bounds: Floats, unit_stated: bool, format_name: str = "", name
     """
     size = float(np.ptp(np.asarray(bounds, dtype=np.float64), axis=0).max())
     largest = LARGEST_WHERE_METRES_ARE_DEFINED if format_name in DEFINED_IN_METRES else LARGEST
-    if unit_stated or SMALLEST <= size <= largest:
+    if unit_stated or size == 0.0 or SMALLEST <= size <= largest:  # a single point has no size in any unit
         return
     others = ", ".join(f"{_plainly(size * factor)} m if in {unit}" for unit, factor in METRES.items() if unit != "m")
     raise UnitError(

@@ -7,11 +7,16 @@ import pytest
 from edges_between_planes import edge_cloud
 
 from monitor.reconstruction.roof_evidence import (
+    ACTIVE,
     BOW,
     CHI2,
+    CREST,
     GAIN,
+    HIDDEN,
     N_VALUES,
+    OTHER,
     OVER,
+    ROUNDED,
     SUPPORT,
     TURN,
     UNIT,
@@ -22,7 +27,7 @@ from projects.model import Floats
 
 TURN_60 = np.radians(60.0)
 VERTEX = np.array([0.001, 0.0, 0.0])
-RADIUS, NOISE = 0.008, 1e-4
+RADIUS, WIDTH, NOISE = 0.008, 0.0012, 1e-4
 
 
 @pytest.fixture
@@ -50,7 +55,7 @@ def row_of(
     """Return the row of two planes around a vertex that looks `up`; each point stands for `count`."""
     values = np.column_stack([points, normals, np.full(len(points), count)]).T.copy()
     row, n = np.full(N_VALUES, np.nan), len(points)
-    look_for_roof(values, n, vertex, np.array(up), (RADIUS, 0.0012), NOISE, window_room(n), row)
+    look_for_roof(values, n, vertex, np.array(up), (RADIUS, WIDTH), NOISE, window_room(n), row)
     return row
 
 
@@ -136,3 +141,33 @@ def test_either_side_that_bows_is_told(ridge: Floats, side: float) -> None:
     bowed = ridge + inwards[:, None] * looks_of(ridge)
     assert row_of(ridge, looks_of(ridge))[BOW] < 1e-6
     assert row_of(bowed, looks_of(ridge))[BOW] > 3.0
+
+
+def test_how_round_an_edge_may_be_unseen_is_told_by_the_points_near_it_and_beside(ridge: Floats) -> None:
+    """Three times the root of 1 / near + 1 / beside + 1 / beside, `near` within 1.2 mm of the edge along the slopes."""
+    row = row_of(ridge, looks_of(ridge))
+    inside = ridge[np.linalg.norm(ridge - VERTEX, axis=1) < RADIUS]
+    slope = np.abs(inside[:, 0]) / np.cos(0.5 * TURN_60)
+    n_near = np.sum(slope < WIDTH)
+    beside = [np.sum((slope >= WIDTH) & (side * inside[:, 0] > 0.0)) for side in (-1.0, 1.0)]
+    assert row[HIDDEN] == pytest.approx(3.0 * np.sqrt(1.0 / n_near + 1.0 / beside[0] + 1.0 / beside[1]), rel=1e-9)
+    assert abs(row[ROUNDED]) < 1e-6
+
+
+def test_where_nearly_all_of_a_side_lies_at_the_edge_nobody_knows_whether_it_is_round(ridge: Floats) -> None:
+    """Three points are left beside it: fewer than make a plane."""
+    rng = np.random.default_rng(8)
+    own = on_own_side(np.append(rng.uniform(1e-4, 0.001, 30), [0.003, 0.004, 0.0035]), rng.uniform(-0.003, 0.003, 33))
+    points = np.concatenate([ridge[ridge[:, 0] < 0.0], own])
+    row = row_of(points, looks_of(points))
+    assert np.isfinite(row[TURN])
+    assert row[ROUNDED] == np.inf
+
+
+def test_the_planes_of_the_row_are_those_of_all_points(ridge: Floats) -> None:
+    """How round the edge is was told by planes of the points beside it: these are put back."""
+    noisy = ridge + NOISE * np.random.default_rng(9).normal(size=(len(ridge), 1)) * looks_of(ridge)
+    row = row_of(noisy, looks_of(ridge))
+    assert row[ACTIVE] @ row[CREST] == pytest.approx(-row[OVER], abs=1e-12)
+    along = np.cross(row[ACTIVE], row[OTHER])
+    assert row[CREST] @ along == pytest.approx(0.0, abs=1e-12)

@@ -183,3 +183,31 @@ def test_existing_file_stays_whole_when_writing_fails(tmp_path, surface):
     assert (tmp_path / "a.ply").read_bytes() == before
     with pytest.raises(FormatError, match="does not exist"):
         write_ply_mesh(tmp_path / "none" / "a.ply", surface)
+
+
+def test_corners_parted_along_seams_are_one_vertex_again(tmp_path, surface):
+    """As files with textures have them, and those that part all faces: each seam would be a free edge."""
+    corners = surface.faces.ravel()
+    soup = Surface(
+        surface.vertices[corners], np.arange(len(corners)).reshape(-1, 3), normals=surface.normals[corners],
+        colors=surface.colors[corners],
+    )  # fmt: skip
+    write_ply_mesh(tmp_path / "soup.ply", soup, surface_properties(soup))
+    found = read_mesh(tmp_path / "soup.ply")
+    assert len(found.vertices) == len(surface.vertices)
+    assert len(found.faces) == len(surface.faces)
+    np.testing.assert_array_equal(found.vertices[found.faces], surface.vertices[surface.faces])
+    np.testing.assert_allclose(found.normals[found.faces], surface.normals[surface.faces], atol=1e-6)
+    np.testing.assert_array_equal(found.colors[found.faces], surface.colors[surface.faces])
+
+
+def test_what_is_one_place_in_space_has_the_mean_normal_of_its_sides(tmp_path):
+    points = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 0], [0, 0, 1], [0, 1, 0]])
+    normals = np.repeat([[0.0, 0, 1], [1, 0, 0]], 3, axis=0)
+    folded = Surface(points, np.array([[0, 2, 1], [3, 5, 4]]), normals=normals)
+    write_ply_mesh(tmp_path / "fold.ply", folded, surface_properties(folded))
+    found = read_mesh(tmp_path / "fold.ply")
+    np.testing.assert_array_equal(found.vertices, points[[0, 1, 2, 4]])  # as they come first in the file
+    assert found.faces.tolist() == [[0, 2, 1], [0, 1, 3]]
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(found.normals, [[half, 0, half], [half, 0, half], [0, 0, 1], [1, 0, 0]], atol=1e-6)

@@ -158,6 +158,7 @@ def test_improbable_size_is_questioned_with_what_it_would_be(size, expected):
     with pytest.raises(UnitError, match=rf"{expected} m if in mm.*--unit"):
         question_unit(box(size), unit_stated=False, name="owl.ply")
     question_unit(box(size), unit_stated=True)
+    question_unit(box(0.0), unit_stated=False)  # one point has no size in any unit
 
 
 def test_surroundings_in_a_format_that_defines_metres_are_not_questioned():
