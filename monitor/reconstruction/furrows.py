@@ -193,7 +193,7 @@ def _probe_along(first: int, last: int, sites: Sites, level: Level, sizes: Any, 
             room = probe_room(2 * n_near)
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
-            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[i]
+            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[k]
             probe_one_along(level, near, n_near, vertex, normal, along, sizes, room, rows[i])
 
 

@@ -48,7 +48,7 @@ class Sites(NamedTuple):
     normals: Floats  # (n, 3)
     which: Ints  # (k,) those to work on, sorted by block
     starts: Ints  # (b + 1,)
-    alongs: Floats  # (n, 3) the direction in which each one's window is stretched; zero for discs
+    alongs: Floats  # (k, 3) the direction in which the window of each of these is stretched; zero for discs
 
 
 class Near(NamedTuple):
@@ -77,9 +77,14 @@ def block_edge(radius: float) -> float:
 
 
 def block_sites(vertices: Floats, normals: Floats, which: Ints, radius: float, alongs: Floats | None = None) -> Sites:
-    """Return the vertices `which`, blocked for fits within `radius` (m): in cubes of `block_edge`."""
+    """Return the vertices `which`, blocked for fits within `radius` (m): in cubes of `block_edge`.
+
+    Windows are stretched along `alongs` (n, 3) of all vertices, where given.
+    """
     order, _, starts, _, _ = sort_by_cell(vertices.take(which, axis=0), block_edge(radius))
-    return Sites(vertices, normals, which[order], starts, np.zeros_like(vertices) if alongs is None else alongs)
+    which = which.take(order)
+    along = np.zeros((len(which), 3)) if alongs is None else alongs.take(which, axis=0)
+    return Sites(vertices, normals, which, starts, along)
 
 
 @jit(nopython=True, cache=True)
@@ -236,6 +241,19 @@ def pick(values: Floats, n: int, picked: Ints) -> Any:
 
 
 @jit(nopython=True, cache=True)
+def bring_inner_first(values: Floats, n: int, inner2: float, picked: Ints) -> Any:
+    """Bring those of the n groups `picked` first that lie within a squared radius, in that of the window: how many."""
+    m = np.uint64(0)
+    for k in range(np.uint64(n)):
+        p, first = np.uint64(picked[k]), picked[m]
+        is_inner = values[OWN_U, p] * values[OWN_U, p] + values[OWN_V, p] * values[OWN_V, p] <= inner2
+        picked[k] = first if is_inner else picked[k]
+        picked[m] = p if is_inner else first
+        m += np.uint64(is_inner)
+    return np.int64(m)
+
+
+@jit(nopython=True, cache=True)
 def copy_picked(values: Floats, n: int, picked: Ints, patch: Floats) -> None:
     """Copy where the groups picked lie in the vertex's frame, and their counts, to `patch`."""
     for k in range(np.uint64(n)):
@@ -261,11 +279,25 @@ def gather_patch(level: Any, near: Any, n_near: int, vertex: Floats, normal: Flo
     The window is a disc of `radius`, or an ellipse, `stretch` times as long in the direction `along`, which is u.
     `picked` receives which of `near` these are. Spreads are left as they are, none, where groups are single points.
     """
+    sizes = (radius, stretch, gate, 1.0)
+    _, n = gather_inner_first(level, near, n_near, vertex, normal, along, sizes, patch, picked)
+    return n, count_points(patch, n)
+
+
+@jit(nopython=True, cache=True)
+def gather_inner_first(level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, along: Floats, sizes: Any,
+                       patch: Floats, picked: Ints) -> Any:  # fmt: skip
+    """Collect as `gather_patch`, first the groups for a fit within a share of the radius: how many these are, and all.
+
+    `sizes` are radius, stretch, gate (m), and that share.
+    """
+    radius, stretch, gate, share = sizes
     has_spread = len(level.spreads) > 0
-    per = 1.0 / radius
-    rim2 = (OVER_THE_RIM * radius) ** 2 if has_spread else radius * radius
+    per, over = 1.0 / radius, OVER_THE_RIM if has_spread else 1.0
+    rim2 = (over * radius) ** 2
     lay_out(near.values, n_near, vertex, normal, frame_along(normal, along), (per, rim2, stretch, gate))
     n = pick(near.values, n_near, picked)
+    n_inner = bring_inner_first(near.values, n, (over * share) ** 2, picked) if share < 1.0 else n
     copy_picked(near.values, n, picked, patch)
     if has_spread:
         for k in range(np.uint64(n)):
@@ -273,7 +305,7 @@ def gather_patch(level: Any, near: Any, n_near: int, vertex: Floats, normal: Flo
             for q in range(np.uint64(6)):
                 patch[np.uint64(SPREAD_UU) + q, k] = level.spreads[p, q]
         turn_spreads(patch, n, normal, along, per)
-    return n, count_points(patch, n)
+    return n_inner, n
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")

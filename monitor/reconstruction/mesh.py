@@ -79,6 +79,11 @@ def untie(faces: Ints) -> Ints:
     return faces
 
 
+def keep_faces(faces: Ints, keep: Bools) -> Ints:
+    """Return the faces that are to be kept, of (m, 3); all of them without a copy."""
+    return faces if keep.all() else faces.compress(keep, axis=0)
+
+
 def any_corner(is_so: Bools, faces: Ints) -> Bools:
     """Return which faces (m,) have a corner that is so, of vertices (n,)."""
     a, b, c = (is_so.take(corner) for corner in faces.T)
@@ -125,4 +130,4 @@ def weld(vertices: Floats, faces: Ints, shortest: float) -> Ints:
         np.minimum.at(first, label, np.arange(n))
         faces = first[label][faces]
     a, b, c = faces.T
-    return faces.compress((a != b) & (b != c) & (c != a), axis=0)
+    return keep_faces(faces, (a != b) & (b != c) & (c != a))

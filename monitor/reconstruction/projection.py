@@ -135,7 +135,7 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
         misfit = misfit.copy()
         misfit[reach.furrows.which] = reach.furrows.misfit
         misfit = np.where(out[:, OUT_SUPPORT] > 0.0, misfit, reach.misfit)
-    _project_as_reached(vertices, normals, samples, reach, max_shift, out)
+    _project_as_reached(vertices, normals, samples, reach, np.flatnonzero(out[:, OUT_SUPPORT] == 0.0), max_shift, out)
     _narrow(vertices, normals, samples, reach, max_shift, out)
     is_fitted = out[:, OUT_SUPPORT] > 0.0
     return Projection(
@@ -149,17 +149,17 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
 
 
 def _project_as_reached(
-    vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float, out: Floats
+    vertices: Floats, normals: Floats, samples: Samples, reach: Reach, which: Ints, max_shift: float, out: Floats
 ) -> None:
-    """Project the vertices that have no fit in `out` yet: onto curved patches, where there is none onto planes."""
+    """Project the vertices `which` onto curved patches, where there is none onto planes."""
     last = len(samples.radii) - 1
-    fourth = np.flatnonzero(reach.is_fourth & ~reach.is_flat & (reach.curved < last) & (out[:, OUT_SUPPORT] == 0.0))
+    fourth = which[(reach.is_fourth & ~reach.is_flat & (reach.curved < last))[which]]
     _project_all(vertices, normals, samples, 4, np.minimum(reach.curved + 1, last), fourth, max_shift, out)
-    curved = np.flatnonzero(~reach.is_flat & (out[:, OUT_SUPPORT] == 0.0))
+    curved = which[(out[which, OUT_SUPPORT] == 0.0) & ~reach.is_flat[which]]
     _project_all(vertices, normals, samples, 2, reach.curved, curved, max_shift, out)
     for wider in range(N_WIDENED):
-        waiting = np.flatnonzero(out[:, OUT_SUPPORT] == 0.0)
-        _project_all(vertices, normals, samples, 1, np.minimum(reach.flat + wider, last), waiting, max_shift, out)
+        which = which[out[which, OUT_SUPPORT] == 0.0]
+        _project_all(vertices, normals, samples, 1, np.minimum(reach.flat + wider, last), which, max_shift, out)
 
 
 def _narrow(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float, out: Floats) -> None:
@@ -168,16 +168,22 @@ def _narrow(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, m
     How far fits may reach is decided at probes. A vertex on an edge may be nearest to one on a flat side, whose plane
     would take in both sides here, and lie millimetres inside of them.
     """
-    for _ in samples.radii:
-        rung = np.where(reach.is_flat, reach.flat, reach.curved)
-        unfit = (rung > 0) & (out[:, OUT_SUPPORT] > 0.0) & (out[:, OUT_SCATTER] > UNFIT * reach.noise)
-        if not unfit.any():
-            return
-        curved, flat = np.maximum(reach.curved - unfit, 0), np.maximum(reach.flat - unfit, 0)
-        is_flat, is_fourth = reach.is_flat & ~(unfit & (flat == 0)), reach.is_fourth & ~unfit
-        reach = reach._replace(curved=curved, flat=flat, is_flat=is_flat, is_fourth=is_fourth)
-        out[unfit] = 0.0
-        _project_as_reached(vertices, normals, samples, reach, max_shift, out)
+    reach = reach._replace(**{name: getattr(reach, name).copy() for name in ("curved", "flat", "is_flat", "is_fourth")})
+    which = _unfit(np.arange(len(vertices)), reach, out)
+    while len(which):
+        reach.curved[which], reach.flat[which] = (np.maximum(r[which] - 1, 0) for r in (reach.curved, reach.flat))
+        reach.is_flat[which] &= reach.flat[which] > 0
+        reach.is_fourth[which] = False
+        out[which] = 0.0
+        _project_as_reached(vertices, normals, samples, reach, which, max_shift, out)
+        which = _unfit(which, reach, out)
+
+
+def _unfit(which: Ints, reach: Reach, out: Floats) -> Ints:
+    """Return which of the vertices `which` (k,) have fits that leave more than noise, and could have narrower ones."""
+    rung = np.where(reach.is_flat[which], reach.flat[which], reach.curved[which])
+    is_unfit = (out[which, OUT_SUPPORT] > 0.0) & (out[which, OUT_SCATTER] > UNFIT * reach.noise[which])
+    return which[(rung > 0) & is_unfit]
 
 
 def _project_all(
@@ -284,5 +290,5 @@ def _project(first: int, last: int, sites: Sites, level: Level, sizes: Any, degr
             room = patch_room(2 * n_near)
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
-            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[i]
+            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[k]
             project_one(level, near, n_near, vertex, normal, along, sizes, degree, room, out[i])

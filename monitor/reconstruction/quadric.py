@@ -18,6 +18,7 @@ from numba import jit
 from projects.model import Floats
 
 MOST_PASSES = 3  # against outliers: again where there are any, which had moved the fit that told them
+FAR = 1e300  # of what counts as infinitely far
 CUT = 6.0  # in sigmas, of a single point; wide, so that clean noise loses under 1 % and only outliers are left out
 U, V, Z, COUNT, SPREAD_UU, SPREAD_UV, SPREAD_VV, SPREAD_UZ, SPREAD_VZ, SPREAD_ZZ = range(10)
 PLANE, CURVED = np.int64(1), np.int64(2)  # degrees; kernels are compiled anew for each integer written out in a call
@@ -122,9 +123,9 @@ def weigh(patch: Floats, n: int, placed: Floats, squares: Floats, scale2: float,
     """
     n_cut, per = 0.0, 1.0 / scale2
     for i in range(np.uint64(n)):
-        share = 1.0 / patch[COUNT, i]
-        beyond = squares[i] * per - (1.0 - share)
-        ratio = max(beyond, 0.0) / max(CUT * CUT * share, CUT * np.sqrt(2.0 * share))
+        count = patch[COUNT, i]
+        beyond = squares[i] * per - (1.0 - 1.0 / count)
+        ratio = max(beyond, 0.0) * min(count / (CUT * CUT), np.sqrt(0.5 * count) / CUT)
         less = max(1.0 - ratio * ratio, 0.0)
         weights[0, i] = less * less * placed[0, i]
         weights[1, i] = less * less * placed[1, i]
@@ -230,43 +231,57 @@ def sum_up(patch: Floats, n: int, g: Floats, squares: Floats, weights: Floats, i
 
 @jit(nopython=True, cache=True, fastmath={"reassoc", "contract"}, error_model="numpy")
 def medians_of_groups(patch: Floats, n: int, per2: float, along2: float, squares: Floats, buffer: Floats) -> Any:
-    """Mean squares (n,) of groups within the span over the median of such means, infinite beyond: number and mean."""
+    """Mean squares (n,) of groups within the span over the median of such means, `FAR` beyond: number and mean."""
     used, total = 0.0, 0.0
     for i in range(np.uint64(n)):
-        u, v = patch[U, i], patch[V, i]
-        more = 9.0 * patch[COUNT, i] / (9.0 * patch[COUNT, i] - 2.0)
+        u, v, nine = patch[U, i], patch[V, i], 9.0 * patch[COUNT, i]
+        more = nine / (nine - 2.0)
         one = squares[i] * (more * more * more)  # of chi2 over its degrees (Wilson & Hilferty)
-        is_inside = along2 * u * u + per2 * v * v < 1.0
-        buffer[i] = one if is_inside else np.inf
-        used += 1.0 if is_inside else 0.0
-        total += one if is_inside else 0.0
+        inside = 1.0 if along2 * u * u + per2 * v * v < 1.0 else 0.0
+        buffer[i] = max(one, (1.0 - inside) * FAR)  # no branch, or compilers take each group by itself
+        used += inside
+        total += inside * one
     return used, total / max(used, 1.0)
 
 
-# Sums and extremes may be taken in vector order; what is infinite stays so.
-@jit(nopython=True, cache=True, fastmath={"reassoc", "nnan", "nsz"}, error_model="numpy")
-def median(values: Floats, n: int, used: float, mean: float) -> float:
-    """Median of the `used` finite of n positive values with that mean.
+@jit(nopython=True, cache=True, fastmath={"reassoc"}, error_model="numpy")
+def count_below(values: Floats, n: int, limit: float) -> float:
+    """How many of n values lie below a limit."""
+    below = 0.0
+    for i in range(np.uint64(n)):
+        below += 1.0 if values[i] < limit else 0.0
+    return below
 
-    By halves of what it may be, up to twice the mean: to count what lies below is quicker than to sort. To two in a
-    hundred where more values lie as near each other as that.
+
+@jit(nopython=True, cache=True, fastmath={"reassoc"}, error_model="numpy")
+def mean_between(values: Floats, n: int, low: float, high: float) -> float:
+    """Mean of those of n values from `low` to below `high`; the middle between both where there is none."""
+    count = total = 0.0
+    for i in range(np.uint64(n)):
+        one = 1.0 if (values[i] >= low) & (values[i] < high) else 0.0
+        count += one
+        total += one * values[i]
+    return total / count if count > 0.0 else 0.5 * (low + high)
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def median(values: Floats, n: int, used: float, mean: float) -> float:
+    """Median, to two in a hundred, of the `used` of n positive values that are not `FAR`, with that mean.
+
+    By halves of what it may be, up to twice the mean: to count what lies below is quicker than to sort. Of an even
+    number it lies between both in the middle.
     """
-    low, high, n_below = 0.0, 2.0 * mean, used
+    low, high = 0.0, 2.0 * mean
     while high - low > 0.02 * high and high > 1e-18:
         middle = 0.5 * (low + high)
-        below = 0.0
-        for i in range(np.uint64(n)):
-            below += 1.0 if values[i] < middle else 0.0
+        below = count_below(values, n, middle)
+        if 2.0 * below == used:
+            return middle
         if 2.0 * below < used:
             low = middle
         else:
-            high, n_below = middle, below
-    largest, least = 0.0, np.inf
-    for i in range(np.uint64(n)):
-        one = values[i]
-        largest = max(largest, one if one < high else 0.0)
-        least = min(least, one if one >= high else np.inf)
-    return 0.5 * (largest + least) if 2.0 * n_below == used else largest
+            high = middle
+    return mean_between(values, n, low, high)
 
 
 @jit(nopython=True, cache=True)

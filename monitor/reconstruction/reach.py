@@ -23,7 +23,7 @@ from monitor.reconstruction.gathering import (
     block_sites,
     find_near,
     gate_height,
-    gather_patch,
+    gather_inner_first,
     mean_normal,
     near_room,
     patch_room,
@@ -288,7 +288,8 @@ def probe_one(
     radius, gate, inner = sizes
     if not mean_normal(near, n_near, vertex, normal, along, radius, 1.0, gate, own):
         return
-    n, _ = gather_patch(level, near, n_near, vertex, own, along, radius, 1.0, gate, patch, held.picked)
+    shape = (radius, 1.0, gate, inner)
+    n_inner, n = gather_inner_first(level, near, n_near, vertex, own, along, shape, patch, held.picked)
     if not fit_patch(patch, n, radius, 1.0, 1.0, CURVED, work, fit, influence):
         return
     if not is_supported(fit):
@@ -296,9 +297,10 @@ def probe_one(
     row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
     if (
         inner < 1.0
-        and fit_patch(patch, n, radius, inner, 1.0, CURVED, work, fit_other, other)
+        and fit_patch(patch, n_inner, radius, inner, 1.0, CURVED, work, fit_other, other)
         and is_supported(fit_other)
     ):
+        other[n_inner:n] = 0.0
         row[STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[STEP_UNIT2] = apart2(patch, n, influence, other)
     if fit_patch(patch, n, radius, 1.0, 1.0, PLANE, work, fit_other, other):
@@ -350,5 +352,5 @@ def _probe(
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
             sizes = (radius, gate, inner[i])
-            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[i]
+            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[k]
             probe_one(level, near, n_near, vertex, normal, along, sizes, room, rows[i])

@@ -187,7 +187,8 @@ def has_company(which: Ints, faces: Ints, n_vertices: int) -> Bools:
 def climb_roofs(vertices: Floats, normals: Floats, samples: Samples, noise: Floats) -> Floats:
     """Return the row (k, `N_VALUES`) of the widest roof that holds at each vertex (k, 3); NaN where none does.
 
-    The climb ends where a roof leaves more than noise, a side bows, or smooth patches are clearly better all around.
+    The climb ends where a roof leaves more than noise, a side bows, or smooth patches are clearly better all around;
+    and where windows wider than a look show none all around, nor enough that look like one: that look was noise.
     """
     best = np.full((len(vertices), N_VALUES), np.nan, np.float32)
     climbing = np.arange(len(vertices))
@@ -207,6 +208,9 @@ def climb_roofs(vertices: Floats, normals: Floats, samples: Samples, noise: Floa
             takes = ~bad & (rows[:, BOW] < DOUBT) & (alone | in_common)
             goes_on = ~bad[climbing] & ~(together[climbing] < ENDED)
         best[takes] = rows[takes]
+        if rung > LOOK:
+            taken = mean_of_pool(np.isfinite(best[:, UNIT]).astype(float), pool)
+            goes_on &= ((taken > 0.0) | (share > LEAST_ALIKE))[climbing]
         climbing = climbing[goes_on]
         if not len(climbing):
             break

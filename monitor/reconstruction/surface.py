@@ -24,7 +24,16 @@ from monitor.reconstruction.furrows import choose_fits
 from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
-from monitor.reconstruction.mesh import compact, crumbs, is_degenerate, short_edges, untie, vertex_normals, weld
+from monitor.reconstruction.mesh import (
+    compact,
+    crumbs,
+    is_degenerate,
+    keep_faces,
+    short_edges,
+    untie,
+    vertex_normals,
+    weld,
+)
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.nearness import has_near
 from monitor.reconstruction.open3d_poisson import poisson_mesh
@@ -211,7 +220,7 @@ def usable_samples(cloud: PointCloud) -> PointCloud:
 
 def trim(vertices: Floats, faces: Ints, samples: Level, farthest: float) -> Ints:
     """Return the faces whose corners all lie within `farthest` (m) of a sample."""
-    return faces.compress(all_corners(has_near(samples, vertices, vertices, farthest), faces), axis=0)
+    return keep_faces(faces, all_corners(has_near(samples, vertices, vertices, farthest), faces))
 
 
 class Settled(NamedTuple):
@@ -235,12 +244,12 @@ def settle(
     projection, roofs = fit_vertices(vertices, faces, measured, cell, settings, automatic)
     keep = all_corners(projection.is_fitted, faces)
     counts["faces_without_support"] = int(np.count_nonzero(~keep))
-    faces = faces.compress(keep, axis=0)
+    faces = keep_faces(faces, keep)
     between = joins_two_sheets(projection.normals, faces)
     counts["faces_between_near_sheets"] = int(np.count_nonzero(between))
     beside = np.zeros(len(used), bool)
     beside[faces[between]] = True
-    faces = faces.compress(~between, axis=0)
+    faces = keep_faces(faces, ~between)
     projection, doubtful = hold_back(vertices, projection, faces, counts)
     doubtful[short_edges(projection.vertices, faces, SLIVER * cell)] = True  # faces that welding changes
     before = len(faces)
@@ -314,9 +323,9 @@ def hold_back(raw: Floats, projection: Projection, faces: Ints, counts: dict[str
 def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Ints:
     """Return faces that make a two-manifold with boundary, without slivers and crumbs."""
     faces = weld(vertices, faces, SLIVER * cell)
-    faces = faces.compress(~is_degenerate(vertices, faces, SLIVER**2 * cell), axis=0)
+    faces = keep_faces(faces, ~is_degenerate(vertices, faces, SLIVER**2 * cell))
     faces = untie(faces)
-    faces = faces.compress(~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2), axis=0)
+    faces = keep_faces(faces, ~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2))
     if not len(faces):
         raise ReconstructionError(
             f"no piece of surface is larger than a disc of {crumb_cells:g} cells of {cell:.4g} m; "
