@@ -26,7 +26,7 @@ METHOD = {
     "surface": 17,
     "mesh": 6,
     "quality": 2,
-    "comparison": 22,
+    "comparison": 23,
     "series": 1,
 }
 

@@ -88,6 +88,9 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     ]
     if np.isfinite(statistics.get("error_scale", NAN)):  # not where a surface states none
         rows.append(("of the errors that both surfaces state, stable areas show", percent(statistics["error_scale"])))
+    if np.isfinite(statistics.get("error_share_discord", NAN)):
+        words = "of what neighbouring places of a surface contradict each other by"
+        rows.append((words, percent(statistics["error_share_discord"])))
     if np.isfinite(statistics.get("error_scale_shared", NAN)):
         rows.append(("of what the scans of an epoch disagree by", percent(statistics["error_scale_shared"])))
     if "correlation_length_m" in statistics:

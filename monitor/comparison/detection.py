@@ -225,8 +225,9 @@ def level_at(side: Side, noise: Noise) -> Floats:
     out = np.empty(len(side.distances))
     for block in blocks(len(out)):
         stratum = stratum_of(side, noise.spacing, block)
-        out[block] = level_of_detection(noise.scales[stratum] * side.sigma_surfaces[block],
-                                        noise.common_of(side, block), noise.floors[stratum])  # fmt: skip
+        own = np.hypot(noise.scales[stratum] * side.sigma_surfaces[block],
+                       noise.discord_scales[stratum] * side.sigma_discord[block])  # fmt: skip
+        out[block] = level_of_detection(own, noise.common_of(side, block), noise.floors[stratum])
     return keep_on_disk(out)
 
 

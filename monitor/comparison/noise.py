@@ -3,9 +3,10 @@
 Both epochs see the same shape with the same fits, so part of their errors is the same and falls out of the difference:
 what is stated of each surface alone is then too much. Other errors are stated too small (relief that the points are
 too sparse for, grazing views, places between samples) or not at all. The stable areas show it: as a scale of what the
-surfaces state, one of what scans disagree by, a floor beneath all, and a factor of each class of place. That is the
-size of most errors, and right for a level that one vertex in twenty exceeds. What scans disagree by is large in few
-places, of which most of the surface says nothing: a test of patches at one in a hundred thousand keeps it as stated.
+surfaces state, one of what their neighbouring fits contradict each other by, one of what scans disagree by, a floor
+beneath all, and a factor of each class of place. That is the size of most errors, and right for a level that one vertex
+in twenty exceeds. What scans disagree by is large in few places, of which most of the surface says nothing: a test of
+patches at one in a hundred thousand keeps it as stated.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from scipy.stats import norm
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.correlation import Correlation, estimate_correlation
+from monitor.comparison.discord import SHARE
 from monitor.comparison.error_parts import Parts, fit_parts
 from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor, least_floor
 from monitor.comparison.quantile import around_quantile, between, median, quantile
@@ -37,11 +39,13 @@ N_PAIRED = 1000  # vertices of a stratum whose pairs show how many witnesses it 
 
 @dataclass(frozen=True)
 class Noise:
-    """Of each stratum (`strata`) the `floors` [m], and the scales of what surfaces state, `scales`, and of what scans
-    disagree by, `shared_scales`; `correlation` of the errors; `spacing` [m] of the vertices."""
+    """Of each stratum (`strata`) the `floors` [m], and the scales of what surfaces state, `scales`, of what their fits
+    contradict each other by, `discord_scales`, and of what scans disagree by, `shared_scales`; `correlation` of the
+    errors; `spacing` [m] of the vertices."""
 
     floors: Floats
     scales: Floats
+    discord_scales: Floats
     shared_scales: Floats
     correlation: Correlation
     spacing: float
@@ -53,6 +57,10 @@ class Noise:
     def scale_of(self, side: Side) -> Floats:
         """Return the scale (n,) of what the surfaces state at each vertex."""
         return self.scales[stratum_of(side, self.spacing)]
+
+    def discord_share_of(self, side: Side) -> Floats:
+        """Return how much (n,) of what neighbouring fits contradict each other by is error at each vertex."""
+        return SHARE * self.discord_scales[stratum_of(side, self.spacing)]
 
     def shared_scale_of(self, side: Side) -> Floats:
         """Return the scale (n,) of what the scans disagree by at each vertex."""
@@ -85,8 +93,9 @@ class Noise:
         many: scans, registration. It takes the thirds of the lever arm as one: what they differ by is right for a
         level that one vertex in twenty exceeds, and partly chance."""
         stratum = stratum_of(side, self.spacing, which)
-        scales, floors = mean_of_arms(self.scales), mean_of_arms(self.floors)
-        return np.asarray((scales[stratum] * side.sigma_surfaces[which]) ** 2 + (floors**2)[stratum])
+        scales, discord, floors = (mean_of_arms(v) for v in (self.scales, self.discord_scales, self.floors))
+        own2 = (scales[stratum] * side.sigma_surfaces[which]) ** 2 + (discord[stratum] * side.sigma_discord[which]) ** 2
+        return np.asarray(own2 + (floors**2)[stratum])
 
     def common_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
@@ -107,7 +116,7 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     parts, factors = learn_sizes(witnesses, share, known, rng)
     floors = np.maximum(factors * parts.floor, max(least_floor(s.surface.vertices) for s in sides))
     unknown = Correlation(np.zeros(1), np.ones(1))
-    noise = Noise(floors, factors * parts.surfaces, factors * parts.shared, unknown, spacing)
+    noise = Noise(floors, factors * parts.surfaces, factors * parts.discord, factors * parts.shared, unknown, spacing)
     lead = int(calm[1].sum() > calm[0].sum())
     side, which = sides[lead], calm[lead]
     errors = side.distances / noise.sigma_of(side)
@@ -118,13 +127,15 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
 
 class CalmVertices(NamedTuple):
     """The calm vertices of one side: their `places` (n,) among `points` (m, 3) [m], `distances` (n,) [m], one sigma
-    (n,) [m] of what is stated of the surfaces, `own`, of the scans, `shared`, and of the registration, `motion`;
+    (n,) [m] of what is stated of the surfaces, `own`, of their `discord`, of the scans, `shared`, and of the
+    registration, `motion`;
     `stratum` (n,). Once their parts are known `own` is all of them but the registration's."""
 
     points: Floats
     places: Ints
     distances: Floats
     own: Floats
+    discord: Floats
     shared: Floats
     motion: Floats
     stratum: Ints
@@ -133,12 +144,12 @@ class CalmVertices(NamedTuple):
 def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     """Return the calm vertices of a side."""
     places, stratum = np.flatnonzero(calm).astype(np.int32), stratum_of(side, spacing)
-    all_calm = CalmVertices(side.surface.vertices, places, side.distances, side.sigma_surfaces, side.sigma_shared,
-                            side.sigma_motion, stratum)  # fmt: skip
+    all_calm = CalmVertices(side.surface.vertices, places, side.distances, side.sigma_surfaces,
+                            side.sigma_discord, side.sigma_shared, side.sigma_motion, stratum)  # fmt: skip
     if calm.all():
         return all_calm
-    distances, own, shared, motion = (keep_on_disk(part[calm]) for part in all_calm[2:6])
-    return CalmVertices(side.surface.vertices, places, distances, own, shared, motion, stratum[calm])
+    distances, own, discord, shared, motion = (keep_on_disk(part[calm]) for part in all_calm[2:7])
+    return CalmVertices(side.surface.vertices, places, distances, own, discord, shared, motion, stratum[calm])
 
 
 def learn_sizes(
@@ -165,7 +176,7 @@ def _mix(calm: CalmVertices, parts: Parts) -> Floats:
     """Return one sigma (n,) [m] of all parts but the registration's."""
     out = np.empty(len(calm.own))
     for block in blocks(len(out)):
-        out[block] = parts.mix(calm.own[block], calm.shared[block])
+        out[block] = parts.mix(calm.own[block], calm.discord[block], calm.shared[block])
     return keep_on_disk(out)
 
 
@@ -176,17 +187,17 @@ def _learn_parts(calm: Sequence[CalmVertices], sizes: Sequence[Ints], share: flo
     distances, *stated = _draw_evenly(calm)
     n_witnesses = _count(calm, sizes, EVERY, known, rng)
     if n_witnesses < FEWEST_WITNESSES:
-        return Parts(1.0, 1.0, estimate_floor(distances, np.sqrt(sum(s**2 for s in stated)), share))
-    return fit_parts(distances, (stated[0], stated[1], stated[2]), n_witnesses)
+        return Parts(1.0, 1.0, 1.0, estimate_floor(distances, np.sqrt(sum(s**2 for s in stated)), share))
+    return fit_parts(distances, (stated[0], stated[1], stated[2], stated[3]), n_witnesses)
 
 
 def _draw_evenly(calm: Sequence[CalmVertices]) -> list[Floats]:
-    """Return distances and the three stated sigmas [m] of as many calm vertices as parts are learned from, at even
+    """Return distances and the four stated sigmas [m] of as many calm vertices as parts are learned from, at even
     steps."""
     step, first, drawn = max(sum(len(c.stratum) for c in calm) // N_FLOOR, 1), 0, []
     for c in calm:
         some = slice(-first % step, None, step)
-        drawn.append([c.distances[some], c.own[some], c.shared[some], c.motion[some]])
+        drawn.append([c.distances[some], c.own[some], c.discord[some], c.shared[some], c.motion[some]])
         first += len(c.stratum)
     return [np.concatenate(column) for column in zip(*drawn, strict=True)]
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.comparison.blocks import blocks
+from monitor.comparison.discord import sigma_of_discord
 from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, nearest_corners, unit_normals
 from monitor.comparison.quantile import median, quantile
 from monitor.comparison.rim import distance_to_rim
@@ -36,11 +37,12 @@ class Side:
     without a foot; `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `neighbours` are those along the
     surface's edges; `areas` [m2] are a third of the faces around; `to_rim` [m] is how far the vertex or its foot is
     from a free edge of its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there,
-    `sigma_shared` [m] what the scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that
-    of the registration (common to the whole). Where the motion between the epochs stays in the distances, `expected`
-    [m] is what it alone makes of them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the
-    motion. `view`, `gap` and `arm` are classes, 0 the best or not known: how steeply the worse seen epoch saw the place
-    (`views`), how far the vertex or its foot, whichever is farther, is from a sample, and the third of the lever arm.
+    `sigma_discord` [m] what their neighbouring fits contradict each other by (`discord`), `sigma_shared` [m] what the
+    scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that of the registration (common
+    to the whole). Where the motion between the epochs stays in the distances, `expected` [m] is what it alone makes of
+    them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the motion. `view`, `gap` and `arm`
+    are classes, 0 the best or not known: how steeply the worse seen epoch saw the place (`views`), how far the vertex
+    or its foot, whichever is farther, is from a sample, and the third of the lever arm.
     """
 
     surface: Surface
@@ -53,6 +55,7 @@ class Side:
     distances: Floats
     to_rim: Floats
     sigma_surfaces: Floats
+    sigma_discord: Floats
     sigma_shared: Floats
     sigma_motion: Floats
     is_stable: Bools
@@ -133,6 +136,9 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     own = np.zeros(len(normals)) if surface.sigma is None else surface.sigma
     foot = np.zeros(len(normals)) if other.sigma is None else interpolate_at_feet(other.sigma, other, feet)
     sigma = np.hypot(own, foot)
+    beyond = sigma_of_discord(other, other_shell.neighbours)
+    discord = keep_on_disk(np.hypot(sigma_of_discord(surface, shell.neighbours),
+                                    np.nan_to_num(interpolate_at_feet(beyond, other, feet))))  # fmt: skip
     reasons = feet.reasons.copy()
     reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
     areas = shell.areas
@@ -153,8 +159,8 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     corners = nearest_corners(feet, other)
     return Side(
         surface, other, keep_on_disk(feet.faces), keep_on_disk(corners), normals, shell.neighbours,
-        areas, keep_on_disk(distances), keep_on_disk(to_rim), keep_on_disk(sigma), shared, motion, is_stable, reasons,
-        expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
+        areas, keep_on_disk(distances), keep_on_disk(to_rim), keep_on_disk(sigma), discord, shared, motion, is_stable,
+        reasons, expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
         np.maximum(_gap_of(shell), np.append(_gap_of(other_shell), np.uint8(0))[corners]),
         thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED, np.hypot(sigma, shared)),
     )  # fmt: skip

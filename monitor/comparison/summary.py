@@ -44,6 +44,9 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
         "floor_m": float(np.median(found.noise.floor_of(side))),
         "error_scale": float(np.median(found.noise.scale_of(side))) if side.states_noise else float("nan"),
+        "error_share_discord": float(np.median(found.noise.discord_share_of(side)))
+        if side.states_noise
+        else float("nan"),
         "error_scale_shared": float(np.median(found.noise.shared_scale_of(side))) if _is_shared(side) else float("nan"),
         **{f"error_scales_{kind}": scales for kind, scales in found.noise.scales_by_class(side).items()},
         "correlation_length_m": found.noise.correlation.length,

@@ -28,7 +28,7 @@ def test_witnesses_of_a_variance_are_those_that_its_scatter_shows(rng: np.random
 def asked_of(distances: Floats, own: Floats, motion: Floats) -> float:
     """Return the scale that vertices of one stratum ask for."""
     none, place = np.zeros(len(own)), np.full(len(own), 3)
-    calm = CalmVertices(np.zeros((0, 3)), np.zeros(0, dtype=int), distances, own, none, motion, place)
+    calm = CalmVertices(np.zeros((0, 3)), np.zeros(0, dtype=int), distances, own, none, none, motion, place)
     return asked_scale([calm], np.array([3]), np.ones(N_STRATA), 0.95)
 
 
@@ -64,8 +64,9 @@ def calm_of(
     n = len(stratum)
     distances = 1e-3 * np.hypot(true[stratum], motion) * rng.normal(size=n)
     points = np.column_stack([np.arange(n), np.zeros((n, 2))])
-    disagree = np.zeros(n) if shared is None else 1e-3 * shared
-    return CalmVertices(points, np.arange(n), distances, np.full(n, 1e-3), disagree, np.full(n, 1e-3 * motion), stratum)
+    none, moved = np.zeros(n), np.full(n, 1e-3 * motion)
+    disagree = none if shared is None else 1e-3 * shared
+    return CalmVertices(points, np.arange(n), distances, np.full(n, 1e-3), none, disagree, moved, stratum)
 
 
 NO_AGREEMENT = Correlation(np.array([0.5]), np.array([0.1]))
@@ -119,10 +120,10 @@ def test_a_stratum_of_few_witnesses_goes_with_its_class(rng: np.random.Generator
 def test_the_first_look_that_knows_of_no_witness_takes_what_is_stated(rng: np.random.Generator) -> None:
     calm = [calm_of(rng, np.full(N_STRATA, 0.5), np.full(5000, SMOOTH))] * 2
     parts, factors = learn_sizes(calm, 0.6827, None, rng)
-    assert parts == (1.0, 1.0, 0.0)
+    assert parts == (1.0, 1.0, 1.0, 0.0)
     assert (factors == 1.0).all()
     wide = [calm_of(rng, np.full(N_STRATA, np.hypot(1.0, 3.0)), np.full(5000, SMOOTH))] * 2
-    assert learn_sizes(wide, 0.6827, None, rng)[0] == (1.0, 1.0, pytest.approx(0.003, rel=0.05))
+    assert learn_sizes(wide, 0.6827, None, rng)[0] == (1.0, 1.0, 1.0, pytest.approx(0.003, rel=0.05))
 
 
 def test_what_nothing_states_is_a_floor(rng: np.random.Generator) -> None:
@@ -144,11 +145,12 @@ def test_strata_are_told_by_rim_roughness_view_gap_and_arm() -> None:
 def test_a_test_of_patches_takes_the_thirds_of_the_arm_as_one() -> None:
     scales = np.ones(N_STRATA)
     scales[place(4, 0, arm=2)] = 3.0
-    noise = Noise(0.1 * scales, scales, scales, NO_AGREEMENT, 0.001)
+    noise = Noise(0.1 * scales, scales, scales, scales, NO_AGREEMENT, 0.001)
     best = np.zeros(2, dtype=np.uint8)
-    side = SimpleNamespace(surface=SimpleNamespace(roughness=np.array([0, 1])), to_rim=np.full(2, np.nan), view=best,
-                           gap=best, arm=best, sigma_surfaces=np.full(2, 0.5))  # fmt: skip
-    assert noise.variance_of(side) == pytest.approx([11.0 / 3.0 * 0.26, 0.26])  # (1 + 1 + 9) / 3, of 0.5^2 + 0.1^2
+    surface = SimpleNamespace(roughness=np.array([0, 1]))
+    stated = {"sigma_surfaces": np.full(2, 0.5), "sigma_discord": np.full(2, 0.2)}
+    side = SimpleNamespace(surface=surface, to_rim=np.full(2, np.nan), view=best, gap=best, arm=best, **stated)
+    assert noise.variance_of(side) == pytest.approx([1.1, 0.3])  # (1 + 1 + 9) / 3, of 0.5^2 + 0.2^2 + 0.1^2
 
 
 def test_thirds_of_the_lever_arm_are_of_long_bodies_and_not_of_the_noise_of_round_ones(

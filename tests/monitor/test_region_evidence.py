@@ -14,7 +14,7 @@ from monitor.comparison.reaches import Reaches
 from monitor.comparison.regions import bear_out_parts, hold_patches
 from monitor.comparison.strata import N_STRATA
 
-NOISE = Noise(np.zeros(N_STRATA), *np.ones((2, N_STRATA)), Correlation(np.zeros(1), np.ones(1)), spacing=1e-3)
+NOISE = Noise(np.zeros(N_STRATA), *np.ones((3, N_STRATA)), Correlation(np.zeros(1), np.ones(1)), spacing=1e-3)
 
 
 def side_of(distances: list[float], to_rim: float = np.inf) -> Any:
