@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from monitor.comparison.discord import sigma_of_discord
 from monitor.comparison.mesh_tree import MeshTree, build_tree, require_faces
 from monitor.comparison.morton import Cells, cells_of, face_order
 from monitor.comparison.rim import Rim, outline
@@ -20,8 +21,8 @@ FACES_PER_TREE = 4_000_000  # some 0.3 GiB
 
 @dataclass(frozen=True)
 class Shell:
-    """A surface, and of its n vertices `normals` (n, 3), angle-weighted, `areas` [m2], `is_border`, and `neighbours`;
-    its `rim`, None where it is closed.
+    """A surface, and of its n vertices `normals` (n, 3), angle-weighted, `areas` [m2], `is_border`, `neighbours` and
+    `discord` [m]; its `rim`, None where it is closed.
 
     `shift` (3,) [m] is what its tree's coordinates are less, `cells` those that its faces are ordered by, `limits` the
     search limit [m] and the largest angle [rad] between normals. `tree` is None where the surface has more than
@@ -36,6 +37,7 @@ class Shell:
     areas: Floats
     is_border: Bools
     neighbours: Neighbours
+    discord: Floats
     rim: Rim | None
     tree: MeshTree | None
     faces_per_tree: int
@@ -60,5 +62,6 @@ def make_shell(
     ready = mesh if tree is None else tree
     starts, near = gather_neighbours(ready)
     neighbours = Neighbours(keep_on_disk(starts), keep_on_disk(near))
-    return Shell(surface, shift, limits, cells, normals, areas, is_border, neighbours,
+    discord = keep_on_disk(sigma_of_discord(surface, neighbours))
+    return Shell(surface, shift, limits, cells, normals, areas, is_border, neighbours, discord,
                  outline(ready, is_border, limits[0]), tree, faces_per_tree)  # fmt: skip

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.comparison.blocks import blocks
-from monitor.comparison.discord import sigma_of_discord
 from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, nearest_corners, unit_normals
 from monitor.comparison.quantile import median, quantile
 from monitor.comparison.rim import distance_to_rim
@@ -136,9 +135,8 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     own = np.zeros(len(normals)) if surface.sigma is None else surface.sigma
     foot = np.zeros(len(normals)) if other.sigma is None else interpolate_at_feet(other.sigma, other, feet)
     sigma = np.hypot(own, foot)
-    beyond = sigma_of_discord(other, other_shell.neighbours)
-    discord = keep_on_disk(np.hypot(sigma_of_discord(surface, shell.neighbours),
-                                    np.nan_to_num(interpolate_at_feet(beyond, other, feet))))  # fmt: skip
+    foot_discord = np.nan_to_num(interpolate_at_feet(other_shell.discord, other, feet))
+    discord = keep_on_disk(np.hypot(shell.discord, foot_discord))
     reasons = feet.reasons.copy()
     reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
     areas = shell.areas
