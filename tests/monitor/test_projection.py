@@ -10,7 +10,15 @@ from monitor.reconstruction.gathering import patch_room
 from monitor.reconstruction.moments import build_levels, find_rows, level_of_points
 from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, samples_at, sum_up_samples
 from monitor.reconstruction.quadric import FAR, HEIGHT, UNIT_ERROR, fit_patch, fit_room, median
-from monitor.reconstruction.reach import Stated, choose_reach, make_ladder, noise_variance
+from monitor.reconstruction.reach import (
+    STEP,
+    STEP_UNIT2,
+    Stated,
+    choose_reach,
+    make_ladder,
+    noise_variance,
+    probe,
+)
 from projects.model import PointCloud
 
 RADIUS = 0.06
@@ -353,3 +361,24 @@ def test_a_vertex_on_an_edge_does_not_take_over_the_reach_of_a_flat_side(rng):
     assert -0.001 < found.vertices[0, 2] <= 0.0002  # within 20 mm a plane lies 3 mm inside
     trusted = project_vertices(places, up, samples, reach._replace(noise=np.full(1, np.nan)), 0.01)
     assert trusted.vertices[0, 2] < -0.002
+
+
+def test_two_fits_of_one_probe_are_those_of_all_its_points_and_of_the_inner_ones(rng):
+    """The points of the inner fit are brought first; what it leaves out must not move the variance of their step."""
+    radius, inner, n = 0.01, 1.0 / 1.4, 400
+    u, v = disc(rng, n, radius)
+    u, v = np.r_[0.0, u], np.r_[0.0, v]
+    z = 2.0 * u**2 - 3.0 * v**2 + 1e-4 * rng.normal(size=n + 1)
+    up = np.tile([0.0, 0.0, 1.0], (n + 1, 1))
+    found = probe(np.zeros((3, 3)), up[:3], np.arange(3), samples_at(np.c_[u, v, z], up, radius, 1e-4), 0,
+                  np.array([1.0, inner, 1.0]))  # fmt: skip
+    patch = np.vstack([u / radius, v / radius, z / radius, np.ones(n + 1), np.zeros((6, n + 1))])
+    heights, influences = [], []
+    for span in (1.0, inner):
+        out, influence = np.empty(7), np.empty(n + 1)
+        assert fit_patch(patch, n + 1, radius, span, 1.0, 2, fit_room(n + 1), out, influence)
+        heights.append(out[HEIGHT])
+        influences.append(influence)
+    assert found[1, STEP] == pytest.approx(heights[0] - heights[1], rel=1e-6)
+    assert found[1, STEP_UNIT2] == pytest.approx(((influences[0] - influences[1]) ** 2).sum(), rel=1e-6)
+    assert np.isnan(found[[0, 2], STEP]).all()

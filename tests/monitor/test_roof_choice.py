@@ -132,7 +132,9 @@ def test_a_smooth_fit_stays_where_it_is_better_known_and_agrees(
     assert (moved.sigma[0] == smooth_sigma) == stays
 
 
-def climb(monkeypatch: pytest.MonkeyPatch, rungs: list[list[Floats]]) -> tuple[list[float], list[int]]:
+def climb(
+    monkeypatch: pytest.MonkeyPatch, rungs: list[list[Floats]], radii: Floats = RADII
+) -> tuple[list[float], list[int]]:
     """Return the support of the roof taken at each vertex, NaN for none, and how many vertices each rung looked at.
 
     `rungs` holds, for each radius, the rows of the vertices; these lie side by side.
@@ -149,7 +151,7 @@ def climb(monkeypatch: pytest.MonkeyPatch, rungs: list[list[Floats]]) -> tuple[l
     monkeypatch.setattr(roofs, "fit_at", fit_at)
     n = len(rungs[0])
     vertices = np.column_stack([np.zeros(n), 0.001 * np.arange(n), np.zeros(n)])
-    samples: Any = SimpleNamespace(radii=RADII)
+    samples: Any = SimpleNamespace(radii=radii)
     best = climb_roofs(vertices, np.tile([0.0, 0.0, 1.0], (n, 1)), samples, np.full(n, 1e-4))
     return best[:, SUPPORT].tolist(), looked
 
@@ -163,6 +165,27 @@ def test_the_widest_roof_that_holds_is_taken_up_to_six_times_the_narrowest_windo
     narrow, looked = climb(monkeypatch, [[row()] * 3, [row()] * 3, [row(bow=3.3)] * 3])
     assert narrow == [20.0] * 3
     assert looked == [3] * 3  # where it bows, no wider one is tried
+
+
+@pytest.mark.parametrize(
+    ("alike", "looked"), [(0, [20, 20, 20, 20]), (3, [20, 20, 20, 20]), (5, [20] * 6), (20, [20] * 6)]
+)
+def test_a_climb_ends_where_windows_wider_than_a_look_show_no_edge(
+    monkeypatch: pytest.MonkeyPatch, alike: int, looked: list[int]
+) -> None:
+    """No roof is taken; a fifth of all windows look like one, or fewer: then noise had turned the narrow ones."""
+    rows = [row(gain=0.5)] * alike + [row(gain=0.5, turn=np.cos(np.radians(20.0)))] * (20 - alike)
+    taken, found = climb(monkeypatch, [rows] * 6, 0.002 * np.array([1.0, 1.4, 2.0, 2.8, 3.9, 5.5]))
+    assert np.isnan(taken).all()
+    assert found == looked
+
+
+def test_a_climb_goes_on_beside_a_roof_that_was_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of twenty holds, and the windows of all others turn little."""
+    rows = [row(gain=11.0)] + [row(gain=0.5, turn=np.cos(np.radians(20.0)))] * 19
+    taken, found = climb(monkeypatch, [rows] * 6, 0.002 * np.array([1.0, 1.4, 2.0, 2.8, 3.9, 5.5]))
+    assert np.isfinite(taken).tolist() == [True] + [False] * 19
+    assert found == [20] * 6
 
 
 @pytest.mark.parametrize(
