@@ -22,7 +22,8 @@ FINER = 3
 INK = (38, 40, 46, 255)
 PAPER = (255, 255, 255, 255)
 LEAST_SEEN = 6  # pixels of the picture that a region must show to be numbered in it
-BAR_SHARE = 0.25  # of the picture's longest side, that the scale bar may reach
+BAR_SHARE = 0.25  # of the longest side of the pictures at one scale, that the scale bar may reach
+TEXT_WIDTH = 3.6  # of the height of its letters, that the bar's text takes with the gap before it
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,17 @@ class Label:
 
 
 def text_height(frame: Frame) -> float:
-    """Return the height of letters [pixels] for a frame: the same share of the longest side in every picture."""
-    return max(11.0, 0.024 * max(frame.width, frame.height))
+    """Return the height of letters [pixels] for a frame: alike in all pictures at one scale, as wide as these allow."""
+    return max(11.0, min(0.024 * frame.longest, 0.11 * frame.width))
 
 
 def bar_length(frame: Frame) -> float:
-    """Return the length [m] of the scale bar: 1, 2 or 5 times a power of ten, within the picture's width."""
-    room = min(BAR_SHARE * max(frame.width, frame.height), 0.55 * frame.width) * frame.metres_per_pixel
-    power = 10.0 ** np.floor(np.log10(room))
-    step = max(s for s in (1.0, 2.0, 5.0) if s * power <= room)
+    """Return the length [m] of the scale bar: 1, 2 or 5 times a power of ten, with its text within the picture."""
+    beside = 2.0 * bar_margin(frame) + TEXT_WIDTH * text_height(frame)
+    room = max(min(BAR_SHARE * frame.longest, 0.55 * frame.width, frame.width - beside), 0.2 * frame.width)
+    length = room * frame.metres_per_pixel
+    power = 10.0 ** np.floor(np.log10(length))
+    step = max(s for s in (1.0, 2.0, 5.0) if s * power <= length)
     return float(f"{step * power:.3g}")
 
 
@@ -56,9 +59,14 @@ def say_length(metres: float) -> str:
     return f"{metres * 1000:g} mm"
 
 
+def bar_margin(frame: Frame) -> float:
+    """Return the pixels left of the scale bar."""
+    return min(0.4 * frame.foot, 0.1 * frame.width)
+
+
 def bar_place(frame: Frame) -> tuple[float, float, float, float]:
     """Return left, top, right, bottom [pixels] of the scale bar."""
-    margin, length = 0.4 * frame.foot, bar_length(frame) / frame.metres_per_pixel
+    margin, length = bar_margin(frame), bar_length(frame) / frame.metres_per_pixel
     thick = max(4.0, 0.22 * text_height(frame))
     bottom = frame.height - 0.28 * frame.foot
     return margin, bottom - thick, margin + length, bottom

@@ -7,7 +7,7 @@ surface faces horizontally; "right" is the side at the right hand of someone who
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,7 @@ class Frame:
     width, height : pixels.
     foot : pixels at the lower edge that are kept for the scale bar.
     near : m along `towards` from `centre`; what lies nearer to the viewer is cut away.
+    beside : pixels of the longest side of the pictures that stand beside it at its scale; 0 where it stands alone.
     """
 
     name: str
@@ -55,6 +56,12 @@ class Frame:
     height: int
     foot: int = 0
     near: float = np.inf
+    beside: int = 0
+
+    @property
+    def longest(self) -> int:
+        """Pixels of the longest side of it, and of the pictures beside it."""
+        return max(self.width, self.height, self.beside)
 
     @property
     def axes(self) -> Floats:
@@ -177,4 +184,5 @@ def frame_views(views: Sequence[View], surfaces: Sequence[Surface], *, longest_p
     room, foot = round(MARGIN * longest_px), round(FOOT * longest_px)
     free = np.array([longest_px - 2 * room, longest_px - 2 * room - foot]) - 1
     metres_per_pixel = float((extents / free).max())
-    return [frame_view(view, points, metres_per_pixel, room=room, foot=foot) for view in views]
+    frames = [frame_view(view, points, metres_per_pixel, room=room, foot=foot) for view in views]
+    return [replace(frame, beside=longest_px) for frame in frames]

@@ -9,8 +9,17 @@ from small_comparison import DEPTH, FRONT, RADIUS, RIGHT, make_comparison
 
 from projects.errors import ParameterError
 from projects.model import Surface
-from reports.annotations import Label, bar_length, bar_place, label_radius, place_labels, say_length
-from reports.cameras import Frame, choose_views, find_front, frame_views, project_points
+from reports.annotations import (
+    Label,
+    annotate,
+    bar_length,
+    bar_place,
+    label_radius,
+    place_labels,
+    say_length,
+    text_height,
+)
+from reports.cameras import Frame, all_views, choose_views, find_front, frame_views, project_points
 from reports.lighting import SUBPIXELS
 from reports.raycast import build_scene, cast_view
 from reports.shading import HATCH_PERIOD
@@ -139,6 +148,32 @@ def test_scale_bar_is_as_long_as_it_says(drawn, frames):
     length = (np.ptp(columns) + 1) * frame.metres_per_pixel
     assert length == pytest.approx(bar_length(frame), abs=1.6 * frame.metres_per_pixel)
     assert say_length(bar_length(frame)) == "5 cm"
+
+
+def pillar(across):
+    """Return a pillar 1 m tall and `across` m wide and deep, without a foot and a head."""
+    x, y, z = (a.ravel() for a in np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [0.0, 1.0], indexing="ij"))
+    around = [0, 4, 6, 2]
+    faces = [[a, b, b + 1] for a, b in zip(around, around[1:] + around[:1], strict=True)]
+    faces += [[a, b + 1, a + 1] for a, b in zip(around, around[1:] + around[:1], strict=True)]
+    return Surface(np.column_stack([across * x, across * y, z]), np.array(faces))
+
+
+@pytest.mark.parametrize(("across", "said"), [(0.3, "20 cm"), (0.06, "5 cm"), (0.02, "2 cm")])
+def test_bars_letters_and_circles_are_alike_in_pictures_at_one_scale(across, said):
+    """The top of a pillar is a small picture: its own letters would be a third as tall as those beside it."""
+    surface = pillar(across)
+    views = [v for v in all_views(np.array([0.0, -1.0, 0.0])) if v.name in ("front", "top")]
+    front, top = frame_views(views, [surface], longest_px=1600)
+    assert top.height < 0.5 * front.height
+    assert text_height(top) == pytest.approx(text_height(front))
+    assert label_radius(top) == pytest.approx(label_radius(front))
+    assert say_length(bar_length(top)) == say_length(bar_length(front)) == said
+    for frame in (front, top):
+        drawn = annotate(np.full((frame.height, frame.width, 3), 255, np.uint8), frame, [])
+        columns = np.nonzero((drawn < 200).any(axis=(0, 2)))[0]
+        assert columns.max() < frame.width - 2  # the text is not cut off
+        assert columns.max() > bar_place(frame)[2] + 1.5 * text_height(frame)
 
 
 @pytest.mark.parametrize(("metres", "text"), [(2.0, "2 m"), (0.2, "20 cm"), (0.01, "1 cm"), (0.005, "5 mm"),
