@@ -147,13 +147,13 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     is_kept = stable.is_kept
     free = None if frames is None else free_motions(found, is_kept, numbers)
     if free is None or frames is None:
-        concluded = conclude(source, grid, samples, numbers, found, stable, n_iterations, n_source)
+        concluded = conclude(source, target, grid, samples, numbers, found, stable, n_iterations, n_source)
         return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
     T = without_free_part(found.T_target_source, np.eye(4), free)
     found = align(samples, target, T, replace(rules, locked=free), is_kept=is_kept, fine=True,
                   both_oriented=both_oriented, partners=partners, shared=stable.shared)  # fmt: skip
     n_iterations += found.n_iterations
-    concluded = conclude(source, grid, samples, numbers, found, stable, n_iterations, n_source, (free, frames))
+    concluded = conclude(source, target, grid, samples, numbers, found, stable, n_iterations, n_source, (free, frames))
     return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
 
 
@@ -242,8 +242,8 @@ def free_motions(found: Alignment, is_kept: Bools, numbers: Ints) -> FreeMotions
     return find_free_motions(stable, stable.points.mean(axis=0), numbers[stable.source])
 
 
-def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment, areas: StableSamples,
-             n_iterations: int, n_source: int, held: tuple[FreeMotions, Frames] | None = None,
+def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment,
+             areas: StableSamples, n_iterations: int, n_source: int, held: tuple[FreeMotions, Frames] | None = None,
              ) -> Registration:  # fmt: skip
     """Return the registration with its covariance, its stable areas and its doubts."""
     pairs = found.matches
@@ -261,6 +261,7 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
     elif not reason:
         covariance = estimate_covariance(stable, sigma, centre, shared=shared)
     inlier = (found.weights > 0) & kept
+    on_faces = (source.index[samples.index][stable.source] < 0) | (target.index[stable.target] < 0)
     return Registration(
         T_target_source=found.T_target_source, covariance=covariance, centre=centre,
         converged=not reason, reason=reason,
@@ -269,7 +270,8 @@ def conclude(source: Side, grid: PatchGrid, samples: Samples, numbers: Ints, fou
         sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
         overlap=len(pairs) / len(samples.points), stable_share=float(kept.mean()),
         is_stable=spread_to_vertices(source, grid, np.unique(numbers[stable.source]), n_source),
-        held_by_frames="" if held is None else held[0].words, doubt=doubt_stable(stable, numbers[stable.source]),
+        held_by_frames="" if held is None else held[0].words,
+        doubt=doubt_stable(stable, numbers[stable.source], on_faces),
     )  # fmt: skip
 
 

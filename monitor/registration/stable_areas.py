@@ -171,19 +171,22 @@ def common_variance(left: Floats, noise2: Floats) -> float:
     return 0.5 * (low + high)
 
 
-def doubt_stable(stable: Matches, numbers: Ints) -> str:
+def doubt_stable(stable: Matches, numbers: Ints, on_faces: Bools) -> str:
     """Return in words that patches held to be stable scatter by far more than is stated of them, else "".
+
+    `on_faces` (n pairs) are those with a point that was put onto a large face of a mesh.
 
     Where every piece of an object moved, the motion in their midst is nobody's, and the patches about it pass for badly
     measured ones. Surfaces state what whole neighbourhoods are off by; of bare clouds nothing does, and pieces that
     moved look the same there as scans that err over as far as a piece. What is stated of single points or vertices may
     be common to all of a patch, as where fits to overlapping neighbourhoods made them: such a patch is no better known
-    than one of them.
+    than one of them. Nor is one of a few large faces, whose points err by what their corners do, stated or not.
     """
     patches = sum_patches(stable, numbers, np.zeros(3))
-    stated2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2 / patches.count
-    single2 = np.bincount(patches.member, stable.sigma**2, len(patches.count)) / patches.count
-    stated2 = stated2 + np.where(patches.shared2 > 0.0, patches.shared2, single2)
+    noise2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2
+    single2 = np.maximum(stable.sigma**2, np.where(on_faces, noise2, 0.0))
+    single2 = np.bincount(patches.member, single2, len(patches.count)) / patches.count
+    stated2 = noise2 / patches.count + np.where(patches.shared2 > 0.0, patches.shared2, single2)
     scatter, stated = robust_scale(patches.mean), float(np.sqrt(np.median(stated2)))
     if scatter <= DOUBTFUL * stated:
         return ""

@@ -1,5 +1,7 @@
 """Stable areas found patch by patch: the majority's motion under change, and the words for motions left free."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bumpy_body import NOISE, bumpy_points, unit
@@ -67,9 +69,9 @@ def test_what_scans_of_an_epoch_disagree_by_has_not_moved(rng: np.random.Generat
 def test_what_lies_farther_off_itself_than_its_scans_state_is_doubted(rng: np.random.Generator) -> None:
     pairs, numbers, _ = make_pairs(rng, 0.0, np.zeros(6))
     pieces = 0.0015 * np.sign(np.sin(20 * pairs.points)).prod(axis=1)  # 16 cm wide, up and down by 1.5 mm
-    off = Matches(**{**vars(pairs), "residuals": pairs.residuals + pieces})
+    off, none = Matches(**{**vars(pairs), "residuals": pairs.residuals + pieces}), np.zeros(len(pairs), bool)
     doubts = [
-        doubt_stable(Matches(**{**vars(which), "shared": np.full(len(pairs), stated)}), numbers)
+        doubt_stable(Matches(**{**vars(which), "shared": np.full(len(pairs), stated)}), numbers, none)
         for which, stated in ((off, 0.0003), (off, 0.0), (off, 0.001), (pairs, 0.0003), (pairs, 0.0))
     ]
     assert "times what their scans state" in doubts[0]
@@ -147,20 +149,26 @@ def test_free_motions_are_told_in_words() -> None:
     assert describe(np.array([0, 0, 0.1, 0.3, 0, 0]), 0.5).startswith("slide along (1.00, 0.00, 0.00)")
 
 
-def relief_with_shared_noise(rng: np.random.Generator, moved: float = 0.0) -> Surface:
-    """Return a relief of 150 x 150 vertices, 1 mm apart, with 0.1 mm of noise that neighbours over 5 mm have in common.
-
-    Its sixteen tiles are `moved` (m) up or down each by itself.
-    """
-    x, y = np.meshgrid(0.001 * np.arange(150), 0.001 * np.arange(150), indexing="ij")
-    noise = gaussian_filter(rng.normal(size=(150, 150)), 5.0)
+def relief(noise: Floats, moved: Floats) -> Surface:
+    """Return a relief 15 cm wide of n x n vertices with `noise` (n, n) m, its sixteen tiles `moved` (16,) m up."""
+    n = len(noise)
+    x, y = np.meshgrid(0.15 / n * np.arange(n), 0.15 / n * np.arange(n), indexing="ij")
     tile = (x // 0.0376).astype(int) * 4 + (y // 0.0376).astype(int)
-    z = 0.01 * np.sin(60.0 * x) * np.cos(45.0 * y) + 0.005 * np.sin(90.0 * y + 30.0 * x)
-    z += 1e-4 * noise / noise.std() + moved * rng.normal(size=16)[tile]
-    index = np.arange(150 * 150).reshape(150, 150)
+    z = 0.01 * np.sin(60.0 * x) * np.cos(45.0 * y) + 0.005 * np.sin(90.0 * y + 30.0 * x) + noise + moved[tile]
+    index = np.arange(n * n).reshape(n, n)
     a, b, c, d = index[:-1, :-1].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel(), index[:-1, 1:].ravel()
     faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    return Surface(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), faces, sigma=np.full(150 * 150, 1e-4))
+    return Surface(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), faces)
+
+
+def relief_with_shared_noise(rng: np.random.Generator, moved: float = 0.0) -> Surface:
+    """Return a relief with vertices 1 mm apart, 0.1 mm of noise that neighbours over 5 mm have in common, stated.
+
+    Its tiles are `moved` (m) up or down each by itself.
+    """
+    noise = gaussian_filter(rng.normal(size=(150, 150)), 5.0)
+    made = relief(1e-4 * noise / noise.std(), moved * rng.normal(size=16))
+    return replace(made, sigma=np.full(len(made.vertices), 1e-4))
 
 
 def test_noise_that_neighbours_share_is_no_doubt_about_the_motion_where_it_is_stated(rng: np.random.Generator) -> None:
@@ -168,4 +176,13 @@ def test_noise_that_neighbours_share_is_no_doubt_about_the_motion_where_it_is_st
     before = relief_with_shared_noise(rng)
     assert register(relief_with_shared_noise(rng), before).doubt == ""
     moved = register(relief_with_shared_noise(rng, 0.001), before)
+    assert not moved.converged or "or all of it moved, in pieces" in moved.doubt
+
+
+@pytest.mark.parametrize("n", [40, 75])
+def test_the_corners_of_a_coarse_mesh_are_no_doubt_about_the_motion(rng: np.random.Generator, n: int) -> None:
+    """Of a finished mesh nothing is stated. Forty points on a face err by what three corners do: it was doubted."""
+    before, after = (relief(1e-4 * rng.normal(size=(n, n)), np.zeros(16)) for _ in range(2))
+    assert register(after, before).doubt == ""
+    moved = register(relief(1e-4 * rng.normal(size=(n, n)), 0.001 * rng.normal(size=16)), before)
     assert not moved.converged or "or all of it moved, in pieces" in moved.doubt
