@@ -159,11 +159,16 @@ def require_tolerance(tolerance: float | None) -> None:
 
 
 def require_two(reference: Surface, compared: Surface) -> None:
-    """Raise `ComparisonError` where both surfaces are one: errors that are the same in both show no error at all."""
+    """Raise `ComparisonError` where both surfaces are one, and nothing is stated of its errors.
+
+    Errors that are the same in both show no error at all.
+    """
+    if reference.sigma is not None and compared.sigma is not None:
+        return
     if np.array_equal(reference.vertices, compared.vertices) and np.array_equal(reference.faces, compared.faces):
         raise ComparisonError(
-            "the compared surface is the reference itself, vertex by vertex: what was measured once can show no "
-            "change, and its level of detection is not known; give the surfaces of two surveys"
+            "the compared surface is the reference itself, vertex by vertex, and states no sigma: what was measured "
+            "once can show no change, and its level of detection is not known; give the surfaces of two surveys"
         )
 
 

@@ -159,8 +159,11 @@ def learn_sizes(
 
     By what factor errors exceed their parts is asked of groups of strata one after another, each on top of what the
     groups before have shown: all; classes of each kind (`ORDER`), some again, whose factors the others have moved; and
-    all again. A factor is believed as far as the group's witnesses go.
+    all again. A factor is believed as far as the group's witnesses go. All stay as stated where the same measurements
+    stand on both sides: errors that are the same in both do not show.
     """
+    if are_copies(calm):
+        return Parts(1.0, 1.0, 1.0, 0.0), np.ones(N_STRATA)
     sizes = [np.bincount(c.stratum, minlength=N_STRATA) for c in calm]
     parts, factors = _learn_parts(calm, sizes, share, known, rng), np.ones(N_STRATA)
     calm = [c._replace(own=_mix(c, parts)) for c in calm]
@@ -170,6 +173,12 @@ def learn_sizes(
             held_by = STATED_WITNESSES if len(group) == N_STRATA else ALIKE_WITNESSES
             factors[group] *= believe(asked_scale(calm, group, factors, share), n_witnesses, held_by)
     return parts, factors
+
+
+def are_copies(calm: Sequence[CalmVertices]) -> bool:
+    """Return whether most calm vertices lie on the other side to the last digit, which no second survey does."""
+    off = np.concatenate([np.abs(c.distances) <= least_floor(c.points) for c in calm])
+    return bool(2 * np.count_nonzero(off) > len(off))
 
 
 def _mix(calm: CalmVertices, parts: Parts) -> Floats:

@@ -15,6 +15,7 @@ from monitor.same_survey import find_shared
 from projects import Project, Registration, Surface
 from projects.errors import ComparisonError
 from projects.formats import write_ply_mesh
+from projects.model import Assessment
 
 POSE = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1 0 0 4"
 
@@ -101,10 +102,18 @@ def test_one_mesh_in_two_epochs_is_found_whatever_its_file_is_called(
     assert "has no surface yet" in capsys.readouterr().err
 
 
-def test_a_surface_is_not_compared_with_itself_and_has_no_level_of_detection_of_zero(
+def test_a_surface_against_itself_has_the_level_that_it_states_and_none_where_it_states_nothing(
     rng: np.random.Generator,
 ) -> None:
+    """What both sides share shows no error: a level learned from it was zero."""
     surface = dataclasses.replace(sheet(rng), sigma=np.full(400, 1e-4))
-    unmoved = Registration(np.eye(4), 1e-12 * np.eye(6), np.zeros(3), True)
-    with pytest.raises(ComparisonError, match="is the reference itself, vertex by vertex"):
-        compare(surface, surface, unmoved)
+    unmoved = Registration(np.eye(4), np.zeros((6, 6)), np.zeros(3), True)
+    side = compare(surface, dataclasses.replace(surface), unmoved).on_compared
+    known = np.isfinite(side.lod95)
+    assert known.mean() > 0.5
+    assert side.lod95[known].min() >= 1.96 * 1e-4  # of this side's vertices alone
+    assert np.median(side.lod95[known]) == pytest.approx(1.96 * np.sqrt(2.0) * 1e-4, rel=0.15)
+    assert not (side.assessment == Assessment.CHANGED).any()
+    bare = dataclasses.replace(surface, sigma=None)
+    with pytest.raises(ComparisonError, match="is the reference itself, vertex by vertex, and states no sigma"):
+        compare(bare, dataclasses.replace(bare), unmoved)
