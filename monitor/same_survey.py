@@ -1,21 +1,26 @@
 """Which scans two epochs have in common: what was measured once cannot show a change.
 
 In come two epochs of an object; out come pairs of names of scans, or of meshes, with the same content, whatever their
-files are called. The same points in another order are not found.
+files are called and in whatever order they hold it. A finished mesh that was edited is the one that it was made of:
+where its vertices stayed, nothing was measured.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from monitor.record import Place
 from projects.errors import ComparisonError
-from projects.model import Floats
+from projects.model import Floats, Ints, Surface
 from projects.raw import ScanHeader
 
 ROUNDED = 1e-5  # m, between the same point in two formats; no instrument repeats a whole scan to it
+N_PLACES = 1000  # of a scan or a mesh that are looked for in the other
+ALL, MOST = 0.99, 0.5  # of the places: that two scans have in common which are one, that an edited mesh has kept
+SPARSE = 0.1  # of the way from a vertex to the next: nearer, another survey has one by chance
 
 
 def require_own_scans(reference: Place, compared: Place) -> None:
@@ -48,28 +53,32 @@ def find_shared(one: Place, other: Place) -> list[tuple[str, str]]:
     records = [p.project.epoch(p.object_id, p.epoch_id) for p in (one, other)]
     if all(r.is_mesh for r in records):
         names = [str(r.sources[0]["file"]) if r.sources else r.epoch_id for r in records]
-        return [(names[0], names[1])] if _is_same_mesh(one, other) else []
+        share = _share_of_mesh(one, other)
+        return [(names[0], names[1] if share > ALL else f"most of {names[1]}")] if share > MOST else []
     headers = [p.project.scan_headers(p.object_id, p.epoch_id) for p in (one, other)]
     return [(a.name, b.name) for a in headers[0] for b in headers[1] if _is_same_scan((one, a), (other, b))]
 
 
-def _is_same_mesh(one: Place, other: Place) -> bool:
-    """Return whether two finished meshes have the same vertices."""
-    counts = [p.project.latest(p.object_id, p.epoch_id, "mesh") for p in (one, other)]
-    if any(c is None for c in counts) or counts[0].counts != counts[1].counts:  # type: ignore[union-attr]
-        return False
-    vertices = [p.project.get(p.object_id, p.epoch_id, "mesh").vertices for p in (one, other)]
-    return _is_near(vertices[0], vertices[1])
+def _share_of_mesh(one: Place, other: Place) -> float:
+    """Return the share of the vertices of the smaller of two finished meshes that the larger one has too."""
+    meshes: list[Surface] = [p.project.get(p.object_id, p.epoch_id, "mesh") for p in (one, other)]
+    small, large = sorted(meshes, key=lambda m: len(m.vertices))
+    ends = small.vertices[_pick(small.faces)[:, :2]]
+    to_next = float(np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)))
+    found = count_at(_pick(small.vertices), [large.vertices], min(ROUNDED, SPARSE * to_next)) > 0
+    return float(np.mean(found))
 
 
 def _is_same_scan(one: tuple[Place, ScanHeader], other: tuple[Place, ScanHeader]) -> bool:
-    """Return whether two stored scans have the same points in the same order; read only where all else is alike."""
+    """Return whether two stored scans have the same points; read only where all else is alike."""
     a, b = one[1], other[1]
-    if a.n_points != b.n_points or not _is_near(a.bounds, b.bounds):
+    if a.n_points != b.n_points or np.abs(a.bounds - b.bounds).max() > ROUNDED:
         return False
     if (a.source_sha256, a.source_index) == (b.source_sha256, b.source_index):
         return True
-    return all(_is_near(p, q) for p, q in zip(_points(*one), _points(*other), strict=True))
+    places = _pick(next(_points(*one)))
+    counts = [count_at(places, _points(*scan), ROUNDED) for scan in (one, other)]
+    return bool(np.mean(counts[0] == counts[1]) > ALL)
 
 
 def _points(place: Place, header: ScanHeader) -> Iterator[Floats]:
@@ -78,6 +87,15 @@ def _points(place: Place, header: ScanHeader) -> Iterator[Floats]:
     return (chunk.cloud.points for chunk in chunks)
 
 
-def _is_near(one: Floats, other: Floats) -> bool:
-    """Return whether coordinates (n, 3) [m] are the same but for how they were written."""
-    return bool(np.abs(one - other).max() <= ROUNDED)
+def _pick(rows: np.ndarray) -> np.ndarray:
+    """Return at most `N_PLACES` different ones of the rows (n, 3), at even steps."""
+    return np.unique(rows[:: -(-len(rows) // N_PLACES)], axis=0)
+
+
+def count_at(places: Floats, blocks: Iterable[Floats], within: float) -> Ints:
+    """Return how many points lie within so many metres of each place (m, 3), along each axis; `blocks` hold (n, 3)."""
+    tree, counts = cKDTree(places), np.zeros(len(places) + 1, dtype=np.int64)
+    for points in blocks:
+        _, nearest = tree.query(points, p=np.inf, distance_upper_bound=within * (1.0 + 1e-6))
+        counts += np.bincount(nearest, minlength=len(counts))
+    return counts[:-1]

@@ -44,7 +44,8 @@ def read_settings(path: Path | None) -> Settings:
     try:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f"--settings {path}: cannot be read ({error})") from error
+        why = getattr(error, "strerror", None) or error
+        raise ParameterError(f"--settings {path}: cannot be read ({why})") from error
     except tomllib.TOMLDecodeError as error:
         raise ParameterError(f"--settings {path}: not valid TOML ({error})") from error
     return _overlay(Settings(), table, str(path))
@@ -66,7 +67,10 @@ def _overlay(settings: Any, table: dict[str, Any], where: str) -> Any:
             changed[name] = _overlay(present, value, f"{where}: [{name}]")
         else:
             changed[name] = _value(value, fields[name], f"{where}: {name}")
-    return dataclasses.replace(settings, **changed)
+    try:
+        return dataclasses.replace(settings, **changed)
+    except ParameterError as error:
+        raise ParameterError(f"{where}: {error}") from error
 
 
 def _value(value: Any, field: dataclasses.Field[Any], where: str) -> Any:

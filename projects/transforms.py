@@ -52,16 +52,26 @@ def perturb(T_target_source: Floats, centre: Floats, delta: Floats) -> Floats:
 def require_rigid(matrix: Floats, what: str) -> Floats:
     """Return `matrix` if it is a proper rigid transform to 1e-4, with its rotation made exact; raise otherwise.
 
-    A matrix that scales (a PTX header can) or mirrors is refused with the scale that it has.
+    A matrix that scales (a PTX header can), mirrors or was written column by column is refused as what it is.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
+    if matrix.shape == (4, 4) and matrix[:3, 3].tolist() == [0, 0, 0] and matrix[3, 3] == 1 and matrix[3, :3].any():
+        raise ParameterError(
+            f"{what}: its translation stands in the last row, as where a matrix is written column by column; write it "
+            "row by row, with the last row 0 0 0 1"
+        )
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
         raise ParameterError(f"{what}: not a 4 x 4 transform of finite numbers with last row 0 0 0 1")
     u, scales, vt = np.linalg.svd(matrix[:3, :3])
-    if np.abs(scales - 1.0).max() > 1e-4 or np.linalg.det(matrix[:3, :3]) < 0:
+    if np.abs(scales - 1.0).max() > 1e-4:
         raise ParameterError(
-            f"{what}: the transform scales by {scales.min():.6g} to {scales.max():.6g} or mirrors; "
+            f"{what}: the transform scales by {scales.min():.6g} to {scales.max():.6g}; "
             "a rigid transform is needed (state the unit with --unit if the numbers are not metres)"
+        )
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        raise ParameterError(
+            f"{what}: the transform mirrors, as where an axis is swapped or points the other way (a left-handed "
+            "system); a rigid transform is needed"
         )
     exact = matrix.copy()
     exact[:3, :3] = u @ vt

@@ -53,7 +53,7 @@ def state_answer(
         _whole(comparison, has_control),
         _not_assessed(comparison),
     )
-    return Answer(_headline(comparison, regions), changed, sure, _figures(comparison, regions))
+    return Answer(_headline(comparison, regions), changed, sure, _figures(comparison, regions, after))
 
 
 def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
@@ -157,7 +157,7 @@ def _not_assessed(comparison: Comparison) -> str:
     return f"{percent(share)} of the surface could not be assessed, mostly because {main}."
 
 
-def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> tuple[KeyFigure, ...]:
+def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...], after: EpochFacts) -> tuple[KeyFigure, ...]:
     """Return the four figures to remember."""
     statistics = comparison.statistics
     motion = describe_motion(comparison.registration)
@@ -172,7 +172,7 @@ def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> tuple[
             "Smallest detectable change", millimetres(statistics.get("lod95_median_m", NAN)), "95\u00a0%, median"
         ),
         KeyFigure("Object as a whole", motion.displacement.text, sure),
-        KeyFigure("Not assessable", percent(share_not_assessed(comparison)), "of the later epoch’s surface"),
+        KeyFigure("Not assessable", percent(share_not_assessed(comparison)), f"of the {after.order} epoch’s surface"),
     )
 
 

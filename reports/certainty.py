@@ -13,20 +13,22 @@ import numpy as np
 from projects.model import Assessment, Comparison, NotAssessed, Step
 from reports.answer import NAN, WHY_NOT, print_significance, share_not_assessed
 from reports.control import control_table
-from reports.facts import Table
+from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, count, estimate, millimetres, percent, print_number
 from reports.wholemotion import describe_motion
 
 
 def state_certainty(
-    comparison: Comparison, steps: Mapping[str, Sequence[Step]], false_discovery_rate: float
-) -> tuple[Table, ...]:
-    """Return the tables of the section "How sure"; `steps` by the epoch's name as it heads a column."""
+    comparison: Comparison, steps: Mapping[str, Sequence[Step]], false_discovery_rate: float,
+    epochs: tuple[EpochFacts, EpochFacts],
+) -> tuple[Table, ...]:  # fmt: skip
+    """Return the tables of the section "How sure"; `steps` by the epoch's name as it heads a column, `epochs` the
+    reference and the compared."""
     tables = [
         registration_table(comparison),
-        motion_table(comparison),
+        motion_table(comparison, *epochs),
         detection_table(comparison, false_discovery_rate),
-        not_assessed_table(comparison),
+        not_assessed_table(comparison, epochs[1]),
         agreement_table(steps),
         control_table(steps),
     ]
@@ -57,7 +59,7 @@ def registration_table(comparison: Comparison) -> Table:
     return Table("Registration of the epochs", ("", ""), rows, "± is the half-width of the 95\u00a0% interval.")
 
 
-def motion_table(comparison: Comparison) -> Table:
+def motion_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -> Table:
     """Return the motion axis by axis, with the margins from the registration's covariance."""
     motion = describe_motion(comparison.registration)
     rows = []
@@ -68,7 +70,8 @@ def motion_table(comparison: Comparison) -> Table:
     where = ", ".join(print_number(float(v), 3) for v in comparison.registration.centre)
     return Table(
         "The motion, axis by axis", ("axis", "shift (mm)", "turn (°)"), tuple(rows),
-        f"From the earlier to the later epoch, about the point {where} m in the coordinates of the earlier epoch.",
+        f"From the {first.order} to the {second.order} epoch, about the point {where} m in the coordinates of the "
+        f"{first.order} epoch.",
     )  # fmt: skip
 
 
@@ -107,8 +110,8 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     return Table("What can be seen", ("", ""), tuple(rows), note)
 
 
-def not_assessed_table(comparison: Comparison) -> Table:
-    """Return how much of the later surface was assessed, and why the rest was not."""
+def not_assessed_table(comparison: Comparison, second: EpochFacts) -> Table:
+    """Return how much of the compared surface was assessed, and why the rest was not."""
     side = comparison.on_compared
     n = max(len(side.assessment), 1)
     states = ((Assessment.UNCHANGED, "Assessed, unchanged"), (Assessment.CHANGED, "Assessed, changed"))
@@ -122,7 +125,8 @@ def not_assessed_table(comparison: Comparison) -> Table:
     if other:
         rows.append(_share_row("Not assessable: reason not recorded", other, n))
     note = (
-        f"Vertices of the later surface; of its area {percent(share_not_assessed(comparison))} could not be assessed."
+        f"Vertices of the {second.order} surface; of its area {percent(share_not_assessed(comparison))} could not be "
+        "assessed."
     )
     return Table("What could be assessed", ("", "vertices", "share"), tuple(rows), note)
 

@@ -94,20 +94,20 @@ def make_facts(
     project_name : as the object block names it.
     """
     made = after.step(f"comparison-{before.record.epoch_id}")
-    earlier, later = _name_epoch(before.record), _name_epoch(after.record)
+    first, second = name_epochs(before.record, after.record)
     regions = tuple(describe_region(comparison, row) for _, row in comparison.regions.iterrows())
     has_control = bool(before.record.control and after.record.control)
-    columns = {f"before ({earlier.date})": before.steps, f"after ({later.date})": after.steps}
+    columns = {f"before ({first.date})": before.steps, f"after ({second.date})": after.steps}
     return ReportFacts(
         title=record.name or record.object_id,
-        subtitle=f"What changed between {earlier.caption} and {later.caption}",
+        subtitle=f"What changed between {first.caption} and {second.caption}",
         made=day(datetime.date.fromisoformat(made.created[:10])) if made and made.created else "",
         remarks=(*_remarks(made, before, after), *_doubts(comparison, (before, after))),
-        before=earlier,
-        after=later,
-        answer=state_answer(comparison, regions, earlier, later, has_control),
+        before=first,
+        after=second,
+        answer=state_answer(comparison, regions, first, second, has_control),
         regions=regions,
-        certainty=state_certainty(comparison, columns, _false_discovery_rate(made)),
+        certainty=state_certainty(comparison, columns, _false_discovery_rate(made), (first, second)),
         object_rows=describe_object(record, project_name),
         history=(epochs_table((before, after)), points_table((before, after))),
         record=record_steps((before, with_statistics(after, made, comparison))),
@@ -115,7 +115,7 @@ def make_facts(
         inputs=inputs_table((before, after)),
         mode=comparison.mode,
         comparison=comparison,
-        parts=parts_table(comparison),
+        parts=parts_table(comparison, first, second),
         stable=_given_stable(made),
     )
 
@@ -144,8 +144,16 @@ def with_statistics(epoch: EpochHistory, made: Step | None, comparison: Comparis
     return replace(epoch, steps=tuple(steps))
 
 
-def _name_epoch(record: EpochRecord) -> EpochFacts:
-    return EpochFacts(record.epoch_id, day(record.date), record.label)
+def name_epochs(before: EpochRecord, after: EpochRecord) -> tuple[EpochFacts, EpochFacts]:
+    """Return the reference and the compared epoch as captions name them, each with its order in time."""
+    if before.date == after.date:
+        orders = ("first", "second")
+    else:
+        orders = ("earlier", "later") if before.date < after.date else ("later", "earlier")
+    first, second = (
+        EpochFacts(r.epoch_id, day(r.date), r.label, order) for r, order in zip((before, after), orders, strict=True)
+    )
+    return first, second
 
 
 def _false_discovery_rate(made: Step | None) -> float:
@@ -167,7 +175,8 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
     surfaces = [(e, e.step("surface")) for e in (before, after)]
     stale = [e.record.epoch_id for e, s in surfaces if s is not None and s.step_id not in made.inputs]
     again = tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)
-    return (*_backwards(before.record, after.record), *_same_survey(before, after), *_found_by_shape(made), *again)
+    times = (*_backwards(before.record, after.record), *_to_come(made, (before.record, after.record)))
+    return (*times, *_same_survey(before, after), *_found_by_shape(made), *again)
 
 
 def _doubts(comparison: Comparison, epochs: tuple[EpochHistory, EpochHistory]) -> tuple[str, ...]:
@@ -186,6 +195,16 @@ def _backwards(before: EpochRecord, after: EpochRecord) -> tuple[str, ...]:
     return (
         f"Told backwards in time: epoch {before.epoch_id} of {day(before.date)}, the reference, is the later one. "
         "What is called lost was gained since, and what is called gained was lost.",
+    )
+
+
+def _to_come(made: Step, epochs: tuple[EpochRecord, EpochRecord]) -> tuple[str, ...]:
+    """Return the remark that an epoch is dated after the comparison that used it was computed."""
+    computed = made.created[:10]
+    return tuple(
+        f"Epoch {e.epoch_id} is dated {day(e.date)}, after this comparison was computed: one of its dates is wrong."
+        for e in epochs
+        if computed and e.date > datetime.date.fromisoformat(computed) + datetime.timedelta(days=1)  # time zones
     )
 
 

@@ -88,11 +88,13 @@ class StepFacts:
 
 @dataclass(frozen=True)
 class EpochFacts:
-    """An epoch as the captions name it."""
+    """An epoch as the captions name it; `order` is its place in time against the other, "earlier" or "later", or in the
+    pair where both are of one date, "first" or "second"."""
 
     epoch_id: str
     date: str
     label: str
+    order: str
 
     @property
     def caption(self) -> str:

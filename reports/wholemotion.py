@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from projects.model import Comparison, Floats, Registration
 from projects.transforms import apply, invert
-from reports.facts import Table
+from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, Estimate, estimate, print_number
 
 
@@ -49,7 +49,7 @@ def _length(vector: Floats, covariance: Floats, scale: float, unit: str) -> Esti
     return estimate(length, float(np.sqrt(along @ covariance @ along)), scale, unit)
 
 
-def parts_table(comparison: Comparison) -> Table | None:
+def parts_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -> Table | None:
     """Return the table of the parts that moved rigidly, None where there are none."""
     rows = []
     for number, part in enumerate(comparison.statistics.get("parts") or (), start=1):
@@ -64,6 +64,6 @@ def parts_table(comparison: Comparison) -> Table | None:
         return None
     return Table(
         "Parts that moved", ("", "where: x, y, z (m)", "shift", "x (mm)", "y (mm)", "z (mm)", "turn", "regions"),
-        tuple(rows), "Each moved rigidly against the rest of the object, from the earlier to the later epoch: "
-        "shifted at its middle, and turned about it. ± is the half-width of the 95\u00a0% interval.",
+        tuple(rows), f"Each moved rigidly against the rest of the object, from the {first.order} to the {second.order} "
+        "epoch: shifted at its middle, and turned about it. ± is the half-width of the 95\u00a0% interval.",
     )  # fmt: skip

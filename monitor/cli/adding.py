@@ -142,7 +142,8 @@ def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit
 
 
 def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:
-    """Say what was kept, what was dropped, of how many scans the pose was found by what, and what is a copy."""
+    """Say what was kept, what was dropped, of how many scans the pose was found by what, what is a copy, and a date
+    that has not come yet."""
     headers = project.scan_headers(record.object_id, record.epoch_id)
     copies = describe_copies(Place(project, record.object_id, record.epoch_id))
     dropped: dict[str, int] = {}
@@ -150,6 +151,12 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
         for reason, n in header.dropped.items():
             dropped[reason] = dropped.get(reason, 0) + int(n)
     n_points = sum(header.n_points for header in headers)
+    if record.date > datetime.date.today():
+        typer.echo(
+            f"mind: {record.date} has not come yet; was epoch {record.epoch_id} surveyed then? Rates rest on dates. "
+            f"If not: monitor remove-epoch {project.path} {record.object_id} {record.epoch_id}, then add it again",
+            err=True,
+        )
     if as_json:
         facts = {"object": record.object_id, "epoch": record.epoch_id, "n_scans": len(headers), "n_points": n_points}
         typer.echo(json.dumps({**facts, "dropped": dropped, "placed_by": dict(placed), "copies": copies}, indent=2))

@@ -27,6 +27,10 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
     project = Project.open(path)
     wanted = parse_formats(formats)
     epochs, comparisons = _what_to_export(project, object_id, pair)
+    if SCREEN in wanted and not epochs:
+        raise ParameterError(
+            f"--format {formats}: {SCREEN} is the light model of one epoch; of a comparison take {', '.join(FORMATS)}"
+        )
     make_folder(out)
     written: list[Path] = []
     with show_progress() as notify:
@@ -46,7 +50,7 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
             ids = (object_id, reference_id, compared_id)
             plain = tuple(f for f in wanted if f != SCREEN)
             written += export_comparison(out, ids, comparison, step, plain)
-            written += _export_series(project, out, ids, comparison, plain)
+            written += _export_series(project, out, ids, (step, comparison), plain)
     for file in written:
         typer.echo(str(file))
     return written
@@ -60,15 +64,21 @@ def _export_screen(path: Path, surface: Surface) -> Path:
 
 
 def _export_series(
-    project: Project, out: Path, ids: tuple[str, str, str], comparison: Comparison, formats: tuple[str, ...]
+    project: Project, out: Path, ids: tuple[str, str, str], made: tuple[Step, Comparison], formats: tuple[str, ...]
 ) -> list[Path]:
-    """Write the series that the compared epoch ends, where there is one."""
+    """Write the series that the compared epoch ends, where there is one that rests on the comparison `made`."""
     object_id, reference_id, compared_id = ids
     step = project.latest(object_id, compared_id, f"series-{reference_id}")
     if step is None:
         return []
+    if made[0].step_id not in step.inputs:
+        typer.echo(
+            f"mind: {reference_id} and {compared_id} were compared anew since change was followed over the epochs, so "
+            f"the series is left out; bring it up to date: monitor compare {project.path} {object_id}", err=True,
+        )  # fmt: skip
+        return []
     series = project.get(object_id, compared_id, step.product, step.step_id)
-    return export_series(out, object_id, series, comparison.on_reference.surface, formats)
+    return export_series(out, object_id, series, made[1].on_reference.surface, formats)
 
 
 def parse_formats(text: str) -> tuple[str, ...]:

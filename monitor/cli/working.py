@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,25 +16,52 @@ from monitor.engine import open_engine
 from monitor.record import Place
 from monitor.settings import read_settings
 from monitor.through_time import epochs_of_one_date, follow_epochs
-from projects.errors import ParameterError, StoreError
+from projects.errors import MonitorError, ParameterError, StoreError
 from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
 
 Pair = tuple[str | None, str | None]
+Facts = dict[str, Any]
 Where = tuple[int | None, str | None]  # workers, scheduler
 
 
 def process_project(
     path: Path, object_id: str | None, epoch_id: str | None, settings_file: Path | None, where: Where, as_json: bool
 ) -> None:
-    """Process the epochs asked for and say what each became."""
+    """Process the epochs asked for and say what each became; one that fails does not keep the others from it."""
     project = Project.open(path)
     settings = read_settings(settings_file)
     places = epochs_to_process(project, object_id, epoch_id)
     with show_progress() as notify, open_engine(*where) as engine:
-        facts = [_processed(place, process_epoch(place, settings, engine, notify)) for place in places]
+
+        def process_place(place: Place) -> Facts:
+            return _processed(place, process_epoch(place, settings, engine, notify))
+
+        facts, failed = _try_each([partial(process_place, place) for place in places])
     _tell(facts, as_json, "{object} {epoch}: {n_vertices} vertices from {n_points} points")
+    _require_none(failed, len(places), "epochs could not be processed")
+
+
+def _try_each(work: Sequence[Callable[[], Facts]]) -> tuple[list[Facts], list[MonitorError]]:
+    """Do all of the work; return what came of it, and the errors. Of a single piece the error is raised."""
+    done, failed = [], []
+    for piece in work:
+        try:
+            done.append(piece())
+        except MonitorError as error:
+            if len(work) == 1:
+                raise
+            failed.append(error)
+    return done, failed
+
+
+def _require_none(failed: Sequence[MonitorError], n: int, what: str) -> None:
+    """Say one by one what failed, and raise that `n` were asked for."""
+    for error in failed:
+        typer.echo(f"monitor: {error}", err=True)
+    if failed:
+        raise StoreError(f"{len(failed)} of {n} {what}, for what is said above; the others are done")
 
 
 def epochs_to_process(project: Project, object_id: str | None, epoch_id: str | None) -> list[Place]:
@@ -49,7 +78,7 @@ def epochs_to_process(project: Project, object_id: str | None, epoch_id: str | N
     return places
 
 
-def _processed(place: Place, steps: list[Step]) -> dict[str, Any]:
+def _processed(place: Place, steps: list[Step]) -> Facts:
     """Return what one epoch became as plain values."""
     surface = place.project.get(place.object_id, place.epoch_id, "surface")
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
@@ -74,21 +103,27 @@ def compare_object(
     project = Project.open(path)
     settings = read_settings(settings_file)
     pairs = resolve_pairs(project, object_id, pair)
-    facts = []
     with show_progress() as notify, open_engine(*where):
-        for reference, compared in pairs:
+
+        def compare_pair(reference: str, compared: str) -> Facts:
             place = Place(project, object_id, compared)
             step = compare_epochs(place, reference, settings, notify, mode, stable)
-            facts.append(_compared(place, reference, place.get(step)))
-        followed = None if pair[0] else follow_epochs(project, object_id, notify)
-        alike = [] if pair[0] or len(pairs) < 2 else epochs_of_one_date(project, object_id)
-    if followed is None and alike:
+            return _compared(place, reference, step)
+
+        facts, failed = _try_each([partial(compare_pair, *pair) for pair in pairs])
+        whole = not pair[0] and not failed  # a pair that failed may have an older comparison, made otherwise
+        followed = follow_epochs(project, object_id, notify) if whole else None
+        alike = epochs_of_one_date(project, object_id) if whole and len(pairs) > 1 else []
+    if facts and followed is None and alike:
         facts[-1]["answer"] += f"; no series: {' and '.join(alike)} are of one date, and leave no order"
-    if followed is not None:
+    if facts and followed is not None:
         n = int(followed.counts["regions"])
         facts[-1]["series"] = {"n_epochs": followed.counts["epochs"], "n_regions": n}
         facts[-1]["answer"] += f"; {n} region{'s' if n != 1 else ''} followed over {followed.counts['epochs']} epochs"
     _tell(facts, as_json, "{object} {reference} -> {compared}: {answer}")
+    _require_none(
+        failed, len(pairs), "pairs of epochs could not be compared, and no change was followed over the epochs"
+    )
 
 
 def resolve_pairs(project: Project, object_id: str, pair: Pair) -> list[tuple[str, str]]:
@@ -106,8 +141,9 @@ def resolve_pairs(project: Project, object_id: str, pair: Pair) -> list[tuple[st
     return pairs_to_compare(epochs)
 
 
-def _compared(place: Place, reference: str, comparison: Comparison) -> dict[str, Any]:
+def _compared(place: Place, reference: str, step: Step) -> Facts:
     """Return what one comparison found as plain values."""
+    comparison: Comparison = place.get(step)
     n, unknown = comparison.statistics["n_vertices"], comparison.statistics["n_not_assessable"]
     count = len(comparison.regions)
     found = f"{count} region{'s' if count != 1 else ''} of change" if count else "no change found"
@@ -118,6 +154,8 @@ def _compared(place: Place, reference: str, comparison: Comparison) -> dict[str,
         else f"nothing of {place.epoch_id} could be assessed"
     )
     answer += f"; {comparison.registration.doubt}" if comparison.registration.doubt else ""
+    elsewhere = "; as given the epochs do not lie near each other, they were brought together by their shapes alone"
+    answer += elsewhere if "coarse_score" in step.automatic else ""
     before, after = (place.project.epoch(place.object_id, e).date for e in (reference, place.epoch_id))
     answer += "; told backwards in time, the reference is the later epoch" if before > after else ""
     return {

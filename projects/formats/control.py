@@ -51,8 +51,10 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         if path.stat().st_size > MOST_BYTES:
             raise FormatError(f"{path}: is larger than 64 MiB and no control file")
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as problem:
-        raise FormatError(f"{path}: cannot be read as text ({problem})") from problem
+    except OSError as problem:
+        raise FormatError(f"{path}: cannot be read ({problem.strerror})") from problem
+    except UnicodeDecodeError as problem:
+        raise FormatError(f"{path}: is no text in UTF-8 ({problem})") from problem
     told = [(k, line) for k, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     separator = next((mark for mark in (";", "\t") if told and mark in told[0][1]), ",")
     return [(k, [word.strip() for word in next(csv.reader([line], delimiter=separator))]) for k, line in told]

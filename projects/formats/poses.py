@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from projects.errors import FormatError, ParameterError
+from projects.formats.text import is_number
 from projects.formats.units import require_unit
 from projects.model import Floats
 from projects.transforms import require_rigid
@@ -62,8 +63,10 @@ def _text(path: Path) -> str:
         if path.stat().st_size > 64 * 2**20:
             raise FormatError(f"{path}: is larger than 64 MiB and no poses or control file")
         return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as problem:
-        raise FormatError(f"{path}: cannot be read as text ({problem})") from problem
+    except OSError as problem:
+        raise FormatError(f"{path}: cannot be read ({problem.strerror})") from problem
+    except UnicodeDecodeError as problem:
+        raise FormatError(f"{path}: is no text in UTF-8 ({problem})") from problem
 
 
 def _split(text: str, where: str) -> tuple[str, list[str]]:
@@ -71,6 +74,8 @@ def _split(text: str, where: str) -> tuple[str, list[str]]:
     text = text.strip()
     if not text.startswith('"'):
         name, *words = text.split()
+        if is_number(name) and len(words) in (15, 18):
+            raise FormatError(f"{where}: begins with a number; the file's name comes first, then 16 numbers")
         return name, words
     name, mark, rest = text[1:].partition('"')
     if not mark or not name:
@@ -80,15 +85,17 @@ def _split(text: str, where: str) -> tuple[str, list[str]]:
 
 def _pose_line(words: list[str], unit: float, where: str) -> PoseLine:
     """Return the pose in 16 or 19 words."""
+    if bad := next((word for word in words if not is_number(word)), ""):
+        raise FormatError(f"{where}: {bad[:40]!r} is no number; decimals have a point")
     if len(words) not in (16, 19):
         raise FormatError(
             f"{where}: {len(words)} numbers after the name; 16 are needed, or 19 with the scanner's place"
         )
+    numbers = np.array([float(word) for word in words])
     try:
-        numbers = np.array([float(word) for word in words])
         T_project_scanner = require_rigid(numbers[:16].reshape(4, 4), where)
-    except (ValueError, ParameterError) as problem:
-        raise FormatError(str(problem) if isinstance(problem, ParameterError) else f"{where}: {problem}") from problem
+    except ParameterError as problem:
+        raise FormatError(str(problem)) from problem
     if not np.isfinite(numbers).all():
         raise FormatError(f"{where}: a number is not finite")
     T_project_scanner[:3, 3] *= unit

@@ -94,6 +94,15 @@ def test_export_of_one_epoch_is_its_surface(made: Path, tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "light").iterdir()] == ["relief_e1_screen.glb"]
 
 
+def test_a_light_model_of_a_comparison_is_refused_and_not_left_out_without_a_word(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["export", str(made / "project"), "relief", "e1", "e2", "--out", str(tmp_path / "out"), "--format"]
+    assert run([*given, "ply,screen"]) == 2
+    assert "screen is the light model of one epoch; of a comparison take ply, glb, obj" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_second_process_makes_nothing_new(made: Path) -> None:
     before = digest(made / "project")
     assert run(["process", str(made / "project")]) == 0
@@ -220,10 +229,11 @@ def test_epochs_of_other_things_elsewhere_are_refused(
 
 
 def test_object_carried_elsewhere_is_found_by_its_shape_and_the_report_says_so(
-    made: Path, tmp_path: Path, rng: np.random.Generator
+    made: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     project = add_far_epoch(made, tmp_path, relief(18000, rng, 0.0))
     assert run(["compare", str(project), "relief", "e1", "far"]) == 0
+    assert "they were brought together by their shapes alone" in capsys.readouterr().out
     comparison = Project.open(project).get("relief", "far", "comparison-e1")
     assert comparison.registration.T_target_source[0, 3] == pytest.approx(-40.0, abs=5e-4)
     assert run(["report", str(project), "relief", "e1", "far", "--out", str(tmp_path)]) == 0
@@ -240,6 +250,33 @@ def test_millimetres_taken_for_metres_are_questioned_with_the_size(
     assert run(command) == 2
     assert "0.6 m if in mm" in capsys.readouterr().err
     assert digest(made / "project") == before
+
+
+def test_an_epoch_that_fails_does_not_keep_the_others_from_being_made(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = tmp_path / "copy"
+    shutil.copytree(made / "project", project)
+    np.savetxt(tmp_path / "few.xyz", relief(12, np.random.default_rng(3), 0.0), fmt="%.6f")
+    for name, date in (("e0", "2024-05-01"), ("e9", "2099-05-01")):
+        given = ["add-epoch", str(project), "relief", name, "--date", date, str(tmp_path / "few.xyz")]
+        assert run(given) == 0
+        said = capsys.readouterr().err
+        assert ("mind: 2099-05-01 has not come yet; was epoch e9 surveyed then?" in said) == (name == "e9")
+    assert run(["process", str(project), "--json"]) == 2
+    said = capsys.readouterr()
+    assert [f["epoch"] for f in json.loads(said.out)] == ["e1", "e2"]
+    assert "monitor: object relief, epoch e0: " in said.err
+    assert said.err.endswith(
+        "monitor: 2 of 4 epochs could not be processed, for what is said above; the others are done\n"
+    )
+    assert run(["compare", str(project), "relief", "--json"]) == 2
+    said = capsys.readouterr()
+    assert [(f["reference"], f["compared"]) for f in json.loads(said.out)] == [("e1", "e2")]
+    assert said.err.endswith(
+        "monitor: 4 of 5 pairs of epochs could not be compared, and no change was followed over the epochs, "
+        "for what is said above; the others are done\n"
+    )
 
 
 def test_a_removed_epoch_is_gone_and_its_comparison_with_it(made: Path, tmp_path: Path) -> None:

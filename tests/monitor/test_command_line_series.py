@@ -1,15 +1,21 @@
 """Four epochs of a relief through the command line: change is followed, reported and exported."""
 
 import json
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from monitor.chain import compare_epochs
 from monitor.cli import run
+from monitor.record import Place
 from projects import Project, Surface
+from projects.errors import ComparisonError
 from projects.formats import write_ply_mesh
+from projects.model import Step
 from reports.courses import draw_courses
 
 YEARS = (2021, 2022, 2023, 2025)
@@ -71,6 +77,38 @@ def test_report_and_files_say_how_it_goes_on(made: Path) -> None:
     table = pd.read_csv(made / "relief_e2021_series_regions.csv")
     assert table["rate_m_per_year"].iloc[0] < -1e-4
     assert (made / "relief_e2021_series.ply").stat().st_size > 100_000
+
+
+def test_series_of_an_older_comparison_is_not_exported_beside_the_new_one(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its rates and regions rest on other numbers; the report leaves it out too."""
+    project, settings = tmp_path / "copy", tmp_path / "other.toml"
+    shutil.copytree(made / "project", project)
+    settings.write_text("[compare]\nfalse_discovery_rate = 0.01\n")
+    assert run(["compare", str(project), "relief", "e2021", "e2025", "--settings", str(settings)]) == 0
+    capsys.readouterr()
+    assert run(["export", str(project), "relief", "e2021", "e2025", "--out", str(tmp_path / "out")]) == 0
+    assert "the series is left out; bring it up to date: monitor compare" in capsys.readouterr().err
+    assert not list((tmp_path / "out").glob("*series*"))
+
+
+def test_nothing_is_followed_where_a_pair_failed_though_an_older_comparison_of_it_is_kept(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A series of comparisons of which one was made otherwise is none."""
+
+    def fail_at_one(place: Place, *rest: Any) -> Step:
+        if place.epoch_id == "e2025":
+            raise ComparisonError("as it happens")
+        return compare_epochs(place, *rest)
+
+    monkeypatch.setattr("monitor.cli.working.compare_epochs", fail_at_one)
+    capsys.readouterr()
+    assert run(["compare", str(made / "project"), "relief", "--json"]) == 2
+    said = capsys.readouterr()
+    assert all("series" not in facts for facts in json.loads(said.out))
+    assert "and no change was followed over the epochs" in said.err
 
 
 def test_program_reads_the_series_from_the_answer(made: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ from monitor.registration import register
 from monitor.registration.parts import find_parts
 from projects.model import Comparison, Floats, Surface
 from projects.transforms import apply, perturb
+from reports.facts import EpochFacts
 from reports.wholemotion import parts_table
 
 TOWARDS, HALF = np.array([0.94, 0.19, 0.28]) / np.linalg.norm([0.94, 0.19, 0.28]), 0.5
@@ -65,7 +66,8 @@ def test_the_part_stands_in_the_statistics_with_its_motion_and_regions(told: Com
 
 
 def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> None:
-    table = parts_table(told)
+    epochs = (EpochFacts("e1", "", "", "earlier"), EpochFacts("e2", "", "", "later"))
+    table = parts_table(told, *epochs)
     assert table is not None
     (row,) = table.rows
     assert row[2].endswith("mm")

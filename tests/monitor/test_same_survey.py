@@ -11,7 +11,7 @@ import pytest
 from monitor.cli import run
 from monitor.comparison import compare
 from monitor.record import Place
-from monitor.same_survey import find_shared
+from monitor.same_survey import count_at, find_shared
 from projects import Project, Registration, Surface
 from projects.errors import ComparisonError
 from projects.formats import write_ply_mesh
@@ -31,11 +31,13 @@ def sheet(rng: np.random.Generator) -> Surface:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write scans a, b, c and d of the same sheet; a once more with fewer digits, b as a PLY of single precision."""
+    """Write scans a, b, c and d of the same sheet; a once more with fewer digits and once in another order, b as a PLY
+    of single precision."""
     out, rng = tmp_path_factory.mktemp("scans"), np.random.default_rng(11)
     for name in "abcd":
         np.savetxt(out / f"{name}.xyz", sheet(rng).vertices, fmt="%.9f")
     np.savetxt(out / "a-again.xyz", np.loadtxt(out / "a.xyz"), fmt="%.5f")
+    np.savetxt(out / "a-mixed.xyz", rng.permutation(np.loadtxt(out / "a.xyz")), fmt="%.6f")
     b = np.loadtxt(out / "b.xyz").astype("<f4")
     header = "ply\nformat binary_little_endian 1.0\nelement vertex 400\n" + "".join(
         f"property float {axis}\n" for axis in "xyz"
@@ -68,6 +70,7 @@ def project(tmp_path: Path, folder: Path) -> Path:
         (("a.xyz", "b.xyz"), [("a.xyz", "a.xyz"), ("b.xyz", "b.xyz")]),
         (("c.xyz", "b-again.ply"), [("b.xyz", "b-again.ply")]),
         (("a-again.xyz", "d.xyz"), [("a.xyz", "a-again.xyz")]),
+        (("c.xyz", "a-mixed.xyz"), [("a.xyz", "a-mixed.xyz")]),
         (("c.xyz", "d.xyz"), []),
     ],
 )
@@ -100,6 +103,33 @@ def test_one_mesh_in_two_epochs_is_found_whatever_its_file_is_called(
     assert "hold the same measurements (old.ply is new.ply)" in capsys.readouterr().err
     assert run(["compare", str(project), "sheet", "old", "other"]) == 2
     assert "has no surface yet" in capsys.readouterr().err
+
+
+def test_another_survey_in_the_same_grid_and_bounds_is_another(rng: np.random.Generator) -> None:
+    """Coordinates rounded to a millimetre: places coincide by chance, how many points lie at each does not."""
+    grids = [np.round(rng.uniform(0.0, 0.03, (3000, 3)) * [1.0, 1.0, 0.1], 3) for _ in range(2)]
+    places = np.unique(grids[0], axis=0)
+    one, same, other = (count_at(places, [g], 1e-5) for g in (grids[0], rng.permutation(grids[0]), grids[1]))
+    assert np.array_equal(one, same)
+    assert np.mean(one == other) < 0.5
+
+
+def test_a_mesh_that_was_edited_is_no_second_survey(
+    project: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where its vertices stayed no error shows: a level of detection of 0.00 mm was told of it."""
+    mesh = sheet(rng)
+    dented = mesh.vertices - 2e-3 * (np.hypot(*(mesh.vertices[:, :2] - 0.05).T) < 0.02)[:, None] * [0.0, 0.0, 1.0]
+    write_ply_mesh(tmp_path / "old.ply", mesh)
+    write_ply_mesh(tmp_path / "dented.ply", dataclasses.replace(mesh, vertices=dented))
+    for name in ("old", "dented"):
+        given = ["add-epoch", str(project), "sheet", name, "--date", "2026-05-01", "--mesh"]
+        assert run([*given, str(tmp_path / f"{name}.ply")]) == 0
+    assert "mind: most of dented.ply is old.ply of epoch old: one survey, not two" in capsys.readouterr().err
+    assert run(["process", str(project), "sheet", "old"]) == 0
+    assert run(["process", str(project), "sheet", "dented"]) == 0
+    assert run(["compare", str(project), "sheet", "old", "dented"]) == 2
+    assert "hold the same measurements (old.ply is most of dented.ply)" in capsys.readouterr().err
 
 
 def test_a_surface_against_itself_has_the_level_that_it_states_and_none_where_it_states_nothing(

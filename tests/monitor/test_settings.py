@@ -46,7 +46,10 @@ def test_a_changed_setting_changes_only_itself(tmp_path: Path) -> None:
         ("icp = 3\n", "a group of settings"),
         ("[icp\n", "not valid TOML"),
         ("[icp]\nmax_iterations = 'many'\n", "a value like"),
-        ("[filter.thinning]\ntarget_spacing = '4 mm'\n", "target_spacing = '4 mm': a number is needed"),
+        (
+            "[filter.thinning]\ntarget_spacing = '4 mm'\n",
+            r"toml: \[filter\]: \[thinning\]: .*target_spacing = '4 mm': a number",
+        ),
         ("[filter.thinning]\ntarget_spacing = nan\n", "target_spacing = nan m: allowed is 1e-06 to 10.0"),
         ("[compare]\nsearch_limit = -1\n", "search_limit = -1 m: allowed is at least 0.0$"),
         ("[compare]\nfalse_discovery_rate = 2\n", "false_discovery_rate = 2.0: allowed is 1e-09 to 0.5"),

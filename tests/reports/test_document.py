@@ -1,6 +1,7 @@
 """What the report says of comparisons whose figures are known."""
 
 import dataclasses
+import datetime
 
 import numpy as np
 import pytest
@@ -71,6 +72,31 @@ def test_epochs_given_the_wrong_way_round_are_said_to_be():
     earlier = dataclasses.replace(before, steps=(*before.steps, comparison))
     (remark,) = facts_of(epochs=(after, earlier)).remarks
     assert plain(remark).startswith("Told backwards in time: epoch e2 of 18 May 2026, the reference, is the later one.")
+
+
+@pytest.mark.parametrize(
+    ("days", "orders"), [((1, 2), ("earlier", "later")), ((2, 1), ("later", "earlier")), ((1, 1), ("first", "second"))]
+)
+def test_epochs_are_called_earlier_and_later_by_their_dates(days, orders):
+    """Captions called the compared epoch the later one, whatever its date."""
+    epochs = example_epochs()
+    dated = [
+        dataclasses.replace(e, record=dataclasses.replace(e.record, date=datetime.date(2026, 5, day)))
+        for e, day in zip(epochs, days, strict=True)
+    ]
+    facts = facts_of(epochs=dated)
+    assert (facts.before.order, facts.after.order) == orders
+    notes = [t.note for t in facts.certainty if t.title in ("The motion, axis by axis", "What could be assessed")]
+    assert notes[0].startswith(f"From the {orders[0]} to the {orders[1]} epoch, about the point")
+    assert notes[1].startswith(f"Vertices of the {orders[1]} surface;")
+    assert facts.answer.figures[3].note == f"of the {orders[1]} epoch’s surface"
+
+
+def test_an_epoch_dated_after_its_comparison_is_pointed_out():
+    before, after = example_epochs()
+    dated = dataclasses.replace(after.record, date=datetime.date(2062, 5, 18))
+    (remark,) = facts_of(epochs=(before, dataclasses.replace(after, record=dated))).remarks
+    assert plain(remark).startswith("Epoch e2 is dated 18 May 2062, after this comparison was computed: ")
 
 
 def test_doubts_stand_with_the_answer():

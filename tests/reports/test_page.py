@@ -71,7 +71,7 @@ def test_the_table_of_regions_holds_every_region_and_none_where_nothing_changed(
     assert page_of(facts_of()).count('<td class="value">') == 8
     empty = page_of(facts_of(example_comparison(rows=())))
     assert '<td class="value">' not in empty
-    assert "No region of the surface changed significantly." in empty
+    assert "<p>No change was found.</p>" in empty
 
 
 def test_what_is_not_known_is_printed_as_such():
