@@ -2,9 +2,12 @@
 
     python tests/benchmarks/bench_comparison.py speed [VERTICES ...]     ours and CloudCompare in one run
     python tests/benchmarks/bench_comparison.py memory [VERTICES ...]    peak memory, octets a vertex
+    python tests/benchmarks/bench_comparison.py bodies VERTICES --folder F   the two surfaces into files
+    python tests/benchmarks/bench_comparison.py ours VERTICES --folder F     ours alone, from there
 
 CloudCompare is run where it is installed (Debian: apt-get install cloudcompare; 2.11 for the figures in BENCHMARKS.md),
-otherwise Open3D's closest points are the peer. Each measurement is a process of its own.
+otherwise Open3D's closest points are the peer. Each measurement is a process of its own. `bodies` and `ours` are for a
+process whose memory is limited from outside: making the surfaces takes more than they do.
 """
 
 from __future__ import annotations
@@ -73,11 +76,26 @@ def known(surface: Surface) -> Registration:
                         is_stable=np.ones(n, dtype=bool))  # fmt: skip
 
 
-def run_ours(n_vertices: int) -> None:
-    """Compare once to compile, then once for the figures; write them to standard output."""
+def write_bodies(n_vertices: int, folder: Path) -> None:
+    """Write both surfaces into `folder`: making them takes more memory than they do."""
+    for seed in (0, 1):
+        body = make_body(n_vertices, seed)
+        np.save(folder / f"vertices-{seed}.npy", body.vertices)
+        np.save(folder / f"faces-{seed}.npy", body.faces)
+
+
+def load_body(folder: Path, seed: int) -> Surface:
+    """Return a surface of `write_bodies`."""
+    vertices, faces = (np.load(folder / f"{name}-{seed}.npy") for name in ("vertices", "faces"))
+    return Surface(vertices, faces, sigma=np.full(len(vertices), NOISE))
+
+
+def run_ours(n_vertices: int, folder: Path | None = None) -> None:
+    """Compare once to compile, then once for the figures; write them to standard output. Surfaces from `folder` where
+    one is given."""
     small = make_body(5000, 0), make_body(5000, 1)
     compare(*small, known(small[1]))
-    reference, compared = make_body(n_vertices, 0), make_body(n_vertices, 1)
+    reference, compared = (load_body(folder, k) if folder else make_body(n_vertices, k) for k in (0, 1))
     before = held_kib()
     wall, cpu = time.perf_counter(), time.process_time()
     with watch_memory() as peak:
@@ -181,13 +199,14 @@ def main() -> None:
     """Run what the command line asks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "what", choices=("speed", "memory", "ours", "ours-memory", "open3d"), nargs="?", default="speed"
+        "what", choices=("speed", "memory", "bodies", "ours", "ours-memory", "open3d"), nargs="?", default="speed"
     )
     parser.add_argument("sizes", type=int, nargs="*")
+    parser.add_argument("--folder", type=Path)
     asked = parser.parse_args()
     sizes = asked.sizes or list(SIZES)
-    {"speed": compare_speed, "memory": compare_memory, "ours": lambda s: run_ours(s[0]),
-     "ours-memory": lambda s: run_ours(s[0]),
+    {"speed": compare_speed, "memory": compare_memory, "ours": lambda s: run_ours(s[0], asked.folder),
+     "bodies": lambda s: write_bodies(s[0], asked.folder or Path()), "ours-memory": lambda s: run_ours(s[0]),
      "open3d": lambda s: run_open3d(s[0])}[asked.what](sizes)  # fmt: skip
 
 
