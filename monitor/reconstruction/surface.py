@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from monitor.boxes import box_of
 from monitor.declare import check_settings, setting
 from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
+from monitor.reconstruction.corners import find_corners
 from monitor.reconstruction.coverage import count_uncovered
 from monitor.reconstruction.crests import snap, split_along
 from monitor.reconstruction.faces import least_cosines
@@ -281,6 +282,7 @@ def fit_vertices(
     if settings.sharp_edges:
         noise = np.maximum(np.fmin(reach.noise, samples.noise), FINEST * cell)
         projection, roofs = find_roofs(vertices, projection, faces, samples, noise, cell, max_shift)
+        projection, roofs = find_corners(vertices, projection, faces, roofs, samples, noise, cell, max_shift)
         projection = snap(projection, faces, roofs, cell)
         projection = projection._replace(sigma=np.maximum(projection.sigma, FINEST * cell))
     automatic["roof_share"] = len(roofs.which) / len(vertices)

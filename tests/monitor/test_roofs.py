@@ -158,27 +158,6 @@ def test_a_vertex_without_a_roof_takes_that_of_the_next_one_on_its_own_side() ->
     assert share_roofs(raw, known, np.arange(3), np.array([0]), row, 1.0)[0].tolist() == [0]
 
 
-def test_a_cube_is_whole_but_for_a_corner() -> None:
-    """Where three edges meet no window sees one alone. One of 40 mm had 129 vertices at holes."""
-    rng, g = np.random.default_rng(17), 0.001 * (np.arange(30) - 14.5)
-    u, v = (values.ravel() for values in np.meshgrid(g, g))
-    points, normals = [], []
-    for axis in range(3):
-        for sign in (-1.0, 1.0):
-            side = np.column_stack([np.full(900, 0.015 * sign), u, v]) + 3e-4 * np.column_stack(
-                [rng.normal(size=900), rng.uniform(-1.0, 1.0, (900, 2))]
-            )
-            points.append(np.roll(side, axis, axis=1))
-            normals.append(np.roll(np.tile([sign, 0.0, 0.0], (900, 1)), axis, axis=1))
-    points, normals = np.concatenate(points), np.concatenate(normals)
-    surface = reconstruct_with_record(PointCloud(points, origins=points + 2.0 * normals)).surface
-    faces = np.asarray(surface.faces)
-    assert boundary_vertices(faces, len(surface.vertices)).sum() < 10
-    assert len(find_intersections(surface.vertices, faces)) == 0
-    off = np.abs(surface.vertices).max(axis=1) - 0.015
-    assert rms(off) < 0.12e-3
-
-
 def test_a_round_fold_shows_too_and_a_smooth_patch_leaves_no_more_on_a_round_edge(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

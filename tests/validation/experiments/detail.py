@@ -1,4 +1,4 @@
-"""What of its detail a surface keeps: sine reliefs, a step, edges, a thin cylinder; noise beside it, peers in the run.
+"""What of its detail a surface keeps: sine reliefs, a step, edges, a corner, a thin cylinder; noise; peers in the run.
 
 Points 1 mm apart on a grid (jittered by 0.3 mm) seen along z, noise 0.4 mm along the normal, a random rigid motion each
 seed. Kept is the amplitude of the sine fitted to the vertices; noise is the scatter about that sine across the surface.
@@ -91,6 +91,17 @@ def make_edge(turn: float, rng: np.random.Generator) -> Shape:
     return place(np.column_stack([s * np.cos(way), y, -s * np.sin(way)]), normals, rng)
 
 
+def make_corner(sign: float, rng: np.random.Generator) -> Shape:
+    """Draw three sides of 30 mm of a cube that meet at the origin, seen from outside (`sign` 1) or from within (-1)."""
+    points, normals = [], []
+    for axis in range(3):
+        u, v = grid(rng, N_SIDE // 2, N_SIDE // 2)
+        side = np.column_stack([np.zeros_like(u), u, v]) - [0.0, 0.25 * N_SIDE * SPACING, 0.25 * N_SIDE * SPACING]
+        points.append(np.roll(side, axis, axis=1))
+        normals.append(np.tile(sign * np.eye(3)[axis], (len(u), 1)))
+    return place(np.concatenate(points), np.concatenate(normals), rng)
+
+
 def make_cylinder(rng: np.random.Generator) -> Shape:
     """Draw a cylinder of 10 mm radius, 60 mm long, open at its ends."""
     along, around = grid(rng, N_SIDE, round(2.0 * np.pi * CYLINDER / SPACING))
@@ -162,6 +173,17 @@ def error_of_edge(turn: float, mesh: Mesh, drawn: float) -> tuple[float, float]:
     return 1e3 * float(np.sqrt(np.mean(off[near] ** 2))), 1e3 * float(np.sqrt(np.mean(off[aside] ** 2)))
 
 
+def error_of_corner(mesh: Mesh, drawn: float) -> tuple[float, float]:
+    """Return how far [mm] the mesh is from the corner, and its vertices within 5 mm of that are off its sides, rms."""
+    o3d = load_open3d()
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(o3d.core.Tensor(mesh[0].astype(np.float32)), o3d.core.Tensor(mesh[1].astype(np.uint32)))
+    past = float(scene.compute_distance(o3d.core.Tensor(np.zeros((1, 3), np.float32)), nthreads=1).numpy()[0])
+    near = mesh[0][np.linalg.norm(mesh[0], axis=1) < 0.005]
+    off = np.linalg.norm(np.maximum(near, 0.0), axis=1) + np.minimum(near.max(axis=1), 0.0)
+    return 1e3 * past, 1e3 * float(np.sqrt(np.mean(off**2))) if len(near) else float("nan")
+
+
 def error_of_cylinder(mesh: Mesh, drawn: float) -> tuple[float, float]:
     """Return net mean error and its scatter [mm], positive outwards, away from the open ends."""
     local = mesh[0]
@@ -187,7 +209,7 @@ def over_seeds(size: Size, number: int, make: Callable[[np.random.Generator], Sh
 
 
 def run(size: Size) -> list[Row]:
-    """Measure the reliefs, the step and the cylinder."""
+    """Measure the reliefs, the step, the edges, the corner and the cylinder."""
     rows = []
     for number, wavelength in enumerate(WAVELENGTHS if size == "full" else WAVELENGTHS[2:4]):
         found = over_seeds(
@@ -203,6 +225,9 @@ def run(size: Size) -> list[Row]:
             lambda mesh, drawn, t=turn: error_of_edge(t, mesh, drawn),
         )  # fmt: skip
         rows.append(row_of_edge(degrees, found))
+    for number, (name, sign) in enumerate((("", 1.0), (" from within", -1.0))):
+        found = over_seeds(size, 40 + number, lambda rng, s=sign: make_corner(s, rng), error_of_corner)
+        rows.append(row_of_corner(name, found))
     rows.append(row_of_cylinder(over_seeds(size, 20, make_cylinder, error_of_cylinder)))
     return rows
 
@@ -267,6 +292,21 @@ def row_of_edge(degrees: float, found: Measured) -> Row:
     return Row(
         f"edge of {degrees:g} degrees: vertices within 3 mm, and 10, off it, rms", texts.pop("ours"), judge(holds),
         "", "no farther than both defaults", texts, ours, "" if holds else cause_of(found, "vertices"),
+    )  # fmt: skip
+
+
+def row_of_corner(name: str, found: Measured) -> Row:
+    """The mesh no farther from a corner than the peers', its vertices no farther off the sides."""
+    texts = {n: f"{in_words(column(found, n, 0)[0], 2)}, {in_words(column(found, n, 1)[0])}" for n in programs(found)}
+    (ours, error), off = column(found, "ours", 0), column(found, "ours", 1)[0]
+    rivals = ("Open3D, same cell", "APSS, default")
+    holds = all(
+        ours <= column(found, n, 0)[0] + 2.0 * float(np.nan_to_num(error)) and off <= column(found, n, 1)[0]
+        for n in rivals
+    )
+    return Row(
+        f"corner of a cube{name}: from the mesh; vertices within 5 mm off it, rms", texts.pop("ours"), judge(holds), "",
+        "no farther than both defaults", texts, ours, "" if holds else cause_of(found, "vertices"),
     )  # fmt: skip
 
 
