@@ -1,8 +1,9 @@
 """Searches on a surface too large for one tree: points in boxes, each with a tree of the faces that lie near.
 
-In: points and a `Shell`. Out: what one tree of all faces would tell, to the last bit. A box is halved until the faces
-near it are few. First faces are taken within a small reach; points that find none within it are asked again with a
-reach four times as long, and in the end with the search limit.
+In: points and a `Shell`. Out: what one tree of all faces would tell, to the last bit. A box is halved until one tree
+can hold the faces near it, and on as long as its halves together take less: faces near both are put into two trees.
+First faces are taken within a small reach; points that find none within it are asked again with a longer one, and in
+the end with the search limit.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from monitor.comparison.shell import Shell
 from projects.model import Floats, Ints, Surface
 
 FIRST_REACH = 1.0 / 16.0  # of the search limit
-LONGER = 4.0
+LONGER = 16.0
 MOST_FACES = 100  # to each point of a box that is not halved again
+PER_TREE = 10_000  # faces that a tree takes as long as one of none
 
 
 def search_feet(shell: Shell, points: Floats, normals: Floats) -> tuple[Ints, Floats, Floats, Ints]:
@@ -98,22 +100,48 @@ def _cut(shell: Shell, points: Floats, which: Ints, reach: float) -> Iterator[tu
 
     All faces around a foot within reach are among them, so what is told of its edge or vertex is right.
     """
-    vertices, faces = shell.surface.vertices, np.asarray(shell.surface.faces)
     margin = reach + 1e-9 * float(np.abs(points).max())  # more than coordinates are rounded by
-    ahead = [(which, np.arange(len(faces), dtype=np.int32))]
+    everything: Ints = np.arange(len(shell.surface.faces), dtype=np.int32)
+    ahead = [(which, everything)]
     while ahead:
         which, among = ahead.pop()
-        low, high = _bounds(points, which)
-        numbers = among[_meet_box(vertices, faces, among, low - margin, high + margin)]
-        axis = int(np.argmax(high - low))
-        few = min(shell.faces_per_tree, MOST_FACES * len(which))
-        if len(numbers) <= few or high[axis] - low[axis] <= reach:
-            yield which, numbers
-            continue
-        along = points[which, axis]
-        middle = median(along)
-        is_first = along < middle if middle > low[axis] else along <= middle
-        ahead += [(which[~is_first], numbers), (which[is_first], numbers)]
+        numbers, halves = _look_at_box(shell, points, which, among, margin)
+        if len(numbers) <= shell.faces_per_tree or not halves:
+            yield from _cheapest(shell, points, which, numbers, margin)[1]
+        else:
+            ahead += [(half, numbers) for half in halves]
+
+
+def _cheapest(shell: Shell, points: Floats, which: Ints, among: Ints, margin: float,
+              ) -> tuple[int, list[tuple[Ints, Ints]]]:  # fmt: skip
+    """Return what the trees for some points take [faces], and the boxes that take least, as `_cut` yields them."""
+    numbers, halves = _look_at_box(shell, points, which, among, margin)
+    whole = len(numbers) + PER_TREE
+    if not halves or whole <= max(2 * PER_TREE, MOST_FACES * len(which)):
+        return whole, [(which, numbers)]
+    taken = 0
+    boxes: list[tuple[Ints, Ints]] = []
+    for half in halves:
+        more, parts = _cheapest(shell, points, half, numbers, margin)
+        taken, boxes = taken + more, boxes + parts
+    return (taken, boxes) if taken < whole else (whole, [(which, numbers)])
+
+
+def _look_at_box(shell: Shell, points: Floats, which: Ints, among: Ints, margin: float,
+                 ) -> tuple[Ints, tuple[Ints, ...]]:  # fmt: skip
+    """Return which faces of `among` lie within `margin` [m] of the box of some points, and these points in two halves;
+    no halves where the box is smaller than the margin."""
+    low, high = _bounds(points, which)
+    numbers = among[
+        _meet_box(shell.surface.vertices, np.asarray(shell.surface.faces), among, low - margin, high + margin)
+    ]
+    axis = int(np.argmax(high - low))
+    if high[axis] - low[axis] <= margin:
+        return numbers, ()
+    along = points[which, axis]
+    middle = median(along)
+    is_first = along < middle if middle > low[axis] else along <= middle
+    return numbers, (which[is_first], which[~is_first])
 
 
 def _tree_of(shell: Shell, numbers: Ints, new: Ints) -> MeshTree:
