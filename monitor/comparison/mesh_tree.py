@@ -12,7 +12,7 @@ import numpy as np
 from numba import jit
 
 from monitor.comparison.morton import Cells, face_order
-from monitor.comparison.stars import less, make_mesh, survey_vertices
+from monitor.comparison.stars import face_normals, less, make_mesh, survey_vertices
 from monitor.comparison.triangles import along, cross, dot, sub, unit
 from monitor.threads import run_tasks
 from projects.errors import ComparisonError
@@ -57,13 +57,13 @@ def build_tree(surface: Surface, shift: Floats, max_angle: float, cells: Cells |
     vertices, faces = require_faces(surface)
     order = face_order(vertices, faces, shift, cells)
     mesh = make_mesh(vertices, faces[order], shift)
-    normals, areas, star_angles, is_border = survey_vertices(mesh)
+    normals, areas, is_border = survey_vertices(mesh)
     n_leaves = -(-len(faces) // FACES_PER_LEAF)
     nodes = np.empty((2 * n_leaves - 1, 11), dtype=np.float32)
     deepest = (1 << (len(nodes).bit_length() - 1)) - 1
     tree = MeshTree(*mesh, order, nodes, n_leaves, deepest, normals, areas, is_border)
     half_angles = np.empty(len(nodes), dtype=np.float32)
-    run_tasks(_fill_leaves, n_leaves, tree, star_angles, half_angles)
+    run_tasks(_fill_leaves, n_leaves, tree, face_normals(mesh), half_angles)
     _fill_inner(nodes, half_angles)
     nodes[:, 9] = np.where(half_angles + max_angle < np.pi, np.cos(half_angles + max_angle) - 1e-5, -2.0)
     return tree
@@ -91,10 +91,10 @@ def node_of_leaf(deepest, n_leaves, leaf):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def _fill_leaves(begin, end, tree, star_angles, half_angles):  # type: ignore[no-untyped-def]
+def _fill_leaves(begin, end, tree, looks, half_angles):  # type: ignore[no-untyped-def]
     """Write the box and the normal cones of the leaves from `begin` to `end`."""
-    nodes, faces, normals, n_faces = tree.nodes, tree.faces, tree.vertex_normals, len(tree.faces)
-    vertices, shift, looks = tree.vertices, tree.shift, np.empty((FACES_PER_LEAF, 3))
+    nodes, faces, vertices, shift, n_faces = tree.nodes, tree.faces, tree.vertices, tree.shift, len(tree.faces)
+    own = np.empty((FACES_PER_LEAF, 3))
     for leaf in range(begin, end):
         node = node_of_leaf(tree.deepest, tree.n_leaves, leaf)
         low, high, axis = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf), (0.0, 0.0, 0.0)
@@ -106,22 +106,24 @@ def _fill_leaves(begin, end, tree, star_angles, half_angles):  # type: ignore[no
                 less(vertices, faces[f, 2], shift),
             )
             normal = unit(cross(sub(b, a), sub(c, a)))
-            looks[f - first, 0], looks[f - first, 1], looks[f - first, 2] = normal
+            own[f - first, 0], own[f - first, 1], own[f - first, 2] = normal
             axis = along(axis, 1.0, normal)
             for p in (a, b, c):
                 low = (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2]))
                 high = (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2]))
         length = np.sqrt(dot(axis, axis))
-        least, least_around, widest = 1.0, 1.0, 0.0
-        for f in range(first, last if length > 0.0 else first):
-            normal = (looks[f - first, 0], looks[f - first, 1], looks[f - first, 2])
-            least = min(least, dot(normal, axis) / length)
-            for corner in range(3):
-                v = faces[f, corner]
-                at = (normals[v, 0], normals[v, 1], normals[v, 2])
-                least_around, widest = min(least_around, dot(at, axis) / length), max(widest, star_angles[v])
-        half, around = (_angle(least), _angle(least_around) + widest) if length > 0.0 else (np.pi, np.pi)
-        half_angles[node], nodes[node, 10] = half, min(around, np.pi)
+        half = around = np.pi
+        if length > 0.0:
+            least = least_around = 1.0
+            for f in range(first, last):
+                least = min(least, _cosine(axis, length, own, f - first))
+                for corner in range(3):
+                    v = faces[f, corner]
+                    least_around = min(least_around, -1.0 if tree.is_border[v] else 1.0)
+                    for k in range(tree.star_starts[v], tree.star_starts[v + 1]):
+                        least_around = min(least_around, _cosine(axis, length, looks, tree.star_faces[k]))
+            half, around = _angle(least), _angle(least_around - 1e-6)  # float32 keeps seven digits
+        half_angles[node], nodes[node, 10] = half, around
         for k in range(3):
             margin = 1e-6 * max(abs(low[k]), abs(high[k]))  # float32 keeps seven digits
             nodes[node, k], nodes[node, 3 + k] = low[k] - margin, high[k] + margin
@@ -152,6 +154,12 @@ def _fill_inner(nodes, half_angles):  # type: ignore[no-untyped-def]
 @jit(nopython=True, cache=True)
 def _axis_of(nodes, i):  # type: ignore[no-untyped-def]
     return (np.float64(nodes[i, 6]), np.float64(nodes[i, 7]), np.float64(nodes[i, 8]))
+
+
+@jit(nopython=True, cache=True, forceinline=True)
+def _cosine(axis, length, looks, f):  # type: ignore[no-untyped-def]
+    """Return the cosine between an axis of this length and the normal of face f."""
+    return (axis[0] * looks[f, 0] + axis[1] * looks[f, 1] + axis[2] * looks[f, 2]) / length
 
 
 @jit(nopython=True, cache=True)

@@ -57,7 +57,7 @@ def make_shell(
         normals, areas, is_border = tree.vertex_normals, tree.areas, tree.is_border
     else:
         mesh = make_mesh(vertices, faces[face_order(vertices, faces, shift, cells)], shift)
-        normals, areas, _, is_border = survey_vertices(mesh)
+        normals, areas, is_border = survey_vertices(mesh)
         normals, areas = keep_on_disk(normals), keep_on_disk(areas)
     ready = mesh if tree is None else tree
     starts, near = gather_neighbours(ready)

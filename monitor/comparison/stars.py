@@ -42,19 +42,18 @@ def make_mesh(vertices: Floats, faces: Ints, shift: Floats | None = None) -> Mes
     return Mesh(np.ascontiguousarray(vertices), faces, starts, around, shift)
 
 
-def survey_vertices(mesh: Mesh) -> tuple[Floats, Floats, Floats, Bools]:
-    """Return of each vertex the normal (n, 3), area (n,) [m2], star angle (n,) [rad] and whether it is on the border.
+def survey_vertices(mesh: Mesh) -> tuple[Floats, Floats, Bools]:
+    """Return of each vertex the normal (n, 3), area (n,) [m2] and whether it is on the border.
 
     The normal is the unit pseudo-normal, face normals weighted by their angle there, 0 without faces; the area a third
-    of the faces around; the star angle the largest of a face's normal to the vertex's, pi on the border, which is
-    where an edge is free.
+    of the faces around; the border is where an edge is free.
 
     References
     ----------
     Baerentzen and Aanaes (2005), Signed distance computation using the angle weighted pseudonormal.
     """
     n = len(mesh.vertices)
-    out = np.empty((n, 3)), np.empty(n), np.empty(n, dtype=np.float32), np.empty(n, dtype=np.bool_)
+    out = np.empty((n, 3)), np.empty(n), np.empty(n, dtype=np.bool_)
     run_tasks(_survey_stars, n, mesh, _widest_star(mesh), *out)
     return out
 
@@ -67,6 +66,13 @@ def angle_weighted_normals(mesh: Mesh) -> Floats:
 def vertex_areas(mesh: Mesh) -> Floats:
     """Return the area each vertex stands for (n,) [m2]; see `survey_vertices`."""
     return survey_vertices(mesh)[1]
+
+
+def face_normals(mesh: Mesh) -> Floats:
+    """Return the unit normal (m, 3) float32 of each face, zeros where it has no area."""
+    out = np.empty((len(mesh.faces), 3), dtype=np.float32)
+    run_tasks(_write_face_normals, len(mesh.faces), mesh, out)
+    return out
 
 
 def gather_neighbours(mesh: Any) -> Neighbours:
@@ -135,6 +141,12 @@ def face_normal(mesh, f):  # type: ignore[no-untyped-def]
     """Return the unit normal of face f; zeros where it has no area."""
     a = corner_of(mesh, f, 0)
     return unit(cross(sub(corner_of(mesh, f, 1), a), sub(corner_of(mesh, f, 2), a)))
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _write_face_normals(first, last, mesh, out):  # type: ignore[no-untyped-def]
+    for f in range(first, last):
+        out[f, 0], out[f, 1], out[f, 2] = face_normal(mesh, f)
 
 
 @jit(nopython=True, cache=True)
@@ -234,9 +246,8 @@ def _find_free_sides(mesh, is_border):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True, forceinline=True)
-def _weigh_star(vertices, faces, starts, around, shift, v, looks):  # type: ignore[no-untyped-def]
-    """Return the angle-weighted unit normal of vertex v, zeros without faces, and a third of the faces' area; write the
-    unit normals of these (k, 3), zeros without area."""
+def _weigh_star(vertices, faces, starts, around, shift, v):  # type: ignore[no-untyped-def]
+    """Return the angle-weighted unit normal of vertex v, zeros without faces, and a third of the faces' area."""
     at, total, area = less(vertices, v, shift), (0.0, 0.0, 0.0), 0.0
     for s in range(starts[v], starts[v + 1]):
         f = around[s]
@@ -248,22 +259,15 @@ def _weigh_star(vertices, faces, starts, around, shift, v, looks):  # type: igno
         area += size / 6.0
         if size > 0.0:
             total = along(total, np.arctan2(size, dot(to_next, to_last)) / size, across)
-        scale = 1.0 / size if size > 0.0 else 0.0
-        for c in range(3):
-            looks[s - starts[v], c] = across[c] * scale
     return unit(total), area
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def _survey_stars(first, last, mesh, widest, normals, areas, angles, is_border):  # type: ignore[no-untyped-def]
+def _survey_stars(first, last, mesh, widest, normals, areas, is_border):  # type: ignore[no-untyped-def]
     """Write the figures of the vertices from `first` to `last`; see `survey_vertices`."""
     vertices, faces, starts, around, shift = mesh.vertices, mesh.faces, mesh.star_starts, mesh.star_faces, mesh.shift
-    ends, looks = np.empty(widest, dtype=np.int32), np.empty((widest, 3))
+    ends = np.empty(widest, dtype=np.int32)
     for v in range(first, last):
-        normal, areas[v] = _weigh_star(vertices, faces, starts, around, shift, v, looks)
+        normal, areas[v] = _weigh_star(vertices, faces, starts, around, shift, v)
         normals[v, 0], normals[v, 1], normals[v, 2] = normal
         is_border[v] = _has_lone_end(ends, _edge_ends(faces, starts, around, v, ends))
-        least = -1.0 if is_border[v] else 1.0
-        for k in range(starts[v + 1] - starts[v]):
-            least = min(least, normal[0] * looks[k, 0] + normal[1] * looks[k, 1] + normal[2] * looks[k, 2])
-        angles[v] = np.arccos(max(least, -1.0)) if least < 1.0 else 0.0

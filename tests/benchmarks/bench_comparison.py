@@ -2,12 +2,13 @@
 
     python tests/benchmarks/bench_comparison.py speed [VERTICES ...]     ours and CloudCompare in one run
     python tests/benchmarks/bench_comparison.py memory [VERTICES ...]    peak memory, octets a vertex
-    python tests/benchmarks/bench_comparison.py bodies VERTICES --folder F   the two surfaces into files
+    python tests/benchmarks/bench_comparison.py bodies VERTICES --folder F [--radius R]   the two surfaces into files
     python tests/benchmarks/bench_comparison.py ours VERTICES --folder F     ours alone, from there
 
 CloudCompare is run where it is installed (Debian: apt-get install cloudcompare; 2.11 for the figures in BENCHMARKS.md),
 otherwise Open3D's closest points are the peer. Each measurement is a process of its own. `bodies` and `ours` are for a
-process whose memory is limited from outside: making the surfaces takes more than they do.
+process whose memory is limited from outside: making the surfaces takes more than they do. Edges of twenty times as many
+vertices are as long as before, and the surface as rough, where the radius [m] is sqrt(20) as large.
 """
 
 from __future__ import annotations
@@ -38,13 +39,15 @@ NOISE = 2e-4  # m
 DENT = (0.01, 0.05)  # m: depth and radius
 
 
-def make_body(n_vertices: int, seed: int) -> Surface:
-    """Return a closed bumpy body of 1 m with some `n_vertices` even vertices, noise, a dent where seed is not 0."""
+def make_body(n_vertices: int, seed: int, mean_radius: float = 0.5) -> Surface:
+    """Return a closed bumpy body of a mean radius [m] with some `n_vertices` even vertices, noise, a dent where seed is
+    not 0."""
     rng = np.random.default_rng(seed)
     d, faces = cube_sphere(max(int(np.sqrt(n_vertices / 6.0)), 2))
     d = d @ Rotation.from_rotvec([0.3 * seed, 0.5 * seed, 0.1 * seed]).as_matrix().T  # other places in the other epoch
-    radius = 0.5 + 0.02 * np.sin(9 * d[:, 0]) * np.cos(7 * d[:, 1]) + 0.01 * np.sin(23 * d[:, 2])
-    away = np.linalg.norm(0.5 * d - [0.5, 0.0, 0.0], axis=1)
+    bumps = 0.02 * np.sin(9 * d[:, 0]) * np.cos(7 * d[:, 1]) + 0.01 * np.sin(23 * d[:, 2])
+    radius = mean_radius * (1.0 + 2.0 * bumps)
+    away = mean_radius * np.linalg.norm(d - [1.0, 0.0, 0.0], axis=1)
     dent = np.where(away < DENT[1], 0.5 * DENT[0] * (1 + np.cos(np.pi * away / DENT[1])), 0.0) if seed else 0.0
     v = d * (radius - dent + rng.normal(0, NOISE, len(d)))[:, None]
     return Surface(v, faces, sigma=np.full(len(v), NOISE))
@@ -76,10 +79,10 @@ def known(surface: Surface) -> Registration:
                         is_stable=np.ones(n, dtype=bool))  # fmt: skip
 
 
-def write_bodies(n_vertices: int, folder: Path) -> None:
+def write_bodies(n_vertices: int, folder: Path, mean_radius: float) -> None:
     """Write both surfaces into `folder`: making them takes more memory than they do."""
     for seed in (0, 1):
-        body = make_body(n_vertices, seed)
+        body = make_body(n_vertices, seed, mean_radius)
         np.save(folder / f"vertices-{seed}.npy", body.vertices)
         np.save(folder / f"faces-{seed}.npy", body.faces)
 
@@ -203,11 +206,12 @@ def main() -> None:
     )
     parser.add_argument("sizes", type=int, nargs="*")
     parser.add_argument("--folder", type=Path)
+    parser.add_argument("--radius", type=float, default=0.5)
     asked = parser.parse_args()
     sizes = asked.sizes or list(SIZES)
     {"speed": compare_speed, "memory": compare_memory, "ours": lambda s: run_ours(s[0], asked.folder),
-     "bodies": lambda s: write_bodies(s[0], asked.folder or Path()), "ours-memory": lambda s: run_ours(s[0]),
-     "open3d": lambda s: run_open3d(s[0])}[asked.what](sizes)  # fmt: skip
+     "bodies": lambda s: write_bodies(s[0], asked.folder or Path(), asked.radius), "open3d": lambda s: run_open3d(s[0]),
+     "ours-memory": lambda s: run_ours(s[0])}[asked.what](sizes)  # fmt: skip
 
 
 if __name__ == "__main__":
