@@ -18,6 +18,7 @@ from monitor.comparison.enclosure import look_beyond
 from monitor.comparison.evidence import Sights, look_through
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import find_regions, least_beyond
+from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, measure_side, move_surface
 from monitor.comparison.summary import count_reasons, summarize
@@ -258,6 +259,6 @@ def finish_side(side: Side, found: Detection, region: Ints, change_beyond: Float
     state[region > 0] = Assessment.CHANGED
     lod95 = np.where(side.is_assessed, found.lod95, np.nan)
     lod95[is_through] = np.median(found.lod95[side.is_assessed]) if side.is_assessed.any() else np.nan
-    distances = np.where(is_through, change_beyond, side.distances)
+    lod95, distances = keep_on_disk(lod95), keep_on_disk(np.where(is_through, change_beyond, side.distances))
     reasons = np.where(is_through, NotAssessed.LOOKED_THROUGH, side.reasons).astype(np.uint8)
     return ComparedSurface(side.surface, distances, lod95, state, region.astype(np.int32), reasons)
