@@ -24,7 +24,7 @@ from projects.model import Floats, Ints, Surface
 FIRST_REACH = 1.0 / 16.0  # of the search limit
 LONGER = 16.0
 MOST_FACES = 100  # to each point of a box that is not halved again
-PER_TREE = 10_000  # faces that a tree takes as long as one of none
+PER_TREE = 10_000  # faces: what each tree takes besides those that it holds
 
 
 def search_feet(shell: Shell, points: Floats, normals: Floats) -> tuple[Ints, Floats, Floats, Ints]:

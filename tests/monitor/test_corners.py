@@ -77,8 +77,8 @@ def cube_cloud(rng: np.random.Generator, half: float) -> PointCloud:
     return PointCloud(where, origins=where + 2.0 * np.concatenate(normals))
 
 
-@pytest.mark.parametrize("half", [0.015, 0.006])
-def test_a_cube_is_whole_and_has_eight_corners(half: float) -> None:
+@pytest.mark.parametrize(("half", "left"), [(0.015, 0.08e-3), (0.006, 0.14e-3)])
+def test_a_cube_is_whole_and_has_eight_corners(half: float, left: float) -> None:
     """Of one of 12 mm each corner has half an edge to itself. Without corners one of 40 mm had holes at them."""
     surface = reconstruct(cube_cloud(np.random.default_rng(18), half))
     faces = np.asarray(surface.faces)
@@ -87,7 +87,7 @@ def test_a_cube_is_whole_and_has_eight_corners(half: float) -> None:
     assert len(find_intersections(surface.vertices, faces)) == 0
     eight = half * np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
     assert np.sort(off_mesh(surface, eight))[-3] < 0.6e-3  # one corner in twenty stays 1.2 mm short
-    assert rms(np.abs(surface.vertices).max(axis=1) - half) < 0.14e-3
+    assert rms(np.abs(surface.vertices).max(axis=1) - half) < left
     volume = trimesh.Trimesh(surface.vertices, faces, process=False).volume
     assert volume == pytest.approx((2.0 * half) ** 3, rel=0.012)
 

@@ -12,7 +12,7 @@ import trimesh
 from same_bits import assert_same_bits
 
 from monitor.comparison import compare, epochs, scratch
-from monitor.comparison.portions import search_feet, search_offsets
+from monitor.comparison.portions import PER_TREE, _cut, search_feet, search_offsets
 from monitor.comparison.shell import Shell, make_shell
 from projects.model import Floats, Registration, Surface
 
@@ -75,6 +75,24 @@ def test_of_points_equally_near_two_faces_pieces_take_the_one_that_one_tree_take
     looks = np.tile([0.0, 0.0, 1.0], (1600, 1))
     for one, other in zip(search_feet(whole, points, looks), search_feet(parted, points, looks), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_boxes_are_as_few_as_take_least() -> None:
+    """Points all over a sheet, nearer to each other than they reach, want all of its faces once, not each its own;
+    points in two of its corners want the faces there."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(300.0), np.arange(300.0), indexing="ij"))
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(299), np.arange(299), indexing="ij"))
+    a = i * 300 + j
+    faces = np.vstack([np.column_stack([a, a + 300, a + 301]), np.column_stack([a, a + 301, a + 1])])
+    sheet = Surface(np.column_stack([x, y, np.zeros(90_000)]), faces)
+    shell = both_shells(sheet, 30.0, len(faces) - 1)[1]
+    scattered = np.random.default_rng(4).uniform(0.0, 299.0, (120, 3)) * [1.0, 1.0, 0.0]
+    asked = [len(numbers) for _, numbers in _cut(shell, scattered, np.arange(120), 30.0)]
+    assert len(faces) <= sum(asked) + PER_TREE * len(asked) < 1.5 * len(faces)
+    corners = np.array([[1.0, 1.0, 0.0], [298.0, 298.0, 0.0]])
+    asked = [len(numbers) for _, numbers in _cut(shell, corners, np.arange(2), 30.0)]
+    assert len(asked) == 2
+    assert sum(asked) < 5000  # 31 x 31 fields of two faces each, twice
 
 
 def test_a_comparison_by_pieces_and_on_disk_is_that_by_one_tree_in_memory(
