@@ -38,7 +38,9 @@ from monitor.reconstruction.quadric import (
     SLOPE_V,
     UNIT_ERROR,
     fit_patch,
+    slope_chi2,
 )
+from monitor.reconstruction.remainder import FOURTH_IN_MIDDLE, second_moment, third_moment
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
@@ -48,8 +50,13 @@ MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch
 UNFIT = 1.5  # times the noise: points that scatter more about a fit are not of one smooth patch
 N_WIDENED = 3  # radii of the ladder for a plane: its own and the next wider, where too few points lie within it
 MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees
+SURE_SLOPE = 12.0  # or noise makes it: chi2 of two; in a frame turned by noise the same noise turns the next fit more
 STEEPEST2 = 3.0  # squared slope of 60 degrees against the mean normal, beyond which a fit is not of its points' sheet
-PLACE, NORMAL, OUT_SIGMA, OUT_SCATTER, OUT_SUPPORT = slice(0, 3), slice(3, 6), 6, 7, 8
+PRIOR = 8.0  # points, for which the noise known around counts in the scatter of one fit
+ONE_SIDED = 0.003  # of the radius cubed: third moment of a fit beyond half a radius from where its points end
+PLACE, NORMAL, OUT_SIGMA, OUT_SCATTER, OUT_SUPPORT, OUT_THIRD, OUT_SECOND, OUT_FREE = (
+    slice(0, 3), slice(3, 6), *range(6, 12)
+)  # fmt: skip
 
 
 class Reach(NamedTuple):
@@ -58,7 +65,8 @@ class Reach(NamedTuple):
     `curved` and `flat` are the rungs of the ladder for a curved patch and for a plane, `is_flat` says which to take
     where the points allow both, `is_fourth` where a curved patch errs by its fourth order and is to be rid of it (see
     `fit_fourth`), `misfit` (m) is what the surface was seen to depart from such a fit at its middle, and `noise` (m)
-    one sigma of a point there.
+    one sigma of a point there. `bend` (1/m) and `fourth` (1/m3) are what the second and the fourth derivatives of the
+    surface around come to, root mean square, as far as the points show them.
     """
 
     curved: Ints
@@ -67,12 +75,13 @@ class Reach(NamedTuple):
     is_fourth: Bools
     misfit: Floats
     noise: Floats
+    bend: Floats
+    fourth: Floats
     furrows: Furrows | None = None
 
     def take(self, which: Ints) -> Reach:
         """Return what holds at the vertices selected, by discs alone."""
-        return Reach(self.curved[which], self.flat[which], self.is_flat[which], self.is_fourth[which],
-                     self.misfit[which], self.noise[which])  # fmt: skip
+        return Reach(*(one[which] for one in self[:-1]))
 
 
 class Furrows(NamedTuple):
@@ -129,7 +138,7 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
     sheet. Where a curved patch would extrapolate a plane is taken. A move beyond `max_shift` (m) means that the fit
     is not about this vertex: it is refused.
     """
-    out, misfit = np.zeros((len(vertices), 9)), reach.misfit
+    out, misfit = np.zeros((len(vertices), 12)), reach.misfit
     if reach.furrows is not None:
         _project_along(vertices, normals, samples, reach.furrows, max_shift, out)
         misfit = misfit.copy()
@@ -137,15 +146,39 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
         misfit = np.where(out[:, OUT_SUPPORT] > 0.0, misfit, reach.misfit)
     _project_as_reached(vertices, normals, samples, reach, np.flatnonzero(out[:, OUT_SUPPORT] == 0.0), max_shift, out)
     _narrow(vertices, normals, samples, reach, max_shift, out)
+    keeps_fourth = reach.is_fourth & (out[:, OUT_THIRD] > 0.0)
+    in_middle = np.where(keeps_fourth, FOURTH_IN_MIDDLE * reach.fourth * samples.radii[reach.curved] ** 4, misfit)
+    misfit = np.hypot(in_middle, left_at_rims(reach, out))
     is_fitted = out[:, OUT_SUPPORT] > 0.0
     return Projection(
         vertices=np.where(is_fitted[:, None], out[:, PLACE], vertices),
         normals=np.where(is_fitted[:, None], out[:, NORMAL], normals),
-        sigma=np.where(is_fitted, np.hypot(out[:, OUT_SIGMA], misfit), np.nan),
+        sigma=np.where(is_fitted, np.hypot(steadied(reach, out) * out[:, OUT_SIGMA], misfit), np.nan),
         scatter=np.where(is_fitted, out[:, OUT_SCATTER], np.nan),
         n_support=np.abs(out[:, OUT_SUPPORT]).astype(np.int32),
         is_fitted=is_fitted,
     )
+
+
+def steadied(reach: Reach, out: Floats) -> Floats:
+    """Return by what (n,) the scatter of each fit is to be multiplied, few points of which tell little.
+
+    The noise around counts for `PRIOR` points; 1 where it is not known.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio2 = (reach.noise / out[:, OUT_SCATTER]) ** 2
+    free = out[:, OUT_FREE]
+    return np.where(np.isfinite(ratio2), np.sqrt((free + PRIOR * ratio2) / (free + PRIOR)), 1.0)
+
+
+def left_at_rims(reach: Reach, out: Floats) -> Floats:
+    """Return by how much (n,) [m] the surface may depart from fits that their points hold from one side.
+
+    From a curved patch by its third derivatives, the geometric mean of the second and the fourth; from a plane that
+    stands for a curved patch by the second.
+    """
+    by_third = out[:, OUT_THIRD] * np.sqrt(reach.bend * reach.fourth)
+    return np.where(reach.is_flat, 0.0, np.hypot(by_third, out[:, OUT_SECOND] * reach.bend))
 
 
 def _project_as_reached(
@@ -227,7 +260,7 @@ def project_one(
     if not mean_normal(near, n_near, vertex, normal, along, radius, stretch, gate, own):
         return
     place[:] = vertex
-    slope2, n_points = 0.0, 0.0
+    slope2, n_points, n = 0.0, 0.0, 0
     for _ in range(MOST_TURNS):
         n, n_points = gather_patch(
             level, near, n_near, place, own, along, radius, stretch, gate, room.patch, room.picked
@@ -244,7 +277,8 @@ def project_one(
             break
         place += fit[HEIGHT] * own
         tilt(own, along, fit[SLOPE_U], fit[SLOPE_V])
-        if slope2 < UPRIGHT**2:
+        curved_or_flat = min(degree, 2)
+        if slope2 < UPRIGHT**2 or slope_chi2(room.patch, n, radius, curved_or_flat, room.work, fit) < SURE_SLOPE:
             break
     row[OUT_SUPPORT] = -n_points
     dx, dy, dz = place[0] - vertex[0], place[1] - vertex[1], place[2] - vertex[2]
@@ -252,6 +286,12 @@ def project_one(
         row[PLACE] = place
         row[OUT_SIGMA], row[OUT_SCATTER] = fit[UNIT_ERROR] * fit[SIGMA] / np.sqrt(1.0 + slope2), fit[SIGMA]
         row[OUT_SUPPORT] = n_points
+        row[OUT_FREE] = max(fit[EFFECTIVE] - (3.0 if degree == 1 else 6.0), 1.0)
+        row[OUT_THIRD] = row[OUT_SECOND] = 0.0
+        if degree == 2 and stretch == 1.0:
+            row[OUT_THIRD] = third_moment(room.patch, n, room.influence) * radius**3
+        elif degree == 1:
+            row[OUT_SECOND] = second_moment(room.patch, n, room.influence) * radius**2
 
 
 @jit(nopython=True, cache=True)
@@ -260,13 +300,16 @@ def fit_fourth(room: Any, n: int, radius: float) -> bool:
 
     The bias of a curved patch's height grows with the fourth power of its radius: what the wider differs from the
     narrower tells that of the latter, which is taken off, at 1.14 times the standard error (generalized jackknife:
-    Schucany & Sommers 1977). All else is the narrower patch's. False where one of them cannot be.
+    Schucany & Sommers 1977). All else is the narrower patch's. False where one of them cannot be, and where points lie
+    on one side: there the bias grows with the third power.
     """
     fit, influence = room.fit, room.influence
     if not fit_patch(room.patch, n, radius, 1.0, 1.0, CURVED, room.work, fit, room.wider):
         return False
     wider = fit[HEIGHT]
     if not fit_patch(room.patch, n, radius, 1.0 / LADDER_RATIO, 1.0, CURVED, room.work, fit, influence):
+        return False
+    if third_moment(room.patch, n, influence) * LADDER_RATIO**3 > ONE_SIDED:
         return False
     carry = 1.0 / (LADDER_RATIO**BIAS_POWER - 1.0)
     fit[HEIGHT] += carry * (fit[HEIGHT] - wider)

@@ -349,6 +349,24 @@ def fit_patch(
 
 
 @jit(nopython=True, cache=True)
+def slope_chi2(patch: Floats, n: int, radius: float, degree: int, work: Any, out: Floats) -> float:
+    """Squared slope of the patch that `fit_patch` made last over what noise makes of it, for either direction.
+
+    `work` and `out` are as it left them.
+    """
+    _, a, g, _, squares, _, weights, influence = work
+    m, chi2 = (3 if degree == 1 else 6), 0.0
+    sigma2 = (out[SIGMA] / radius) ** 2
+    for k in range(1, 3):
+        g[:] = 0.0
+        g[k] = 1.0
+        substitute(a, g, m)
+        _, _, _, variance = sum_up(patch, n, g, squares, weights, influence)
+        chi2 += out[k] ** 2 / max(variance * sigma2, 1e-300)
+    return chi2
+
+
+@jit(nopython=True, cache=True)
 def solve_patch(
     patch: Floats, n: int, per2: float, along2: float, heights: Floats, weights: Floats, a: Floats, c: Floats, m: int
 ) -> bool:

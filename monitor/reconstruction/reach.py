@@ -32,6 +32,7 @@ from monitor.reconstruction.gathering import (
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, MOST_EXTRAPOLATED, Reach, Samples
 from monitor.reconstruction.quadric import BEND, COUNT, CURVED, EFFECTIVE, HEIGHT, PLANE, SIGMA, UNIT_ERROR, fit_patch
+from monitor.reconstruction.remainder import FOURTH_IN_MIDDLE
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
@@ -49,8 +50,9 @@ CLIPPED, MEAN_CLIPPED = (
     4.0,
     0.92,
 )  # of a squared departure, so that an edge nearby does not decide; mean of min(chi2, 4)
+BEND_OF_UNIT = 64.0  # variance of the second derivatives, in radii, over that of the height in the middle
 MOST_BENT = 0.84  # sum of both slopes at the rim: 0.42 of a sphere's radius, beyond which sixth order counts
-CURVATURE, CURVED_UNIT, SCATTER, STEP, STEP_UNIT2, FLAT_UNIT, FLAT_STEP, FLAT_STEP_UNIT2 = range(1, 9)
+CURVATURE, CURVED_UNIT, SCATTER, STEP, STEP_UNIT2, FLAT_UNIT, FLAT_STEP, FLAT_STEP_UNIT2, BEND2 = range(9)
 
 
 class Ladder(NamedTuple):
@@ -142,6 +144,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     curved surface.
     """
     n, pool = len(probes.vertices), probes.pool
+    bend2 = np.zeros(n)
     curved, flat = np.zeros(n, np.int64), np.zeros(n, np.int64)
     risk, flat_risk = np.full(n, np.inf), np.full(n, np.inf)
     misfit2, flat_misfit2, own_error2 = np.zeros(n), np.zeros(n), np.full(n, np.inf)
@@ -171,6 +174,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
         taken = climbing & ~doubted & np.isfinite(error2)
         curved, misfit2 = np.where(taken, k, curved), np.where(taken, bias2, misfit2)
         risk, own_error2 = np.where(taken, error2 + bias2, risk), np.where(taken, error2, own_error2)
+        bend2 = np.where(taken, bend_beyond_noise(rows, noise2, radius, pool), bend2)
         this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
         bows = flat_step.is_refused | flat_step.is_doubtful | flat_step.is_one_sided
         better = taken & ~bows & (this_risk < flat_risk)
@@ -179,15 +183,21 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
         climbing &= ~(np.where(flat_risk < risk, flat_error2, error2) <= ladder.wanted**2)
         if not climbing.any():
             break
-    whole2 = misfit2
+    whole2, fourth = misfit2, np.sqrt(misfit2) / (FOURTH_IN_MIDDLE * ladder.radii[curved] ** 4)
     risk += FOURTH_COST * np.where(is_fourth, own_error2, 0.0) - np.where(
         is_fourth, (1.0 - FOURTH_LEFT2) * misfit2, 0.0
     )
     misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     misfit = np.sqrt(np.where(is_flat, flat_misfit2, misfit2))
-    reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2))
+    reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), np.sqrt(bend2), fourth)
     return Climbed(reach, is_ended, own_error2, whole2, noise2)
+
+
+def bend_beyond_noise(rows: Floats, noise2: Floats, radius: float, pool: Ints) -> Floats:
+    """Return the sum of squares (n,) [1/m2] of the second derivatives around, less what noise makes of them."""
+    of_noise = BEND_OF_UNIT * rows[:, CURVED_UNIT] ** 2 * noise2 / radius**4
+    return np.nan_to_num(np.maximum(mean_of_pool(rows[:, BEND2] - of_noise, pool), 0.0))
 
 
 def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
@@ -295,6 +305,7 @@ def probe_one(
     if not is_supported(fit):
         return
     row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
+    row[BEND2] = square_of_bend(held.work[0], radius)
     if (
         inner < 1.0
         and fit_patch(patch, n_inner, radius, inner, 1.0, CURVED, work, fit_other, other)
@@ -307,6 +318,12 @@ def probe_one(
         row[FLAT_UNIT] = fit_other[UNIT_ERROR]
         row[FLAT_STEP] = fit[HEIGHT] - fit_other[HEIGHT]
         row[FLAT_STEP_UNIT2] = apart2(patch, n, influence, other)
+
+
+@jit(nopython=True, cache=True)
+def square_of_bend(c: Floats, radius: float) -> float:
+    """Sum of the squares (1/m2) of the second derivatives of a patch."""
+    return (4.0 * c[3] * c[3] + 2.0 * c[4] * c[4] + 4.0 * c[5] * c[5]) / (radius * radius)
 
 
 @jit(nopython=True, cache=True)
