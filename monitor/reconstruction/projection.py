@@ -40,7 +40,7 @@ from monitor.reconstruction.quadric import (
     fit_patch,
     slope_chi2,
 )
-from monitor.reconstruction.remainder import FOURTH_IN_MIDDLE, second_moment, third_moment
+from monitor.reconstruction.remainder import second_moment, third_moment
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
@@ -65,8 +65,8 @@ class Reach(NamedTuple):
     `curved` and `flat` are the rungs of the ladder for a curved patch and for a plane, `is_flat` says which to take
     where the points allow both, `is_fourth` where a curved patch errs by its fourth order and is to be rid of it (see
     `fit_fourth`), `misfit` (m) is what the surface was seen to depart from such a fit at its middle, and `noise` (m)
-    one sigma of a point there. `bend` (1/m) and `fourth` (1/m3) are what the second and the fourth derivatives of the
-    surface around come to, root mean square, as far as the points show them.
+    one sigma of a point there. `whole` (m) is the misfit of a curved patch with its fourth order left on; `second`
+    (1/m) and `third` (1/m2) are what the derivatives of the surface there come to, root sum of squares.
     """
 
     curved: Ints
@@ -75,8 +75,9 @@ class Reach(NamedTuple):
     is_fourth: Bools
     misfit: Floats
     noise: Floats
-    bend: Floats
-    fourth: Floats
+    whole: Floats
+    second: Floats
+    third: Floats
     furrows: Furrows | None = None
 
     def take(self, which: Ints) -> Reach:
@@ -147,8 +148,7 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
     _project_as_reached(vertices, normals, samples, reach, np.flatnonzero(out[:, OUT_SUPPORT] == 0.0), max_shift, out)
     _narrow(vertices, normals, samples, reach, max_shift, out)
     keeps_fourth = reach.is_fourth & (out[:, OUT_THIRD] > 0.0)
-    in_middle = np.where(keeps_fourth, FOURTH_IN_MIDDLE * reach.fourth * samples.radii[reach.curved] ** 4, misfit)
-    misfit = np.hypot(in_middle, left_at_rims(reach, out))
+    misfit = np.hypot(np.where(keeps_fourth, reach.whole, misfit), left_at_rims(reach, out))
     is_fitted = out[:, OUT_SUPPORT] > 0.0
     return Projection(
         vertices=np.where(is_fitted[:, None], out[:, PLACE], vertices),
@@ -174,11 +174,10 @@ def steadied(reach: Reach, out: Floats) -> Floats:
 def left_at_rims(reach: Reach, out: Floats) -> Floats:
     """Return by how much (n,) [m] the surface may depart from fits that their points hold from one side.
 
-    From a curved patch by its third derivatives, the geometric mean of the second and the fourth; from a plane that
-    stands for a curved patch by the second.
+    From a curved patch by its third derivatives, from a plane that stands for a curved patch by its second.
     """
-    by_third = out[:, OUT_THIRD] * np.sqrt(reach.bend * reach.fourth)
-    return np.where(reach.is_flat, 0.0, np.hypot(by_third, out[:, OUT_SECOND] * reach.bend))
+    left = np.hypot(out[:, OUT_THIRD] * reach.third, out[:, OUT_SECOND] * reach.second)
+    return np.where(reach.is_flat, 0.0, left)
 
 
 def _project_as_reached(

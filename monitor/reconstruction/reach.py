@@ -28,11 +28,11 @@ from monitor.reconstruction.gathering import (
     near_room,
     patch_room,
     rows_room,
+    tangent_frame,
 )
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, MOST_EXTRAPOLATED, Reach, Samples
 from monitor.reconstruction.quadric import BEND, COUNT, CURVED, EFFECTIVE, HEIGHT, PLANE, SIGMA, UNIT_ERROR, fit_patch
-from monitor.reconstruction.remainder import FOURTH_IN_MIDDLE
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
@@ -42,6 +42,7 @@ FOURTH_LEFT2 = 0.25  # of the squared bias with its fourth order taken off, on w
 FOURTH_COST = 0.3  # of the variance, that taking it off adds
 N_HERE = 4  # probes next to each other that tell how large a bias is where it is seen
 N_STATED = 4  # points nearest to a probe whose stated noise counts there
+FEWEST_AROUND = 12  # probes, that tell how the curvature changes
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
 DOUBT, REFUSAL, BENT = 1.25, 4.0, 2.0  # sigmas of a pooled mean square departure above that of noise alone
 ONE_SIDED = 1.5  # sigmas of the mean departure of pooled probes, which curvature gives one sign
@@ -50,7 +51,7 @@ CLIPPED, MEAN_CLIPPED = (
     4.0,
     0.92,
 )  # of a squared departure, so that an edge nearby does not decide; mean of min(chi2, 4)
-BEND_OF_UNIT = 64.0  # variance of the second derivatives, in radii, over that of the height in the middle
+BEND_OF_UNIT = 64.0  # variance of the second derivatives, of the sum of both too, over that of the height
 MOST_BENT = 0.84  # sum of both slopes at the rim: 0.42 of a sphere's radius, beyond which sixth order counts
 CURVATURE, CURVED_UNIT, SCATTER, STEP, STEP_UNIT2, FLAT_UNIT, FLAT_STEP, FLAT_STEP_UNIT2, BEND2 = range(9)
 
@@ -144,14 +145,14 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     curved surface.
     """
     n, pool = len(probes.vertices), probes.pool
-    bend2 = np.zeros(n)
+    second2, third2 = np.zeros(n), np.zeros(n)
     curved, flat = np.zeros(n, np.int64), np.zeros(n, np.int64)
     risk, flat_risk = np.full(n, np.inf), np.full(n, np.inf)
     misfit2, flat_misfit2, own_error2 = np.zeros(n), np.zeros(n), np.full(n, np.inf)
     is_fourth, is_ended = np.zeros(n, bool), np.zeros(n, bool)
     climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     for k, radius in enumerate(ladder.radii):
-        inner = np.where(np.isfinite(risk), ladder.radii[curved] / radius, 1.0)
+        inner = np.where(np.isfinite(risk), ladder.radii[curved] / radius, 1.0 / LADDER_RATIO)
         rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k, inner)
         noise2 = np.where(np.isnan(noise2), noise_variance(rows[:, SCATTER], probes.stated, pool), noise2)
         error2, flat_error2 = (noise2 * mean_of_pool(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
@@ -174,7 +175,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
         taken = climbing & ~doubted & np.isfinite(error2)
         curved, misfit2 = np.where(taken, k, curved), np.where(taken, bias2, misfit2)
         risk, own_error2 = np.where(taken, error2 + bias2, risk), np.where(taken, error2, own_error2)
-        bend2 = np.where(taken, bend_beyond_noise(rows, noise2, radius, pool), bend2)
+        second2 = np.where(taken, second_derivatives2(rows, noise2, radius, pool), second2)
+        third2 = np.where(taken, third_derivatives2(rows, noise2, radius, probes, n_apart), third2)
         this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
         bows = flat_step.is_refused | flat_step.is_doubtful | flat_step.is_one_sided
         better = taken & ~bows & (this_risk < flat_risk)
@@ -183,21 +185,61 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
         climbing &= ~(np.where(flat_risk < risk, flat_error2, error2) <= ladder.wanted**2)
         if not climbing.any():
             break
-    whole2, fourth = misfit2, np.sqrt(misfit2) / (FOURTH_IN_MIDDLE * ladder.radii[curved] ** 4)
+    whole2 = misfit2
     risk += FOURTH_COST * np.where(is_fourth, own_error2, 0.0) - np.where(
         is_fourth, (1.0 - FOURTH_LEFT2) * misfit2, 0.0
     )
     misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     misfit = np.sqrt(np.where(is_flat, flat_misfit2, misfit2))
-    reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), np.sqrt(bend2), fourth)
+    derivatives = (np.sqrt(d2) for d2 in (whole2, second2, third2))
+    reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), *derivatives)
     return Climbed(reach, is_ended, own_error2, whole2, noise2)
 
 
-def bend_beyond_noise(rows: Floats, noise2: Floats, radius: float, pool: Ints) -> Floats:
+def second_derivatives2(rows: Floats, noise2: Floats, radius: float, pool: Ints) -> Floats:
     """Return the sum of squares (n,) [1/m2] of the second derivatives around, less what noise makes of them."""
     of_noise = BEND_OF_UNIT * rows[:, CURVED_UNIT] ** 2 * noise2 / radius**4
     return np.nan_to_num(np.maximum(mean_of_pool(rows[:, BEND2] - of_noise, pool), 0.0))
+
+
+def third_derivatives2(rows: Floats, noise2: Floats, radius: float, probes: Probes, n_apart: float) -> Floats:
+    """Return the sum of squares (n,) [1/m4] of the third derivatives: of how the sum of the curvatures changes around.
+
+    Less what noise makes of it, of `n_apart` fits. Neither spheres nor cylinders have any.
+    """
+    bend = rows[:, CURVATURE] / radius
+    change2, spread2 = change_around(bend, probes.vertices, probes.normals, probes.pool)
+    of_noise = BEND_OF_UNIT * mean_of_pool(rows[:, CURVED_UNIT] ** 2 * noise2, probes.pool) / radius**4
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left2 = change2 - 2.0 * of_noise / (n_apart * spread2)
+    return np.where(np.isfinite(left2), np.maximum(left2, 0.0), 0.0)
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def change_around(values: Floats, places: Floats, normals: Floats, pool: Ints) -> Any:
+    """Squared gradient (n,) along the surface of `values` over each place's pool, and the variance (n,) [m2] of its
+    places along either direction; NaN where too few are known."""
+    change2, spread2 = np.full(len(values), np.nan), np.full(len(values), np.nan)
+    for i in range(len(values)):
+        (tx, ty, tz), (bx, by, bz) = tangent_frame(normals[i])
+        n = su = sv = sh = suu = suv = svv = suh = svh = 0.0
+        for j in pool[i]:
+            h = values[j]
+            if np.isfinite(h):
+                x, y, z = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1], places[j, 2] - places[i, 2]
+                u, v = x * tx + y * ty + z * tz, x * bx + y * by + z * bz
+                n, su, sv, sh = n + 1.0, su + u, sv + v, sh + h
+                suu, suv, svv, suh, svh = suu + u * u, suv + u * v, svv + v * v, suh + u * h, svh + v * h
+        if n < FEWEST_AROUND:
+            continue
+        suu, suv, svv = (suu - su * su / n) / n, (suv - su * sv / n) / n, (svv - sv * sv / n) / n
+        suh, svh = (suh - su * sh / n) / n, (svh - sv * sh / n) / n
+        det = suu * svv - suv * suv
+        if det > 1e-6 * suu * svv:
+            gu, gv = (svv * suh - suv * svh) / det, (suu * svh - suv * suh) / det
+            change2[i], spread2[i] = gu * gu + gv * gv, np.sqrt(det)
+    return change2, spread2
 
 
 def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:

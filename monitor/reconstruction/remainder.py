@@ -1,4 +1,4 @@
-"""What a fit does not follow: how far its height moves with the next order of the surface, seen from one side or all.
+"""What a fit does not follow: how far its height moves with the next order of the surface where its points end.
 
 In: a patch and the influence of its points on the height, as `fit_patch` makes them. Out: a moment, in units of the
 radius to its order, root mean square over all directions that a wave of the surface may have. A quadric fit in the
@@ -13,11 +13,6 @@ from numba import jit
 
 from monitor.reconstruction.quadric import COUNT, SPREAD_UU, SPREAD_UV, SPREAD_VV, U, V
 from projects.model import Floats
-
-# Of f = a sin(k x), a curved fit of weights 1 - t^2 is off by a k^4 r^4 / 640 in the middle of its points. The third
-# derivative of waves is the geometric mean of the second and the fourth.
-FOURTH_IN_MIDDLE = 1.0 / 640.0
-
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
 def third_moment(patch: Floats, n: int, influence: Floats) -> float:
