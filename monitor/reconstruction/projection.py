@@ -163,12 +163,12 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
 def steadied(reach: Reach, out: Floats) -> Floats:
     """Return by what (n,) the scatter of each fit is to be multiplied, few points of which tell little.
 
-    The noise around counts for `PRIOR` points; 1 where it is not known.
+    The noise around counts for `PRIOR` points where it is larger: a smaller one says nothing against what is seen here.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio2 = (reach.noise / out[:, OUT_SCATTER]) ** 2
+        more2 = np.fmax((reach.noise / out[:, OUT_SCATTER]) ** 2, 1.0)
     free = out[:, OUT_FREE]
-    return np.where(np.isfinite(ratio2), np.sqrt((free + PRIOR * ratio2) / (free + PRIOR)), 1.0)
+    return np.sqrt((free + PRIOR * np.where(np.isfinite(more2), more2, 1.0)) / (free + PRIOR))
 
 
 def left_at_rims(reach: Reach, out: Floats) -> Floats:

@@ -113,7 +113,7 @@ def test_fits_grow_narrower_until_their_bias_is_a_fifth_of_their_noise_or_their_
     n = 4
     misfit2 = np.array([0.0, 0.03, 2.0, 0.2])  # shrinks by 1.4^-8 = 1 / 14.8 a step
     error2 = np.array([0.25, 0.25, 0.25, 0.45])  # grows by 1.4 a step, up to 0.55
-    reach = Reach(np.full(n, 3), np.full(n, 3), *np.zeros((2, n), bool), *np.zeros((2, n)))
+    reach = Reach(np.full(n, 3), np.full(n, 3), *np.zeros((2, n), bool), *np.zeros((5, n)))
     climbed = Climbed(reach, np.ones(n, bool), np.ones(n), misfit2, np.ones(n))
     assert narrow_by(climbed, error2, np.full(n, 9)).tolist() == [0, 1, 2, 0]
     assert narrow_by(climbed, error2, np.array([9, 0, 1, 9])).tolist() == [0, 0, 1, 0]
@@ -124,7 +124,7 @@ def test_a_vertex_without_points_enough_along_keeps_its_disc(rng):
     samples = samples_at(points, normals, 0.006, NOISE)
     places, up = np.array([[0.0, 0.0, 0.0002]] * 2), np.tile([0.0, 0.0, 1.0], (2, 1))
     disc = Reach(
-        np.zeros(2, int), np.zeros(2, int), np.zeros(2, bool), np.zeros(2, bool), np.full(2, 3e-5), np.zeros(2)
+        np.zeros(2, int), np.zeros(2, int), np.zeros(2, bool), np.zeros(2, bool), np.full(2, 3e-5), *np.zeros((4, 2))
     )
     along = Furrows(
         np.array([0, 1]), np.array([0, -9]), np.full(2, 3.0), np.full(2, 7e-5), np.tile([0.0, 1, 0], (2, 1))

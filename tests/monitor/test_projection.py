@@ -170,7 +170,7 @@ def test_a_fit_to_groups_is_that_to_their_points(rng):
     points = (RADIUS + noise * rng.normal(size=(n, 1))) * normals
     places = normals[::100]
     reach = Reach(
-        np.full(400, 2), np.full(400, 2), np.zeros(400, bool), np.zeros(400, bool), np.zeros(400), np.full(400, np.nan)
+        np.full(400, 2), np.full(400, 2), np.zeros(400, bool), np.zeros(400, bool), *np.zeros((5, 400))
     )
     summed = sum_up_samples(level_of_points(points, normals, radius), radius * 1.4 ** np.arange(-2.0, 1.0), noise)
     single = summed._replace(levels=[None, None, level_of_points(points, normals, radius)])
@@ -189,7 +189,7 @@ def test_noise_that_reaches_over_the_borders_of_cells_is_no_outlier(rng):
     x, y = (a.ravel() for a in np.meshgrid(g, g))
     up, flat = (
         np.tile([0.0, 0.0, 1.0], (6400, 1)),
-        Reach(*np.zeros((2, 1), int), *np.array([[True], [False]]), *np.zeros((2, 1))),
+        Reach(*np.zeros((2, 1), int), *np.array([[True], [False]]), *np.zeros((5, 1))),
     )
     moved = []
     for _ in range(60):
@@ -207,7 +207,7 @@ def test_vertices_of_a_thin_plate_rest_on_their_own_side_only(rng):
     top, bottom = (np.column_stack([x, y, np.full_like(x, z)]) for z in (0.001, -0.001))
     up = np.tile([0.0, 0.0, 1.0], (len(x), 1))
     samples = samples_at(np.r_[top, bottom], np.r_[up, -up], 0.004, 0.0005)
-    reach = Reach(np.zeros(1, int), np.zeros(1, int), np.zeros(1, bool), np.zeros(1, bool), *np.zeros((2, 1)))
+    reach = Reach(np.zeros(1, int), np.zeros(1, int), np.zeros(1, bool), np.zeros(1, bool), *np.zeros((5, 1)))
     moved = project_vertices(np.array([[0.02, 0.02, 0.0004]]), np.array([[0.0, 0.0, 1.0]]), samples, reach, 0.01)
     assert moved.vertices[0] == pytest.approx([0.02, 0.02, 0.001], abs=1e-9)
 
@@ -223,7 +223,7 @@ def test_vertices_of_a_rounded_step_come_back_to_the_part_that_they_belong_to(rn
     outward = np.column_stack([-slope, 0.0 * slope, np.ones(60)]) / np.sqrt(1.0 + slope**2)[:, None]
     raw = np.concatenate([raw + np.array([0.0, side, 0.0]) for side in np.linspace(-0.012, 0.012, 25)])
     reach = Reach(
-        np.zeros(1500, int), np.zeros(1500, int), np.zeros(1500, bool), np.zeros(1500, bool), *np.zeros((2, 1500))
+        np.zeros(1500, int), np.zeros(1500, int), np.zeros(1500, bool), np.zeros(1500, bool), *np.zeros((5, 1500))
     )
     moved = project_vertices(raw, np.tile(outward, (25, 1)), samples_at(points, normals, 0.0035, 1e-4), reach, 0.003)
     assert moved.is_fitted.all()
@@ -355,7 +355,8 @@ def test_a_vertex_on_an_edge_does_not_take_over_the_reach_of_a_flat_side(rng):
     points = points + 0.0002 * rng.normal(size=(2400, 1)) * normals
     radii = 0.002 * 1.4 ** np.arange(8)
     samples = sum_up_samples(level_of_points(points, normals, 0.01), radii, 0.0002)
-    reach = Reach(np.array([7]), np.array([7]), np.array([True]), np.array([False]), np.zeros(1), np.full(1, 0.0002))
+    reach = Reach(*np.full((2, 1), 7), *np.array([[True], [False]]), *np.zeros((5, 1)))
+    reach = reach._replace(noise=np.full(1, 0.0002))
     places, up = np.array([[0.0, 0.0, -0.0003]]), np.array([[0.0, 0.0, 1.0]])
     found = project_vertices(places, up, samples, reach, 0.01)
     assert -0.001 < found.vertices[0, 2] <= 0.0002  # within 20 mm a plane lies 3 mm inside
