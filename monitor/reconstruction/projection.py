@@ -49,11 +49,11 @@ BIAS_POWER = 4  # of the radius, with which the bias of a curved patch grows
 MOST_EXTRAPOLATED = 4.0  # standard error against that of a mean; a curved patch at the rim of its points exceeds it
 UNFIT = 1.5  # times the noise: points that scatter more about a fit are not of one smooth patch
 N_WIDENED = 3  # radii of the ladder for a plane: its own and the next wider, where too few points lie within it
-MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees
-SURE_SLOPE = 12.0  # or noise makes it: chi2 of two; in a frame turned by noise the same noise turns the next fit more
+MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees,
+SURE_SLOPE = 12.0  # or within what noise makes: chi2 of two
 STEEPEST2 = 3.0  # squared slope of 60 degrees against the mean normal, beyond which a fit is not of its points' sheet
-PRIOR = 8.0  # points, for which the noise known around counts in the scatter of one fit
-ONE_SIDED = 0.003  # of the radius cubed: third moment of a fit beyond half a radius from where its points end
+PRIOR = 8.0  # points, for which the noise around counts in the scatter of one fit
+MOST_LEANING = 0.003  # third moment, in radii cubed: as of fits half a radius from where their points end
 PLACE, NORMAL, OUT_SIGMA, OUT_SCATTER, OUT_SUPPORT, OUT_THIRD, OUT_SECOND, OUT_FREE = (
     slice(0, 3), slice(3, 6), *range(6, 12)
 )  # fmt: skip
@@ -251,7 +251,9 @@ def project_one(
     """Project one vertex: frame from the mean normal of its points, then once more from slope and place fitted.
 
     The second frame stands on the first patch: about the raw vertex, which may lie cells off at a step or a wall, it
-    would take the points of another part of the sheet, or of another sheet.
+    would take the points of another part of the sheet, or of another sheet. It is turned only to a slope that noise
+    does not make: noise across a turned frame has a part along it, which adds to the slope that it made (errors in
+    variables), most where points lie on one side.
     """
     fit, place = room.fit, room.place
     radius, stretch, gate, max_shift = sizes
@@ -276,8 +278,7 @@ def project_one(
             break
         place += fit[HEIGHT] * own
         tilt(own, along, fit[SLOPE_U], fit[SLOPE_V])
-        curved_or_flat = min(degree, 2)
-        if slope2 < UPRIGHT**2 or slope_chi2(room.patch, n, radius, curved_or_flat, room.work, fit) < SURE_SLOPE:
+        if slope2 < UPRIGHT**2 or slope_chi2(room.patch, n, radius, min(degree, 2), room.work, fit) < SURE_SLOPE:
             break
     row[OUT_SUPPORT] = -n_points
     dx, dy, dz = place[0] - vertex[0], place[1] - vertex[1], place[2] - vertex[2]
@@ -285,12 +286,18 @@ def project_one(
         row[PLACE] = place
         row[OUT_SIGMA], row[OUT_SCATTER] = fit[UNIT_ERROR] * fit[SIGMA] / np.sqrt(1.0 + slope2), fit[SIGMA]
         row[OUT_SUPPORT] = n_points
-        row[OUT_FREE] = max(fit[EFFECTIVE] - (3.0 if degree == 1 else 6.0), 1.0)
-        row[OUT_THIRD] = row[OUT_SECOND] = 0.0
-        if degree == 2 and stretch == 1.0:
-            row[OUT_THIRD] = third_moment(room.patch, n, room.influence) * radius**3
-        elif degree == 1:
-            row[OUT_SECOND] = second_moment(room.patch, n, room.influence) * radius**2
+        write_limits(room, n, degree, radius, stretch, row)
+
+
+@jit(nopython=True, cache=True)
+def write_limits(room: Any, n: int, degree: int, radius: float, stretch: float, row: Floats) -> None:
+    """Write how many points the scatter of the fit made last rests on, and how far it follows the surface."""
+    row[OUT_FREE] = max(room.fit[EFFECTIVE] - (3.0 if degree == 1 else 6.0), 1.0)
+    row[OUT_THIRD] = row[OUT_SECOND] = 0.0
+    if degree == 2 and stretch == 1.0:
+        row[OUT_THIRD] = third_moment(room.patch, n, room.influence) * radius**3
+    elif degree == 1:
+        row[OUT_SECOND] = second_moment(room.patch, n, room.influence) * radius**2
 
 
 @jit(nopython=True, cache=True)
@@ -308,7 +315,7 @@ def fit_fourth(room: Any, n: int, radius: float) -> bool:
     wider = fit[HEIGHT]
     if not fit_patch(room.patch, n, radius, 1.0 / LADDER_RATIO, 1.0, CURVED, room.work, fit, influence):
         return False
-    if third_moment(room.patch, n, influence) * LADDER_RATIO**3 > ONE_SIDED:
+    if third_moment(room.patch, n, influence) * LADDER_RATIO**3 > MOST_LEANING:
         return False
     carry = 1.0 / (LADDER_RATIO**BIAS_POWER - 1.0)
     fit[HEIGHT] += carry * (fit[HEIGHT] - wider)

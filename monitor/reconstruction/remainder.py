@@ -14,6 +14,7 @@ from numba import jit
 from monitor.reconstruction.quadric import COUNT, SPREAD_UU, SPREAD_UV, SPREAD_VV, U, V
 from projects.model import Floats
 
+
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
 def third_moment(patch: Floats, n: int, influence: Floats) -> float:
     """How far the height of a fit to the first n groups moves per third derivative of the surface, in radii cubed."""

@@ -101,7 +101,8 @@ def test_a_vertex_beyond_noisy_points_errs_as_it_states(outside):
     error, sigma = [], []
     for _ in range(400):
         x, y = (a.ravel() + rng.uniform(-3e-4, 3e-4, 576) for a in np.meshgrid(g, h))
-        samples = samples_at(np.column_stack([x, y, noise * rng.normal(size=576)]), np.tile(up, (576, 1)), radius, noise)
+        points = np.column_stack([x, y, noise * rng.normal(size=576)])
+        samples = samples_at(points, np.tile(up, (576, 1)), radius, noise)
         moved = project_vertices(place, up, samples, reach, 0.005)
         error.append(moved.vertices[0, 2])
         sigma.append(moved.sigma[0])
@@ -147,14 +148,16 @@ def test_derivatives_of_waves_and_of_a_tube_are_found(rng):
     x, y = (c.ravel() + rng.uniform(-3e-4, 3e-4, 8100) for c in np.meshgrid(g, g))
     normals = np.column_stack([-a * k * np.cos(k * x), 0.0 * x, np.ones_like(x)])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    waves = PointCloud(np.column_stack([x, y, a * np.sin(k * x)]) + noise * rng.normal(size=(8100, 1)) * normals, normals)
+    points = np.column_stack([x, y, a * np.sin(k * x)])
+    waves = PointCloud(points + noise * rng.normal(size=(8100, 1)) * normals, normals)
     found, inside = reach_of(waves, noise), (np.abs(waves.points[:, :2]) < 0.03).all(axis=1)
     assert rms(found.second[inside]) == pytest.approx(a * k**2 / np.sqrt(2.0), rel=0.25)
     assert rms(found.third[inside]) == pytest.approx(a * k**3 / np.sqrt(2.0), rel=0.25)
     turn = np.arange(94) / 94 * 2.0 * np.pi
     t, z = (c.ravel() for c in np.meshgrid(turn, g))
     around = np.column_stack([np.cos(t), np.sin(t), 0.0 * t])
-    tube = PointCloud(0.015 * around + z[:, None] * [0.0, 0.0, 1.0] + noise * rng.normal(size=(len(t), 1)) * around, around)
+    points = 0.015 * around + z[:, None] * [0.0, 0.0, 1.0]
+    tube = PointCloud(points + noise * rng.normal(size=(len(t), 1)) * around, around)
     found = reach_of(tube, noise)
     inside = np.abs(tube.points[:, 2]) < 0.03
     assert np.median(found.second[inside]) == pytest.approx(1.0 / 0.015, rel=0.1)

@@ -131,7 +131,7 @@ CLASSES: dict[str, Sequence[Callable[[np.random.Generator], Sheet]]] = {
 
 
 def measure(sheet: Sheet, noise: float, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
-    """Return true error, stated sigma and distance from an edge of the vertices of the surface made of a noisy sheet."""
+    """Return true error, stated sigma and distance from an edge of the vertices of a noisy sheet's surface."""
     rotation, translation = Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.005, 0.005, 3)
     points = sheet.points + noise * rng.normal(size=(len(sheet.points), 1)) * sheet.normals
     origins = (sheet.points + 2.0 * sheet.normals) @ rotation.T + translation
@@ -166,8 +166,8 @@ def ratios(shapes: Sequence[Callable[[np.random.Generator], Sheet]], noise: floa
 def row_of(name: str, squares: Floats, zone_names: Sequence[str]) -> Row:
     """Return the row of one class of noise and curvature, judged in all zones where points lie."""
     mean = np.sqrt(squares.mean(axis=1))
-    error = squares.std(axis=1, ddof=1) / np.sqrt(squares.shape[1]) / (2.0 * mean) if squares.shape[1] > 1 else 0 * mean
-    words = [f"{in_words(m, 2)} ± {in_words(e, 2)}" if np.isfinite(m) else "-" for m, e in zip(mean, error, strict=True)]
+    error = squares.std(axis=1) / np.sqrt(max(squares.shape[1] - 1, 1)) / (2.0 * mean)
+    words = [f"{in_words(m, 2)} ± {in_words(e, 2)}" if m > 0.0 else "-" for m, e in zip(mean, error, strict=True)]
     asked = mean[: len(ZONES) - 1]
     holds = bool(np.all((asked[np.isfinite(asked)] >= ASKED[0]) & (asked[np.isfinite(asked)] <= ASKED[1])))
     others = dict(zip(zone_names[1:], words[1:], strict=True))
@@ -186,7 +186,7 @@ def run(size: Size) -> list[Row]:
 
 
 NOTES = (
-    "In the first column of figures, 10 mm and more from where the points end; then nearer, and beyond the last points, "
-    "where the surface goes on for up to 2.5 cells and which no bar is asked for. Beside an edge: from the line where "
-    "two planes meet. Root mean square over eight seeds and the shapes of a class, ± one standard error."
+    "In the first column of figures, 10 mm and more from where the points end; then nearer, and beyond the last "
+    "points, where the surface goes on for up to 2.5 cells and which no bar is asked for. Beside an edge: from the "
+    "line where two planes meet. Root mean square over eight seeds and the shapes of a class, ± one standard error."
 )
