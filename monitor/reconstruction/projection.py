@@ -82,7 +82,10 @@ class Reach(NamedTuple):
 
     def take(self, which: Ints) -> Reach:
         """Return what holds at the vertices selected, by discs alone."""
-        return Reach(*(one[which] for one in self[:-1]))
+        return Reach(
+            self.curved[which], self.flat[which], self.is_flat[which], self.is_fourth[which], self.misfit[which],
+            self.noise[which], self.whole[which], self.second[which], self.third[which],
+        )  # fmt: skip
 
 
 class Furrows(NamedTuple):

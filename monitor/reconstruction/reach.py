@@ -192,8 +192,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     misfit = np.sqrt(np.where(is_flat, flat_misfit2, misfit2))
-    derivatives = (np.sqrt(d2) for d2 in (whole2, second2, third2))
-    reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), *derivatives)
+    whole, second, third = np.sqrt(whole2), np.sqrt(second2), np.sqrt(third2)
+    reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), whole, second, third)
     return Climbed(reach, is_ended, own_error2, whole2, noise2)
 
 
