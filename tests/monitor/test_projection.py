@@ -170,6 +170,7 @@ def test_a_fit_to_groups_is_that_to_their_points(rng):
     points = (RADIUS + noise * rng.normal(size=(n, 1))) * normals
     places = normals[::100]
     reach = Reach(np.full(400, 2), np.full(400, 2), np.zeros(400, bool), np.zeros(400, bool), *np.zeros((5, 400)))
+    reach = reach._replace(noise=np.full(400, np.nan))
     summed = sum_up_samples(level_of_points(points, normals, radius), radius * 1.4 ** np.arange(-2.0, 1.0), noise)
     single = summed._replace(levels=[None, None, level_of_points(points, normals, radius)])
     moved = [project_vertices(RADIUS * places, places, samples, reach, 0.01) for samples in (summed, single)]
