@@ -16,6 +16,11 @@ if WORKER := os.environ.get("PYTEST_XDIST_WORKER"):
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # threads that wait leave the processor to the other process
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the many short files of `monitor` last: at the end neither of two processes waits long for the other."""
+    items.sort(key=lambda item: item.path.parent.name == "monitor")
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """Return a seeded generator."""
