@@ -17,8 +17,8 @@ if WORKER := os.environ.get("PYTEST_XDIST_WORKER"):
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the many short files of `monitor` last: at the end neither of two processes waits long for the other."""
-    items.sort(key=lambda item: item.path.parent.name == "monitor")
+    """Put short files last: at the end neither of two processes waits long for the other."""
+    items.sort(key=lambda item: item.path.parent.name in ("projects", "reports"))
 
 
 @pytest.fixture
