@@ -1,11 +1,24 @@
-"""Fixtures that every test may use."""
+"""Fixtures that every test may use, and what two processes that test side by side must not share."""
 
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-REAL_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+ROOT = Path(__file__).resolve().parents[1]
+REAL_DATA = ROOT / ".." / "shared" / "data"
+
+if WORKER := os.environ.get("PYTEST_XDIST_WORKER"):
+    # Numba's cache has no lock: of two processes that compile one kernel for two kinds of arguments at one time, each
+    # may take the other's code for its own. Read when numba is imported, which nothing has done yet.
+    os.environ["NUMBA_CACHE_DIR"] = str(ROOT / ".numba_cache" / WORKER)
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # threads that wait leave the processor to the other process
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put short files last: at the end neither of two processes waits long for the other."""
+    items.sort(key=lambda item: item.path.parent.name in ("projects", "reports"))
 
 
 @pytest.fixture

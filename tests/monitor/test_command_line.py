@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.cli import run
+from monitor.cli import results, run
 from projects import Project
+from reports import html
 
 STATION = "0 0 4"
 
@@ -51,6 +52,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a report draw its views small: six of the usual size take a quarter of a minute."""
+    monkeypatch.setattr(html, "LARGEST", 200)
+
+
 def digest(folder: Path) -> dict[str, str]:
     """Return the hash of every file of a project."""
     files = (p for p in folder.rglob("*") if p.is_file() and p.name != "project.lock")
@@ -86,7 +93,8 @@ def test_export_names_and_properties_are_those_of_the_contract(made: Path, tmp_p
     assert summary["mode"] == "relative"
 
 
-def test_export_of_one_epoch_is_its_surface(made: Path, tmp_path: Path) -> None:
+def test_export_of_one_epoch_is_its_surface(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(results, "SCREEN_FACES", 2000)  # charts of all 35 000 faces take a quarter of a minute
     given = ["export", str(made / "project"), "relief", "e1", "--out"]
     assert run([*given, str(tmp_path / "plain")]) == 0
     assert [p.name for p in (tmp_path / "plain").iterdir()] == ["relief_e1_surface.ply"]
@@ -110,6 +118,7 @@ def test_a_second_process_makes_nothing_new(made: Path) -> None:
     assert digest(made / "project") == before
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_report_is_one_file_with_its_fixed_name(made: Path, tmp_path: Path) -> None:
     assert run(["report", str(made / "project"), "relief", "e1", "e2", "--out", str(tmp_path)]) == 0
     (report,) = tmp_path.iterdir()
@@ -228,6 +237,7 @@ def test_epochs_of_other_things_elsewhere_are_refused(
     assert digest(project) == before
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_object_carried_elsewhere_is_found_by_its_shape_and_the_report_says_so(
     made: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
