@@ -51,7 +51,8 @@ def pair_within(points: Floats, samples: Ints, drawn: Ints, reach: float) -> Pai
     """
     places = points[samples]
     low = places.min(axis=0) - reach
-    table = _Table(places, *_fill_table(places, low, reach, N_BUCKETS), low, reach)
+    starts, entries = _fill_table(places, low, reach, N_BUCKETS)
+    table = _Table(places, starts, entries, low, reach)
     return Pairs(*_list_pairs(points, drawn, samples, table, 32 * len(samples) + 32))
 
 
