@@ -63,7 +63,7 @@ class Correlation:
         return float(np.sqrt(self.area / np.pi))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _sum_squares(points, sills, ranges):  # type: ignore[no-untyped-def]
     """Return the sum of the squared correlation over all pairs of points."""
     total = 0.0
@@ -156,7 +156,7 @@ def _fit_models(lag: Floats, product: Floats, variance: float, spacing: float, l
     return Correlation(sills / max(float(sills.sum()), 1.0), ranges)
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _box_size(points, known):  # type: ignore[no-untyped-def]
     """Return the edges (3,) [m] of the box of the known points."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

@@ -130,7 +130,7 @@ def _fill_leaves(begin, end, tree, looks, half_angles):  # type: ignore[no-untyp
             nodes[node, 6 + k] = axis[k] / length if length > 0.0 else 0.0
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _fill_inner(nodes, half_angles):  # type: ignore[no-untyped-def]
     """Write the box and the normal cones of every inner node from its children."""
     for node in range(len(nodes) // 2 - 1, -1, -1):

@@ -171,7 +171,7 @@ def sort_by_stratum(places: Ints, stratum: Ints) -> tuple[Ints, Ints]:
     return np.asarray(_sort_places(places, stratum, starts)), starts
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _sort_places(places, stratum, starts):  # type: ignore[no-untyped-def]
     out, filled = np.empty_like(places), starts[:-1].copy()
     for i in range(len(places)):
@@ -210,7 +210,7 @@ def are_copies(calm: Sequence[CalmVertices]) -> bool:
     return bool(2 * n_off > sum(len(c.places) for c in calm))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _count_within(distances, places, limit):  # type: ignore[no-untyped-def]
     n = 0
     for v in places:
@@ -309,7 +309,7 @@ def _mark(members: Ints) -> Bools:
     return table
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _find_members(stratum, is_member, ranks):  # type: ignore[no-untyped-def]
     """Return where the vertices are that have these `ranks`, rising, among those whose stratum is a member."""
     out, at, rank = np.empty(len(ranks), dtype=np.int64), 0, 0
@@ -372,7 +372,7 @@ def _gather_ratios(calm: Sequence[CalmVertices], members: Ints, factors: Floats,
     return ratios
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _add_ratios(calm, strata, factors, z, is_within, ratios, used):  # type: ignore[no-untyped-def]
     """Write the ratios of some strata of one side from `used` on; return how many are used then."""
     for k in strata:

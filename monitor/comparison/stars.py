@@ -91,7 +91,7 @@ def free_edges(mesh: Any, is_border: Bools) -> Ints:
     return np.column_stack([mesh.faces[face, side], mesh.faces[face, (side + 1) % 3]])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def first_sides(mesh):  # type: ignore[no-untyped-def]
     """Return the length (m,) [m] of the first side of each face."""
     out = np.empty(len(mesh.faces))
@@ -106,7 +106,7 @@ def _widest_star(mesh: Any) -> int:
     return 3 * int(np.diff(mesh.star_starts).max(initial=0))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _gather_stars(faces, n_vertices):  # type: ignore[no-untyped-def]
     """Return starts (n + 1,) and faces (3 m,) of the stars."""
     starts = np.zeros(n_vertices + 1, dtype=np.int32)
@@ -136,7 +136,7 @@ def corner_of(mesh, f, k):  # type: ignore[no-untyped-def]
     return vertex_of(mesh, mesh.faces[f, k])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def face_normal(mesh, f):  # type: ignore[no-untyped-def]
     """Return the unit normal of face f; zeros where it has no area."""
     a = corner_of(mesh, f, 0)
@@ -149,7 +149,7 @@ def _write_face_normals(first, last, mesh, out):  # type: ignore[no-untyped-def]
         out[f, 0], out[f, 1], out[f, 2] = face_normal(mesh, f)
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def face_across(mesh, f, side):  # type: ignore[no-untyped-def]
     """Return the face across the edge ab, bc or ca (`side`) of face f; -1 where the edge is free.
 
@@ -235,7 +235,7 @@ def _has_lone_end(ends, n):  # type: ignore[no-untyped-def]
     return False
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _find_free_sides(mesh, is_border):  # type: ignore[no-untyped-def]
     out = np.zeros((len(mesh.faces), 3), dtype=np.bool_)
     for f in range(len(mesh.faces)):
