@@ -70,7 +70,7 @@ def _value(values, v):  # type: ignore[no-untyped-def]
 
 @jit(nopython=True, cache=True, forceinline=True)
 def _at_foot(values, faces, f, weights, v):  # type: ignore[no-untyped-def]
-    """Return the weighted mean of the values at the corners of face f; NaN without a face, 0 where nothing is stated."""
+    """Return the weighted mean of the values at the corners of face f; NaN without a face, 0 if nothing is stated."""
     if len(values) == 0:
         return 0.0
     if f < 0:

@@ -12,7 +12,7 @@ import numpy as np
 from numba import jit
 
 from monitor.comparison.morton import Cells, face_order
-from monitor.comparison.stars import face_normals, less, make_mesh, survey_vertices
+from monitor.comparison.stars import Mesh, Survey, face_normals, less, make_mesh, survey_vertices
 from monitor.comparison.triangles import along, cross, dot, sub, unit
 from monitor.threads import run_tasks
 from projects.errors import ComparisonError
@@ -57,11 +57,15 @@ def build_tree(surface: Surface, shift: Floats, max_angle: float, cells: Cells |
     vertices, faces = require_faces(surface)
     order = face_order(vertices, faces, shift, cells)
     mesh = make_mesh(vertices, faces[order], shift)
-    normals, areas, is_border = survey_vertices(mesh)
-    n_leaves = -(-len(faces) // FACES_PER_LEAF)
+    return grow_tree(mesh, order, survey_vertices(mesh), max_angle)
+
+
+def grow_tree(mesh: Mesh, order: Ints, survey: Survey, max_angle: float) -> MeshTree:
+    """Return the tree of a mesh whose faces come in the tree's order; see `build_tree`."""
+    n_leaves = -(-len(mesh.faces) // FACES_PER_LEAF)
     nodes = np.empty((2 * n_leaves - 1, 11), dtype=np.float32)
     deepest = (1 << (len(nodes).bit_length() - 1)) - 1
-    tree = MeshTree(*mesh, order, nodes, n_leaves, deepest, normals, areas, is_border)
+    tree = MeshTree(*mesh, order, nodes, n_leaves, deepest, survey.normals, survey.areas, survey.is_border)
     half_angles = np.empty(len(nodes), dtype=np.float32)
     run_tasks(_fill_leaves, n_leaves, tree, face_normals(mesh), half_angles)
     _fill_inner(nodes, half_angles)
@@ -94,7 +98,7 @@ def node_of_leaf(deepest, n_leaves, leaf):  # type: ignore[no-untyped-def]
 def _fill_leaves(begin, end, tree, looks, half_angles):  # type: ignore[no-untyped-def]
     """Write the box and the normal cones of the leaves from `begin` to `end`."""
     nodes, faces, vertices, shift, n_faces = tree.nodes, tree.faces, tree.vertices, tree.shift, len(tree.faces)
-    own = np.empty((FACES_PER_LEAF, 3))
+    own, seen = np.empty((FACES_PER_LEAF, 3)), np.empty(3 * FACES_PER_LEAF, dtype=np.int64)
     for leaf in range(begin, end):
         node = node_of_leaf(tree.deepest, tree.n_leaves, leaf)
         low, high, axis = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf), (0.0, 0.0, 0.0)
@@ -114,11 +118,17 @@ def _fill_leaves(begin, end, tree, looks, half_angles):  # type: ignore[no-untyp
         length = np.sqrt(dot(axis, axis))
         half = around = np.pi
         if length > 0.0:
-            least = least_around = 1.0
+            least, least_around, n_seen = 1.0, 1.0, 0
             for f in range(first, last):
                 least = min(least, _cosine(axis, length, own, f - first))
                 for corner in range(3):
-                    v = faces[f, corner]
+                    v, is_new = np.int64(faces[f, corner]), True
+                    for k in range(n_seen):
+                        is_new &= seen[k] != v
+                    if not is_new:
+                        continue
+                    seen[n_seen] = v
+                    n_seen += 1
                     least_around = min(least_around, -1.0 if tree.is_border[v] else 1.0)
                     for k in range(tree.star_starts[v], tree.star_starts[v + 1]):
                         least_around = min(least_around, _cosine(axis, length, looks, tree.star_faces[k]))
