@@ -118,9 +118,9 @@ def _fill_leaves(begin, end, tree, looks, half_angles):  # type: ignore[no-untyp
         length = np.sqrt(dot(axis, axis))
         half = around = np.pi
         if length > 0.0:
-            least, least_around, n_seen = 1.0, 1.0, 0
+            least, least_around, n_seen, touches_border = np.inf, np.inf, 0, False
             for f in range(first, last):
-                least = min(least, _cosine(axis, length, own, f - first))
+                least = min(least, _along(axis, own, f - first))
                 for corner in range(3):
                     v, is_new = np.int64(faces[f, corner]), True
                     for k in range(n_seen):
@@ -129,10 +129,11 @@ def _fill_leaves(begin, end, tree, looks, half_angles):  # type: ignore[no-untyp
                         continue
                     seen[n_seen] = v
                     n_seen += 1
-                    least_around = min(least_around, -1.0 if tree.is_border[v] else 1.0)
+                    touches_border |= tree.is_border[v]
                     for k in range(tree.star_starts[v], tree.star_starts[v + 1]):
-                        least_around = min(least_around, _cosine(axis, length, looks, tree.star_faces[k]))
-            half, around = _angle(least), _angle(least_around - 1e-6)  # float32 keeps seven digits
+                        least_around = min(least_around, _along(axis, looks, tree.star_faces[k]))
+            least_around = -1.0 if touches_border else min(least_around / length, 1.0)
+            half, around = _angle(min(least / length, 1.0)), _angle(least_around - 1e-6)  # float32 keeps seven digits
         half_angles[node], nodes[node, 10] = half, around
         for k in range(3):
             margin = 1e-6 * max(abs(low[k]), abs(high[k]))  # float32 keeps seven digits
@@ -167,9 +168,9 @@ def _axis_of(nodes, i):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True, forceinline=True)
-def _cosine(axis, length, looks, f):  # type: ignore[no-untyped-def]
-    """Return the cosine between an axis of this length and the normal of face f."""
-    return (axis[0] * looks[f, 0] + axis[1] * looks[f, 1] + axis[2] * looks[f, 2]) / length
+def _along(axis, looks, f):  # type: ignore[no-untyped-def]
+    """Return how far the normal of face f reaches along an axis, times the axis's length."""
+    return axis[0] * looks[f, 0] + axis[1] * looks[f, 1] + axis[2] * looks[f, 2]
 
 
 @jit(nopython=True, cache=True)
