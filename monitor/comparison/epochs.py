@@ -152,8 +152,8 @@ def require_sound(reference: Surface, compared: Surface) -> None:
             )
         if not len(surface.faces):
             raise ComparisonError(f"the {name} surface has no faces; give a sound mesh")
-        n_bad = int((~np.isfinite(surface.vertices)).any(axis=1).sum())
-        if n_bad:
+        if not np.isfinite(surface.vertices).all():
+            n_bad = int((~np.isfinite(surface.vertices)).any(axis=1).sum())
             raise ComparisonError(
                 f"the {name} surface has {n_bad} of {len(surface.vertices)} vertices that are not finite; "
                 "give a sound mesh"

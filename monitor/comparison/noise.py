@@ -26,7 +26,7 @@ from monitor.comparison.error_parts import Parts, fit_parts
 from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor, least_floor
 from monitor.comparison.quantile import around_quantile, between, median, quantile
 from monitor.comparison.scratch import keep_on_disk
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.strata import EVERY, GROUPS, KINDS, N_STRATA, lies_at_rim, mean_of_arms, stratum_of
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
@@ -118,9 +118,9 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     a stratum that holds many has a floor or a scale of its own.
     """
     spacing = float(np.sqrt(median(np.concatenate([s.areas for s in sides]))))
-    witnesses = [_witness(s, c, spacing) for s, c in zip(sides, calm, strict=True)]
+    witnesses = map_sides(lambda k: _witness(sides[k], calm[k], spacing), larger_of(sides))
     parts, factors = learn_sizes(witnesses, share, known, rng)
-    floors = np.maximum(factors * parts.floor, max(least_floor(s.surface.vertices) for s in sides))
+    floors = np.maximum(factors * parts.floor, max(w.resolution for w in witnesses))
     unknown = Correlation(np.zeros(1), np.ones(1))
     noise = Noise(floors, factors * parts.surfaces, factors * parts.discord, factors * parts.shared, unknown, spacing)
     lead = int(calm[1].sum() > calm[0].sum())
@@ -129,7 +129,7 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
 
 def _correlate(side: Side, calm: Bools, noise: Noise, rng: np.random.Generator) -> Correlation:
     """Return how the errors of the calm vertices of a side agree."""
-    points, places = side.surface.vertices, np.flatnonzero(calm)
+    points, places = side.surface.vertices, np.flatnonzero(calm).astype(np.int32)
     if len(places) > MANY:
         return estimate_of_many(points, places, side.areas,
                                 lambda which: side.distances[which] / noise.sigma_of(side, which), rng)  # fmt: skip
@@ -142,7 +142,8 @@ class CalmVertices(NamedTuple):  # a named tuple, since kernels take it whole
     """The calm vertices of one side: their `places` (n,), rising, among all, of which `points` (m, 3) [m], `distances`
     (m,) [m], one sigma (m,) [m] of what is stated of the surfaces, `own`, of their `discord`, of the scans, `shared`,
     and of the registration, `motion`. `stratum` (n,) of each; `members` (n,) are the places by stratum, those of
-    stratum k from starts[k] on. Once their parts are known `own` is all of them but the registration's."""
+    stratum k from starts[k] on; distances below the `resolution` [m] are none. Once their parts are known `own` is all
+    of them but the registration's."""
 
     points: Floats
     places: Ints
@@ -154,6 +155,7 @@ class CalmVertices(NamedTuple):  # a named tuple, since kernels take it whole
     stratum: Ints
     members: Ints
     starts: Ints
+    resolution: float
 
 
 def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
@@ -161,8 +163,10 @@ def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     places, stratum = np.flatnonzero(calm).astype(np.int32), stratum_of(side, spacing)
     if len(places) < len(calm):
         stratum = stratum[places]
+    members, starts = sort_by_stratum(places, stratum)
     return CalmVertices(side.surface.vertices, places, side.distances, side.sigma_surfaces, side.sigma_discord,
-                        side.sigma_shared, side.sigma_motion, stratum, *sort_by_stratum(places, stratum))  # fmt: skip
+                        side.sigma_shared, side.sigma_motion, stratum, keep_on_disk(members), starts,
+                        least_floor(side.surface.vertices))  # fmt: skip
 
 
 def sort_by_stratum(places: Ints, stratum: Ints) -> tuple[Ints, Ints]:
@@ -206,7 +210,7 @@ def learn_sizes(
 
 def are_copies(calm: Sequence[CalmVertices]) -> bool:
     """Return whether most calm vertices lie on the other side to the last digit, which no second survey does."""
-    n_off = sum(_count_within(c.distances, c.places, least_floor(c.points)) for c in calm)
+    n_off = sum(_count_within(c.distances, c.places, c.resolution) for c in calm)
     return bool(2 * n_off > sum(len(c.places) for c in calm))
 
 

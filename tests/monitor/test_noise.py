@@ -40,7 +40,7 @@ def asked_of(distances: Floats, own: Floats, motion: Floats) -> float:
     none, place = np.zeros(len(own)), np.full(len(own), 3)
     places = np.arange(len(own))
     calm = CalmVertices(np.zeros((0, 3)), places, distances, own, none, none, motion, place,
-                        *sort_by_stratum(places, place))  # fmt: skip
+                        *sort_by_stratum(places, place), 0.0)  # fmt: skip
     return asked_scale([calm], np.array([3]), np.ones(N_STRATA), 0.95)
 
 
@@ -79,7 +79,7 @@ def calm_of(
     none, moved = np.zeros(n), np.full(n, 1e-3 * motion)
     disagree = none if shared is None else 1e-3 * shared
     return CalmVertices(points, np.arange(n), distances, np.full(n, 1e-3), none, disagree, moved, stratum,
-                        *sort_by_stratum(np.arange(n), stratum))  # fmt: skip
+                        *sort_by_stratum(np.arange(n), stratum), 1e-12)  # fmt: skip
 
 
 NO_AGREEMENT = Correlation(np.array([0.5]), np.array([0.1]))
