@@ -35,7 +35,7 @@ Masks = tuple[Bools, Bools]
 FEWEST_WITNESSES = 5.0  # that a group must hold to be asked for a factor of its own
 STATED_WITNESSES = 2.0  # that what is stated counts for: it may be off by a factor of two, one sigma; see `believe`
 ALIKE_WITNESSES = 8.0  # that the rest counts for where a group is asked: it may differ by a factor of 1.4, one sigma
-N_LEARNT = 400_000  # vertices of both sides that a scale is learned from: to 0.15 %, one sigma, if independent
+N_LEARNT = 800_000  # vertices of both sides that a scale is learned from: to 0.1 %, one sigma, if independent
 MANY = 300_000  # calm vertices of a side, above which only those that are paired show how errors agree
 N_PAIRED = 1000  # vertices of a stratum whose pairs show how many witnesses it holds
 
