@@ -13,23 +13,14 @@ import numpy as np
 
 from monitor.boxes import box_of
 from monitor.comparison.detection import Detection, detect
-from monitor.comparison.distances import distances_to_shell, search_limit, unit_normals
-from monitor.comparison.enclosure import SIGNS, look_beyond
+from monitor.comparison.distances import search_limit
+from monitor.comparison.enclosure import look_beyond
 from monitor.comparison.evidence import Sights, look_through
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import find_regions, least_beyond
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
-from monitor.comparison.side import (
-    AT_ONCE,
-    Side,
-    drop_contradicted,
-    judge_feet,
-    larger_of,
-    map_sides,
-    measure_side,
-    move_surface,
-)
+from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
 from monitor.comparison.summary import count_reasons, summarize
 from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
@@ -247,17 +238,9 @@ def measure_sides(shells: tuple[Shell, Shell], registration: Registration, left:
                   ) -> tuple[Side, Side]:  # fmt: skip
     """Return the sides (reference, compared), measured against each other, with what the registration held stable;
     `left` is the motion that stays in the distances."""
-    n_vertices = max(len(s.areas) for s in shells)
-    if n_vertices > AT_ONCE:
-        sides = (measure_side(shells[0], shells[1], -1.0, registration, left),
-                 measure_side(shells[1], shells[0], 1.0, registration, left))  # fmt: skip
-    else:
-        normals = [unit_normals(s.surface, s.normals) for s in shells]
-        feet = [distances_to_shell(s.surface, normals[k], shells[1 - k]) for k, s in enumerate(shells)]
-        sides = map_sides(lambda k: judge_feet((shells[k], shells[1 - k]), normals[k], feet[k], SIGNS[k], registration,
-                                               left), n_vertices)  # fmt: skip
-        del feet
-    on_reference, on_compared = map_sides(lambda k: drop_contradicted(sides[k], sides[1 - k]), n_vertices)
+    sides = (measure_side(shells[0], shells[1], -1.0, registration, left),
+             measure_side(shells[1], shells[0], 1.0, registration, left))  # fmt: skip
+    on_reference, on_compared = map_sides(lambda k: drop_contradicted(sides[k], sides[1 - k]), larger_of(sides))
     if registration.is_stable is None or len(registration.is_stable) != len(on_compared.areas):
         return on_reference, on_compared
     seen = on_reference.is_assessed & registration.is_stable[on_reference.foot_vertices]

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numba import jit
 
-from monitor.comparison.distances import Feet, distances_to_shell, interpolate_at_feet, unit_normals
+from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, unit_normals
 from monitor.comparison.judging import NOTHING, Stated, judge_vertices
 from monitor.comparison.quantile import median, quantile
 from monitor.comparison.rim import distance_to_rim
@@ -146,15 +146,7 @@ def _unstated_noise(side: Side) -> float:
 
 def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Registration,
                  left: Registration | None = None) -> Side:  # fmt: skip
-    """Measure one side against the other; `sign` is +1 on compared, -1 on reference. See `judge_feet`."""
-    normals = unit_normals(shell.surface, shell.normals)
-    return judge_feet((shell, other_shell), normals, distances_to_shell(shell.surface, normals, other_shell), sign,
-                      registration, left)  # fmt: skip
-
-
-def judge_feet(shells: tuple[Shell, Shell], normals: Floats, feet: Feet, sign: float, registration: Registration,
-               left: Registration | None) -> Side:  # fmt: skip
-    """Return one side as its `feet` on the other tell; `shells` are its own and the other's, `normals` (n, 3) its own.
+    """Measure one side against the other; `sign` is +1 on compared, -1 on reference.
 
     `registration` is what the frames of both are held by, `left` the motion that stays in the distances. The change is
     the perpendicular distance to the other surface, which between the corners of a face is not flat (`bow_at`).
@@ -163,8 +155,9 @@ def judge_feet(shells: tuple[Shell, Shell], normals: Floats, feet: Feet, sign: f
     the floor that the stable areas show. Near a free edge of either surface the surface goes on beyond its samples, so
     nothing is said there.
     """
-    shell, other_shell = shells
     surface, other = shell.surface, other_shell.surface
+    normals = unit_normals(surface, shell.normals)
+    feet = distances_to_shell(surface, normals, other_shell)
     stated = Stated(_or_nothing(surface.sigma), shell.discord), Stated(_or_nothing(other.sigma), other_shell.discord)
     own_rim = NOTHING if shell.rim is None else distance_to_rim(shell.rim, surface.vertices)
     least_to_rim = EXTRAPOLATED * float(np.sqrt(median(shell.areas)))
