@@ -207,7 +207,7 @@ def few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_of_many_vertices_an_even_draw_teaches_and_of_a_small_class_all(
-    rng: np.random.Generator, few_are_many: None
+    rng: np.random.Generator, few_are_many: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stratum = rng.permutation(np.repeat([SMOOTH, ROUGH], (20_000, 300)))
     true = np.full(N_STRATA, 0.6)
@@ -218,9 +218,18 @@ def test_of_many_vertices_an_even_draw_teaches_and_of_a_small_class_all(
     for c, some in zip(calm, drawn, strict=True):
         assert np.array_equal(some.distances, c.distances[c.members[::20]])
     assert np.diff(drawn[0].starts)[[SMOOTH, ROUGH]].tolist() == [1000, 15]
+    n_asked = {}
+
+    def ask(calm: list[CalmVertices], members: Ints, factors: Floats, share: float) -> float:
+        n_asked[tuple(members)] = sum(noise_module._n_held(c, members) for c in calm)
+        return asked_scale(calm, members, factors, share)
+
+    monkeypatch.setattr(noise_module, "asked_scale", ask)
     _, scales = learn(calm, rng)
     assert scales[SMOOTH] == pytest.approx(0.6, rel=0.05)  # of 2000: a quantile known to 0.02
     assert scales[ROUGH] == pytest.approx(1.2, rel=0.1)  # of 600; of 30 a fifth
+    of_class = {int(np.isin(SMOOTH, group)) + 2 * int(np.isin(ROUGH, group)): n for group, n in n_asked.items()}
+    assert of_class == {1: 2000, 2: 600, 3: 2030}  # of the large class, of the small one, of both
 
 
 def test_many_hold_as_many_witnesses_whichever_way_they_are_counted(
