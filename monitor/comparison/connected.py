@@ -27,7 +27,7 @@ def connect_like(kinds: Ints, surfaces: Sequence[Neighbours], links: Sequence[In
     return np.asarray(_number_parts(above, kinds))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _first_of(above, v):  # type: ignore[no-untyped-def]
     """Return the first vertex of the part of v, and shorten the way there."""
     while above[v] != v:
@@ -36,7 +36,7 @@ def _first_of(above, v):  # type: ignore[no-untyped-def]
     return v
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _join(above, kinds, a, b):  # type: ignore[no-untyped-def]
     """Join the parts of two vertices of one kind; `above` leads each vertex towards the first of its part."""
     if kinds[a] == kinds[b]:
@@ -44,7 +44,7 @@ def _join(above, kinds, a, b):  # type: ignore[no-untyped-def]
         above[max(a, b)] = min(a, b)
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _join_neighbours(above, kinds, neighbours, first):  # type: ignore[no-untyped-def]
     """Join neighbours on a surface whose vertices are numbered from `first` on."""
     for v in range(len(neighbours.starts) - 1):
@@ -54,14 +54,14 @@ def _join_neighbours(above, kinds, neighbours, first):  # type: ignore[no-untype
                     _join(above, kinds, first + v, first + neighbours.vertices[k])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _join_links(above, kinds, pairs):  # type: ignore[no-untyped-def]
     for e in range(len(pairs)):
         if kinds[pairs[e, 0]] >= 0:
             _join(above, kinds, pairs[e, 0], pairs[e, 1])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _number_parts(above, kinds):  # type: ignore[no-untyped-def]
     out, n = np.full(len(above), -1, dtype=np.int32), 0
     for v in range(len(above)):

@@ -34,7 +34,7 @@ from monitor.comparison.patches import (
 from monitor.comparison.quantile import quantile
 from monitor.comparison.reaches import Reaches, least_of_patches
 from monitor.comparison.scratch import keep_on_disk
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.smoothing import smooth_distances
 from monitor.comparison.stars import Neighbours
 from monitor.comparison.strata import stratum_of
@@ -120,17 +120,18 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, first_errors))
     teaches_all = False
     for _ in range(N_ROUNDS):
-        rest = tuple(away_from(s, test, k) for k, s in enumerate(sides))
+        rest = away_from_both(sides, test)
         if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
-            calm, noise = (rest[0], rest[1]), learn_noise(sides, (rest[0], rest[1]), 0.95, rng, noise.correlation)
+            calm, noise = rest, learn_noise(sides, rest, 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, registration, layout)
             test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, calm_errors))
             teaches_all = test.limit == 0.0
     if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
         calm = (sides[0].is_assessed, sides[1].is_assessed)
         noise = learn_noise(sides, calm, 0.95, rng, noise.correlation)
-    found = tuple(mark_changed(s, s, test, k, noise, calm[k]) for k, s in enumerate(sides))
-    return Detected((found[0], found[1]), noise, test, layout, calm)
+    marked, last = calm, test  # as they are now
+    found = map_sides(lambda k: mark_changed(sides[k], sides[k], last, k, noise, marked[k]), larger_of(sides))
+    return Detected(found, noise, test, layout, calm)
 
 
 def stable_or_all(side: Side) -> Bools:
@@ -148,16 +149,24 @@ def lay_out(sides: tuple[Side, Side], noise: Noise, registration: Registration, 
 def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, level: float,
                 errors_of: Callable[[Both], tuple[PatchErrors, ...]]) -> Tested:  # fmt: skip
     """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter."""
-    units = [judge_noise(u, s, noise, c) for u, s, c in zip(layout.units, sides, calm, strict=True)]
-    both = tuple(measure_patches(o, u, r, noise.correlation)
-                 for o, u, r in zip(layout.outlines, units, layout.reaches, strict=True))  # fmt: skip
-    errors = errors_of((both[0], both[1]))
-    p_values = [_test(p, errors) for p in both]
-    tested = np.concatenate([v[p.is_whole] for v, p in zip(p_values, both, strict=True)])
-    least = [least_of_patches(r, p.means, v) for r, p, v in zip(layout.reaches, both, p_values, strict=True)]
-    gained, lost = zip(*least, strict=True)
-    return Tested((units[0], units[1]), layout.reaches, gained, lost, benjamini_hochberg(tested, level), layout.size,
-                  errors, len(tested), (p_values[0], p_values[1]))  # fmt: skip
+
+    def measure(k: int) -> tuple[Units, Patches]:
+        units = judge_noise(layout.units[k], sides[k], noise, calm[k])
+        return units, measure_patches(layout.outlines[k], units, layout.reaches[k], noise.correlation)
+
+    n_vertices = larger_of(sides)
+    (first_units, first), (second_units, second) = map_sides(measure, n_vertices)
+    both = (first, second)
+    errors = errors_of(both)
+
+    def ask(k: int) -> tuple[Floats, Floats, Floats]:
+        p_values = _test(both[k], errors)
+        return p_values, *least_of_patches(layout.reaches[k], both[k].means, p_values)
+
+    a, b = map_sides(ask, n_vertices)
+    tested = np.concatenate([a[0][first.is_whole], b[0][second.is_whole]])
+    return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]),
+                  benjamini_hochberg(tested, level), layout.size, errors, len(tested), (a[0], b[0]))  # fmt: skip
 
 
 def learn_errors(learn: Callable[[Floats], PatchErrors], both: Both) -> tuple[PatchErrors, ...]:
@@ -174,13 +183,18 @@ def _test(patches: Patches, errors: tuple[PatchErrors, ...]) -> Floats:
     return np.where(patches.is_whole, np.column_stack(columns), 1.0)
 
 
+def away_from_both(sides: tuple[Side, Side], test: Tested) -> Masks:
+    """Return of both sides which vertices lie away from what is significant or suspect; see `away_from`."""
+    return map_sides(lambda k: away_from(sides[k], test, k), larger_of(sides))
+
+
 def away_from(side: Side, test: Tested, which: int) -> Bools:
     """Return which assessed vertices lie neither in a significant or suspect unit nor in one that touches it."""
     hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= max(test.limit, SUSPECT)
     return np.asarray(_lie_away(test.units[which].number, hit, side.neighbours))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _lie_away(number, hit, neighbours):  # type: ignore[no-untyped-def]
     """Return whether each vertex lies in a unit that is not hit and has no edge to one that is."""
     touched = hit.copy()

@@ -61,22 +61,6 @@ def unit_normals(surface: Surface, from_faces: Floats | None = None) -> Floats:
     return out
 
 
-def nearest_corners(feet: Feet, other: Surface) -> Ints:
-    """Return the vertex (n,) of the other surface nearest to each foot on its face by weight, -1 without a foot."""
-    out = np.empty(len(feet.faces), dtype=np.int32)
-    run_tasks(_find_corners, len(out), feet.faces, feet.weights, np.asarray(other.faces), out)
-    return out
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _find_corners(first, last, at, weights, faces, out):  # type: ignore[no-untyped-def]
-    """Write the corner of the face `at` (n,) with the largest weight, of equal ones the first; -1 without a face."""
-    for i in range(first, last):
-        k = 1 if weights[i, 1] > weights[i, 0] else 0
-        k = 2 if weights[i, 2] > weights[i, k] else k
-        out[i] = faces[at[i], k] if at[i] >= 0 else -1
-
-
 def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: float = np.pi / 3) -> Feet:
     """Measure each vertex of a surface against the other surface along the other's normal.
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import jit
 
 from monitor.comparison.closing import Closing, border_edges, close_gap, cone_volume
 from monitor.comparison.correlation import kept_variance
@@ -115,6 +116,8 @@ def grow_regions(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, 
 
 def _take_nearest(grown: list[Ints], beyond: Beyond, k: int, allowed: Bools, fitting: Bools) -> None:
     """Give allowed vertices of side k that have no region that of the nearest vertex of the other side, if it fits."""
+    if not allowed.any():
+        return
     near = beyond.nearest[k]
     label = np.where(near >= 0, grown[1 - k][near], 0)
     taken = allowed & (grown[k] == 0) & (label > 0) & fitting[label]
@@ -144,7 +147,7 @@ def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Int
                  registration: Registration, beyond: Beyond) -> Body | None:  # fmt: skip
     """Return the body that the patches of a region (`margins`: with their margin) enclose; None where none can be."""
     masks = [m == number for m in margins]
-    faces = [s.surface.faces[m[s.surface.faces].all(axis=1)] for s, m in zip(sides, masks, strict=True)]
+    faces = [s.surface.faces[_lie_within(np.asarray(s.surface.faces), m)] for s, m in zip(sides, masks, strict=True)]
     n_first = len(sides[0].areas)
     patches = np.vstack([faces[0][:, ::-1], faces[1] + n_first])
     used, patches = np.unique(patches, return_inverse=True)
@@ -161,6 +164,15 @@ def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Int
     volume = cone_volume(local[patches]) + cone_volume(closing.triangles, closing.weights)
     noise = sigma_of_patches(sides, masks, found, registration)
     return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_free, border))), float(_areas(closing).sum()))
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _lie_within(faces, mask):  # type: ignore[no-untyped-def]
+    """Return which faces (m, 3) have all corners in a mask (n,) of the vertices."""
+    out = np.empty(len(faces), dtype=np.bool_)
+    for f in range(len(faces)):
+        out[f] = mask[faces[f, 0]] and mask[faces[f, 1]] and mask[faces[f, 2]]
+    return out
 
 
 def _pick(both: Sequence[Any], which: Ints) -> Any:

@@ -20,7 +20,7 @@ from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import find_regions, least_beyond
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
-from monitor.comparison.side import Side, drop_contradicted, measure_side, move_surface
+from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
 from monitor.comparison.summary import count_reasons, summarize
 from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
@@ -111,11 +111,11 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     require_two(reference, compared)
     left = registration if mode == "absolute" else None
     registration, held = hold_frames(registration, frames, mode)
-    moved = move_surface(compared, registration.T_target_source) if mode == "relative" else compared
-    shells = make_shells(reference, moved, (limit, settings.max_normal_angle))
+    T = registration.T_target_source if mode == "relative" else None
+    shells = make_shells(reference, compared, (limit, settings.max_normal_angle), T)
     sides = measure_sides(shells, held, left)
-    sides = (drop_uncertain(sides[0], settings.largest_lod95 or limit),
-             drop_uncertain(sides[1], settings.largest_lod95 or limit))  # fmt: skip
+    largest = settings.largest_lod95 or limit
+    sides = map_sides(lambda k: drop_uncertain(sides[k], largest), larger_of(sides))
     require_common(sides, limit)
     if sights is not None:
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
@@ -126,8 +126,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
     regions, numbers = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
-    on_reference, on_compared = (
-        finish_side(s, f, r, b) for s, f, r, b in zip(sides, found.sides, numbers, beyond.change, strict=True)
+    on_reference, on_compared = map_sides(
+        lambda k: finish_side(sides[k], found.sides[k], numbers[k], beyond.change[k]), larger_of(sides)
     )
     statistics = {**summarize(on_compared, sides[1], found, registration, tolerance), "search_limit_m": limit,
                   "region_shapes": describe_shapes(regions, sides, numbers)}  # fmt: skip
@@ -143,8 +143,8 @@ def require_sound(reference: Surface, compared: Surface) -> None:
             )
         if not len(surface.faces):
             raise ComparisonError(f"the {name} surface has no faces; give a sound mesh")
-        n_bad = int((~np.isfinite(surface.vertices)).any(axis=1).sum())
-        if n_bad:
+        if not np.isfinite(surface.vertices).all():
+            n_bad = int((~np.isfinite(surface.vertices)).any(axis=1).sum())
             raise ComparisonError(
                 f"the {name} surface has {n_bad} of {len(surface.vertices)} vertices that are not finite; "
                 "give a sound mesh"
@@ -218,22 +218,29 @@ def register_epochs(reference: Surface, compared: Surface) -> Registration:
     return register(compared, reference)
 
 
-def make_shells(reference: Surface, moved: Surface, limits: tuple[float, float]) -> tuple[Shell, Shell]:
-    """Return both surfaces made ready, in coordinates about the middle of the reference; `limits` are the search limit
-    [m] and the largest angle [rad] between normals."""
+def make_shells(reference: Surface, compared: Surface, limits: tuple[float, float],
+                T_reference_compared: Floats | None = None) -> tuple[Shell, Shell]:  # fmt: skip
+    """Return both surfaces made ready, in coordinates about the middle of the reference; the compared one moved, where
+    a motion is given. `limits` are the search limit [m] and the largest angle [rad] between normals."""
     low, high = box_of(reference.vertices)
     shift = 0.5 * (low + high)
-    return make_shell(reference, shift, limits), make_shell(moved, shift, limits)
+
+    def make(k: int) -> Shell:
+        if k == 0:
+            return make_shell(reference, shift, limits)
+        T = T_reference_compared
+        return make_shell(compared if T is None else move_surface(compared, T), shift, limits)
+
+    return map_sides(make, max(len(reference.vertices), len(compared.vertices)))
 
 
 def measure_sides(shells: tuple[Shell, Shell], registration: Registration, left: Registration | None = None,
                   ) -> tuple[Side, Side]:  # fmt: skip
     """Return the sides (reference, compared), measured against each other, with what the registration held stable;
     `left` is the motion that stays in the distances."""
-    on_reference = measure_side(shells[0], shells[1], -1.0, registration, left)
-    on_compared = measure_side(shells[1], shells[0], 1.0, registration, left)
-    on_reference, on_compared = (drop_contradicted(on_reference, on_compared),
-                                 drop_contradicted(on_compared, on_reference))  # fmt: skip
+    sides = (measure_side(shells[0], shells[1], -1.0, registration, left),
+             measure_side(shells[1], shells[0], 1.0, registration, left))  # fmt: skip
+    on_reference, on_compared = map_sides(lambda k: drop_contradicted(sides[k], sides[1 - k]), larger_of(sides))
     if registration.is_stable is None or len(registration.is_stable) != len(on_compared.areas):
         return on_reference, on_compared
     seen = on_reference.is_assessed & registration.is_stable[on_reference.foot_vertices]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import jit, prange
 
-from monitor.comparison.packets import MOST_LEAVES, MOST_POINTS, gather_leaves, nearest_in_leaves
+from monitor.comparison.packets import FEW, MOST_FACES, MOST_POINTS, gather_faces, nearest_among, pick_faces
 from monitor.comparison.search import (
     ANY,
     DEPTH,
@@ -41,23 +41,33 @@ def find_feet(tree, points, normals, order, limits):  # type: ignore[no-untyped-
     distance, outcome = np.full(n, np.nan), np.zeros(n, dtype=np.uint8)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         stack, bounds = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
-        leaves, room = np.empty(MOST_LEAVES, dtype=np.int64), np.empty((8, MOST_LEAVES))
-        last, first, end, margin, longest = -1, chunk * CHUNK, min((chunk + 1) * CHUNK, n), -1.0, MOST_POINTS
-        while first < end:  # a run of points; the first by itself, which shows how wide the margin must be
-            upto, n_leaves = first + 1, 0
-            if margin >= 0.0:
-                upto = min(first + longest, end)
-                low, high = _box_of(tree.shift, points, order, first, upto)
-                n_leaves = gather_leaves(tree, _widen(low, -margin), _widen(high, margin), leaves, room, stack)
-                if n_leaves < 0 and upto - first > 1:
-                    longest = (upto - first) // 2
-                    continue
-            widest2 = 0.0
+        numbers, meets = np.empty(MOST_FACES, dtype=np.int64), np.empty(MOST_FACES + 8, dtype=np.uint8)
+        boxes, near, bounds2 = np.empty((6, MOST_FACES)), np.empty((6, MOST_FACES)), np.empty(MOST_FACES)
+        chosen, middles = np.empty(MOST_FACES, dtype=np.int64), np.empty(MOST_FACES, dtype=np.float32)
+        words = meets.view(np.uint64)
+        keys, n_near, widest2, last, margin, longest = middles.view(np.int32), 0, 0.0, -1, -1.0, MOST_POINTS
+        first, end = chunk * CHUNK, min((chunk + 1) * CHUNK, n)
+        ahead = first
+        while first < end:
+            if first == ahead:  # a run of points; the first by itself, which shows how wide the margin must be
+                ahead, n_near, widest2 = first + 1, 0, 0.0
+                if margin >= 0.0:
+                    ahead = min(first + longest, end)
+                    low, high = _box_of(tree.shift, points, order, first, ahead, margin)
+                    n_near = gather_faces(tree, low, high, numbers, boxes, stack)
+                    if n_near < 0 and ahead - first > 1:
+                        longest, ahead = (ahead - first) // 2, first
+                        continue
+            upto = min(first + FEW, ahead)
+            low, high = _box_of(tree.shift, points, order, first, upto, margin)
+            few = pick_faces(boxes, n_near, low, high, meets, chosen, near)
             for k in range(first, upto):
                 i = order[k]
                 p = local_point(tree.shift, points, i)
                 looks = (normals[i, 0], normals[i, 1], normals[i, 2])
-                found = nearest_in_leaves(tree, p, looks, limits, n_leaves, leaves, room)
+                found = nearest_among(
+                    tree, p, looks, limits, few, chosen, near, numbers, bounds2, middles, keys, meets, words
+                )
                 if found[1] < 0 or found[0] > margin * margin:
                     seed = found[1] if found[1] >= 0 else last
                     found = nearest_point(tree, p, looks, limits, seed, LOOKING, stack, bounds)
@@ -72,7 +82,9 @@ def find_feet(tree, points, normals, order, limits):  # type: ignore[no-untyped-
                 face[i] = tree.order[last]
                 weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - (found[2] + found[3]), found[2], found[3]
                 distance[i], outcome[i] = _look_at_foot(tree, p, found, stack)
-            margin, first, longest = 2.0 * np.sqrt(widest2), upto, min(2 * longest, MOST_POINTS)
+            first = upto
+            if first == ahead:
+                margin, longest = 1.5 * np.sqrt(widest2), min(2 * longest, MOST_POINTS)
     return face, weights, distance, outcome
 
 
@@ -90,19 +102,14 @@ def _look_at_foot(tree, p, found, stack):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True, forceinline=True)
-def _box_of(shift, points, order, first, upto):  # type: ignore[no-untyped-def]
-    """Return low and high corner of the box of a run of points, in the tree's coordinates."""
+def _box_of(shift, points, order, first, upto, margin):  # type: ignore[no-untyped-def]
+    """Return low and high corner of the box of a run of points, in the tree's coordinates, wider by a margin."""
     low = high = local_point(shift, points, order[first])
     for k in range(first + 1, upto):
         p = local_point(shift, points, order[k])
         low = (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2]))
         high = (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2]))
-    return low, high
-
-
-@jit(nopython=True, cache=True, forceinline=True)
-def _widen(p, by):  # type: ignore[no-untyped-def]
-    return (p[0] + by, p[1] + by, p[2] + by)
+    return (low[0] - margin, low[1] - margin, low[2] - margin), (high[0] + margin, high[1] + margin, high[2] + margin)
 
 
 @jit(nopython=True, cache=True, forceinline=True)

@@ -20,20 +20,23 @@ from numba import jit
 from scipy.stats import norm
 
 from monitor.comparison.blocks import blocks
-from monitor.comparison.correlation import Correlation, estimate_correlation
+from monitor.comparison.correlation import Correlation, estimate_correlation, estimate_of_many
 from monitor.comparison.discord import SHARE
 from monitor.comparison.error_parts import Parts, fit_parts
 from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor, least_floor
 from monitor.comparison.quantile import around_quantile, between, median, quantile
 from monitor.comparison.scratch import keep_on_disk
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.strata import EVERY, GROUPS, KINDS, N_STRATA, lies_at_rim, mean_of_arms, stratum_of
+from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
 Masks = tuple[Bools, Bools]
 FEWEST_WITNESSES = 5.0  # that a group must hold to be asked for a factor of its own
 STATED_WITNESSES = 2.0  # that what is stated counts for: it may be off by a factor of two, one sigma; see `believe`
 ALIKE_WITNESSES = 8.0  # that the rest counts for where a group is asked: it may differ by a factor of 1.4, one sigma
+N_LEARNT = 800_000  # vertices of both sides that a scale is learned from: to 0.1 %, one sigma, if independent
+MANY = 300_000  # calm vertices of a side, above which only those that are paired show how errors agree
 N_PAIRED = 1000  # vertices of a stratum whose pairs show how many witnesses it holds
 
 
@@ -77,8 +80,11 @@ class Noise:
             ]
         return out
 
-    def sigma_of(self, side: Side) -> Floats:
-        """Return one sigma (n,) [m] of the change of each vertex, with what is common to many."""
+    def sigma_of(self, side: Side, which: Ints | None = None) -> Floats:
+        """Return one sigma (n,) [m] of the change of each vertex, or of those in `which`, with what is common to
+        many."""
+        if which is not None:
+            return np.sqrt(self.variance_of(side, which) + self.common_of(side, which) ** 2)
         out = np.empty(len(side.distances))
         for block in blocks(len(out)):
             out[block] = np.sqrt(self.variance_of(side, block) + self.common_of(side, block) ** 2)
@@ -112,24 +118,32 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     a stratum that holds many has a floor or a scale of its own.
     """
     spacing = float(np.sqrt(median(np.concatenate([s.areas for s in sides]))))
-    witnesses = [_witness(s, c, spacing) for s, c in zip(sides, calm, strict=True)]
+    witnesses = map_sides(lambda k: _witness(sides[k], calm[k], spacing), larger_of(sides))
     parts, factors = learn_sizes(witnesses, share, known, rng)
-    floors = np.maximum(factors * parts.floor, max(least_floor(s.surface.vertices) for s in sides))
+    floors = np.maximum(factors * parts.floor, max(w.resolution for w in witnesses))
     unknown = Correlation(np.zeros(1), np.ones(1))
     noise = Noise(floors, factors * parts.surfaces, factors * parts.discord, factors * parts.shared, unknown, spacing)
     lead = int(calm[1].sum() > calm[0].sum())
-    side, which = sides[lead], calm[lead]
+    return replace(noise, correlation=_correlate(sides[lead], calm[lead], noise, rng))
+
+
+def _correlate(side: Side, calm: Bools, noise: Noise, rng: np.random.Generator) -> Correlation:
+    """Return how the errors of the calm vertices of a side agree."""
+    points, places = side.surface.vertices, np.flatnonzero(calm).astype(np.int32)
+    if len(places) > MANY:
+        return estimate_of_many(points, places, side.areas,
+                                lambda which: side.distances[which] / noise.sigma_of(side, which), rng)  # fmt: skip
     errors = side.distances / noise.sigma_of(side)
-    errors[~which] = np.nan
-    correlation = estimate_correlation(side.surface.vertices, errors, side.areas, rng)
-    return replace(noise, correlation=correlation)
+    errors[~calm] = np.nan
+    return estimate_correlation(points, errors, side.areas, rng)
 
 
-class CalmVertices(NamedTuple):
-    """The calm vertices of one side: their `places` (n,) among `points` (m, 3) [m], `distances` (n,) [m], one sigma
-    (n,) [m] of what is stated of the surfaces, `own`, of their `discord`, of the scans, `shared`, and of the
-    registration, `motion`;
-    `stratum` (n,). Once their parts are known `own` is all of them but the registration's."""
+class CalmVertices(NamedTuple):  # a named tuple, since kernels take it whole
+    """The calm vertices of one side: their `places` (n,), rising, among all, of which `points` (m, 3) [m], `distances`
+    (m,) [m], one sigma (m,) [m] of what is stated of the surfaces, `own`, of their `discord`, of the scans, `shared`,
+    and of the registration, `motion`. `stratum` (n,) of each; `members` (n,) are the places by stratum, those of
+    stratum k from starts[k] on; distances below the `resolution` [m] are none. Once their parts are known `own` is all
+    of them but the registration's."""
 
     points: Floats
     places: Ints
@@ -139,17 +153,35 @@ class CalmVertices(NamedTuple):
     shared: Floats
     motion: Floats
     stratum: Ints
+    members: Ints
+    starts: Ints
+    resolution: float
 
 
 def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     """Return the calm vertices of a side."""
     places, stratum = np.flatnonzero(calm).astype(np.int32), stratum_of(side, spacing)
-    all_calm = CalmVertices(side.surface.vertices, places, side.distances, side.sigma_surfaces,
-                            side.sigma_discord, side.sigma_shared, side.sigma_motion, stratum)  # fmt: skip
-    if calm.all():
-        return all_calm
-    distances, own, discord, shared, motion = (keep_on_disk(part[calm]) for part in all_calm[2:7])
-    return CalmVertices(side.surface.vertices, places, distances, own, discord, shared, motion, stratum[calm])
+    if len(places) < len(calm):
+        stratum = stratum[places]
+    members, starts = sort_by_stratum(places, stratum)
+    return CalmVertices(side.surface.vertices, places, side.distances, side.sigma_surfaces, side.sigma_discord,
+                        side.sigma_shared, side.sigma_motion, stratum, keep_on_disk(members), starts,
+                        least_floor(side.surface.vertices))  # fmt: skip
+
+
+def sort_by_stratum(places: Ints, stratum: Ints) -> tuple[Ints, Ints]:
+    """Return the places (n,) by stratum, in their order within one, and where each of the `N_STRATA` begins."""
+    starts = np.append(0, np.cumsum(np.bincount(stratum, minlength=N_STRATA)))
+    return np.asarray(_sort_places(places, stratum, starts)), starts
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _sort_places(places, stratum, starts):  # type: ignore[no-untyped-def]
+    out, filled = np.empty_like(places), starts[:-1].copy()
+    for i in range(len(places)):
+        out[filled[stratum[i]]] = places[i]
+        filled[stratum[i]] += 1
+    return out
 
 
 def learn_sizes(
@@ -164,37 +196,69 @@ def learn_sizes(
     """
     if are_copies(calm):
         return Parts(1.0, 1.0, 1.0, 0.0), np.ones(N_STRATA)
-    sizes = [np.bincount(c.stratum, minlength=N_STRATA) for c in calm]
-    parts, factors = _learn_parts(calm, sizes, share, known, rng), np.ones(N_STRATA)
+    parts, factors = _learn_parts(calm, share, known, rng), np.ones(N_STRATA)
     calm = [c._replace(own=_mix(c, parts)) for c in calm]
+    drawn = _thin_out(calm)
     for group in GROUPS:
-        n_witnesses = _count(calm, sizes, group, known, rng)
+        n_witnesses = _count(calm, group, known, rng)
         if n_witnesses >= FEWEST_WITNESSES:
             held_by = STATED_WITNESSES if len(group) == N_STRATA else ALIKE_WITNESSES
-            factors[group] *= believe(asked_scale(calm, group, factors, share), n_witnesses, held_by)
+            asked = drawn if sum(_n_held(c, group) for c in calm) > N_LEARNT else calm
+            factors[group] *= believe(asked_scale(asked, group, factors, share), n_witnesses, held_by)
     return parts, factors
 
 
 def are_copies(calm: Sequence[CalmVertices]) -> bool:
     """Return whether most calm vertices lie on the other side to the last digit, which no second survey does."""
-    off = np.concatenate([np.abs(c.distances) <= least_floor(c.points) for c in calm])
-    return bool(2 * np.count_nonzero(off) > len(off))
+    n_off = sum(_count_within(c.distances, c.places, c.resolution) for c in calm)
+    return bool(2 * n_off > sum(len(c.places) for c in calm))
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _count_within(distances, places, limit):  # type: ignore[no-untyped-def]
+    n = 0
+    for v in places:
+        n += abs(distances[v]) <= limit
+    return n
 
 
 def _mix(calm: CalmVertices, parts: Parts) -> Floats:
-    """Return one sigma (n,) [m] of all parts but the registration's."""
+    """Return one sigma (m,) [m] of all parts but the registration's, of all vertices of the side."""
     out = np.empty(len(calm.own))
-    for block in blocks(len(out)):
-        out[block] = parts.mix(calm.own[block], calm.discord[block], calm.shared[block])
+    run_tasks(_mix_parts, len(out), calm.own, calm.discord, calm.shared, parts, out)
     return keep_on_disk(out)
 
 
-def _learn_parts(calm: Sequence[CalmVertices], sizes: Sequence[Ints], share: float, known: Correlation | None,
+@jit(nopython=True, cache=True, nogil=True)
+def _mix_parts(first, last, surfaces, discord, shared, parts, out):  # type: ignore[no-untyped-def]
+    """Write what `Parts.mix` returns."""
+    for v in range(first, last):
+        a, b, c = parts.surfaces * surfaces[v], parts.discord * discord[v], parts.shared * shared[v]
+        out[v] = np.sqrt(a * a + b * b + c * c + parts.floor * parts.floor)
+
+
+def _thin_out(calm: Sequence[CalmVertices]) -> list[CalmVertices]:
+    """Return some `N_LEARNT` of the calm vertices of both sides, at even steps through their strata, side by side in
+    memory: what a scale is learned from where a group holds more. All where they are no more than that.
+    """
+    step, ahead, out = max(sum(len(c.places) for c in calm) // N_LEARNT, 1), 0, []
+    for c in calm:
+        chosen = c.members[ahead::step] if step > 1 else c.members
+        stratum = np.repeat(np.arange(N_STRATA, dtype=np.uint16), np.diff(c.starts))[ahead::step]
+        ahead = (ahead - len(c.members)) % step
+        starts = np.append(0, np.cumsum(np.bincount(stratum, minlength=N_STRATA)))
+        own, motion, places = c.own[chosen], c.motion[chosen], np.arange(len(chosen), dtype=np.int32)
+        out.append(c._replace(places=places, distances=c.distances[chosen], own=own, motion=motion, stratum=stratum,
+                              members=places, starts=starts))  # fmt: skip
+    return list(calm) if step == 1 else out
+
+
+def _learn_parts(calm: Sequence[CalmVertices], share: float, known: Correlation | None,
                  rng: np.random.Generator) -> Parts:  # fmt: skip
     """Return the parts that the distances show; as stated, above a floor, where nobody knows how many witnesses there
     are."""
     distances, *stated = _draw_evenly(calm)
-    n_witnesses = _count(calm, sizes, EVERY, known, rng)
+    n_witnesses = _count(calm, EVERY, known, rng)
     if n_witnesses < FEWEST_WITNESSES:
         return Parts(1.0, 1.0, 1.0, estimate_floor(distances, np.sqrt(sum(s**2 for s in stated)), share))
     return fit_parts(distances, (stated[0], stated[1], stated[2], stated[3]), n_witnesses)
@@ -203,11 +267,11 @@ def _learn_parts(calm: Sequence[CalmVertices], sizes: Sequence[Ints], share: flo
 def _draw_evenly(calm: Sequence[CalmVertices]) -> list[Floats]:
     """Return distances and the four stated sigmas [m] of as many calm vertices as parts are learned from, at even
     steps."""
-    step, first, drawn = max(sum(len(c.stratum) for c in calm) // N_FLOOR, 1), 0, []
+    step, first, drawn = max(sum(len(c.places) for c in calm) // N_FLOOR, 1), 0, []
     for c in calm:
-        some = slice(-first % step, None, step)
+        some = c.places[-first % step :: step]
         drawn.append([c.distances[some], c.own[some], c.discord[some], c.shared[some], c.motion[some]])
-        first += len(c.stratum)
+        first += len(c.places)
     return [np.concatenate(column) for column in zip(*drawn, strict=True)]
 
 
@@ -221,18 +285,25 @@ def believe(asked: float, n_witnesses: float, held_by: float) -> float:
     return float(max(asked, 1e-300) ** (n_witnesses / (n_witnesses + held_by)))
 
 
-def _count(calm: Sequence[CalmVertices], sizes: Sequence[Ints], members: Ints, known: Correlation | None,
-           rng: np.random.Generator) -> float:  # fmt: skip
-    """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness.
-
-    `sizes` (N_STRATA,) are how many vertices each stratum holds on each side.
-    """
+def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | None, rng: np.random.Generator) -> float:
+    """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness."""
     if known is None:
         return 0.0
-    held = [int(n[members].sum()) for n in sizes]
+    held = [_n_held(c, members) for c in calm]
     most, n = calm[int(np.argmax(held))], max(held)
-    some = most.places[_find_members(most.stratum, _mark(members), _draw_ranks(n, rng))]
+    ranks = _draw_ranks(n, rng)
+    if n > MANY:  # by stratum, without a pass over all
+        ends = np.cumsum(most.starts[members + 1] - most.starts[members])
+        which = np.searchsorted(ends, ranks, side="right")
+        some = most.members[most.starts[members + 1][which] + ranks - ends[which]]
+    else:
+        some = most.places[_find_members(most.stratum, _mark(members), ranks)]
     return _worth(most.points[some], n, known)
+
+
+def _n_held(calm: CalmVertices, members: Ints) -> int:
+    """Return how many vertices some strata hold."""
+    return int((calm.starts[members + 1] - calm.starts[members]).sum())
 
 
 def _mark(members: Ints) -> Bools:
@@ -242,7 +313,7 @@ def _mark(members: Ints) -> Bools:
     return table
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _find_members(stratum, is_member, ranks):  # type: ignore[no-untyped-def]
     """Return where the vertices are that have these `ranks`, rising, among those whose stratum is a member."""
     out, at, rank = np.empty(len(ranks), dtype=np.int64), 0, 0
@@ -288,33 +359,31 @@ def asked_scale(calm: Sequence[CalmVertices], members: Ints, factors: Floats, sh
     A distance lies within z sqrt(s^2 own^2 + motion^2) where s^2 >= (d^2 / z^2 - motion^2) / own^2: s^2 is the `share`
     quantile of the right-hand sides.
     """
-    asked = np.full(N_STRATA, np.nan)
-    asked[members] = factors[members]
-    ratios, z = np.empty(sum(len(c.stratum) for c in calm)), float(norm.ppf(0.5 + 0.5 * share))
-    low, high, t = around_quantile(_gather_ratios(calm, asked, z, False, ratios), share)
+    z = float(norm.ppf(0.5 + 0.5 * share))
+    low, high, t = around_quantile(_gather_ratios(calm, members, factors, z, False), share)
     found = between(low, high, t)
     if low > 0.51:  # the other ratios lie between these and 1: at most twice as large from here on
         return float(np.sqrt(found))
-    return float(np.sqrt(max(found, 0.5 * quantile(_gather_ratios(calm, asked, z, True, ratios), share))))
+    return float(np.sqrt(max(found, 0.5 * quantile(_gather_ratios(calm, members, factors, z, True), share))))
 
 
-def _gather_ratios(calm: Sequence[CalmVertices], factors: Floats, z: float, is_within: bool, room: Floats) -> Floats:
-    """Return (d^2 / z^2 - motion^2) / own^2, or d^2 / z^2 / (own^2 + motion^2) where `is_within`, of the vertices whose
-    stratum has a factor (not NaN), in the `room` for all."""
-    used = 0
+def _gather_ratios(calm: Sequence[CalmVertices], members: Ints, factors: Floats, z: float, is_within: bool) -> Floats:
+    """Return (d^2 / z^2 - motion^2) / own^2, or d^2 / z^2 / (own^2 + motion^2) where `is_within`, of the vertices in
+    the strata `members`."""
+    ratios, used = np.empty(sum(_n_held(c, members) for c in calm)), 0
     for c in calm:
-        used = _add_ratios(c, factors, z, is_within, room, used)
-    return room[:used]
+        used = _add_ratios(c, members, factors, z, is_within, ratios, used)
+    return ratios
 
 
-@jit(nopython=True, cache=True)
-def _add_ratios(calm, factors, z, is_within, ratios, used):  # type: ignore[no-untyped-def]
-    """Write the ratios of one side from `used` on; return how many are used then."""
-    for i in range(len(calm.stratum)):
-        factor = factors[calm.stratum[i]]
-        if not np.isnan(factor):
-            d, own = calm.distances[i] / z, factor * calm.own[i]
-            own2, motion2 = max(own * own, 1e-300), calm.motion[i] * calm.motion[i]
+@jit(nopython=True, cache=True, nogil=True)
+def _add_ratios(calm, strata, factors, z, is_within, ratios, used):  # type: ignore[no-untyped-def]
+    """Write the ratios of some strata of one side from `used` on; return how many are used then."""
+    for k in strata:
+        for i in range(calm.starts[k], calm.starts[k + 1]):
+            v = calm.members[i]
+            d, own = calm.distances[v] / z, factors[k] * calm.own[v]
+            own2, motion2 = max(own * own, 1e-300), calm.motion[v] * calm.motion[v]
             ratios[used] = d * d / (own2 + motion2) if is_within else (d * d - motion2) / own2
             used += 1
     return used

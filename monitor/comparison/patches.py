@@ -16,7 +16,7 @@ from scipy.stats import t as student
 
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.reaches import Reaches, gather_reaches, sum_over
-from monitor.comparison.side import Side
+from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.units import Units, cut_units, summarize_units
 from monitor.registration.propagation import motion_variance
 from projects.model import Bools, Floats, Ints, Registration
@@ -86,10 +86,14 @@ class Layout:
 def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registration) -> Layout:
     """Cut both sides into units of edge `size` [m] and gather what makes the patches of every size around each."""
     radii = patch_radii(size, 0.5 * sum(float(s.areas[s.is_assessed].sum()) for s in sides))
-    units = [summarize_units(s, cut_units(s, size), registration) for s in sides]
-    reaches = [gather_reaches(u.centres, u.motion_rows[:, 3:], radii) for u in units]
-    outlines = [outline_patches(u, r, len(radii), registration) for u, r in zip(units, reaches, strict=True)]
-    return Layout(size, (units[0], units[1]), (reaches[0], reaches[1]), (outlines[0], outlines[1]))
+
+    def lay_out(k: int) -> tuple[Units, Reaches, Outlines]:
+        units = summarize_units(sides[k], cut_units(sides[k], size), registration)
+        reaches = gather_reaches(units.centres, units.motion_rows[:, 3:], radii)
+        return units, reaches, outline_patches(units, reaches, len(radii), registration)
+
+    a, b = map_sides(lay_out, larger_of(sides))
+    return Layout(size, (a[0], b[0]), (a[1], b[1]), (a[2], b[2]))
 
 
 def lay_out_again(layout: Layout, sides: tuple[Side, Side], registration: Registration) -> Layout:
@@ -146,8 +150,8 @@ def benjamini_hochberg(p: Floats, level: float) -> float:
     (Benjamini and Yekutieli 2001), which is what overlapping patches and the two sides have.
     """
     n = len(p)
-    rising = np.sort(p)
-    below = np.flatnonzero(rising <= level * np.arange(1, n + 1) / max(n, 1))
+    rising = np.sort(p[p <= level])  # the others are in no way rejected
+    below = np.flatnonzero(rising <= level * np.arange(1, len(rising) + 1) / max(n, 1))
     return float(rising[below[-1]]) if len(below) else 0.0
 
 

@@ -35,7 +35,7 @@ def median(values: Floats) -> float:
     return low if len(values) % 2 else (low + high) / 2.0
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def between(low, high, t):  # type: ignore[no-untyped-def]
     """Return the number at `t` (0 to 1) of the way, rounded as numpy does."""
     if t >= 0.5:
@@ -65,7 +65,7 @@ def _bracket(values: Floats, rank: int) -> tuple[float, float, int]:
     return float(low), float(high), int(SPARE * 2.0 * margin * step)
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _gather(values, low, high, room):  # type: ignore[no-untyped-def]
     """Return the numbers from `low` to `high`, none where there is no room for all, and how many are less."""
     chosen, n_less, n = np.empty(room), 0, 0

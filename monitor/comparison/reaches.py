@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import jit, prange
+from numba import jit
 from scipy.sparse import csr_matrix
 
 from monitor.comparison.scratch import keep_on_disk
@@ -137,7 +137,7 @@ def _list_near(near, first, last):  # type: ignore[no-untyped-def]
     return counts, units[:at].copy(), sizes[:at].copy()
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _turn_around(unit_at, counts, units, sizes):  # type: ignore[no-untyped-def]
     """Return starts, and the lists of all places rising: each unit in turn is written to those around it."""
     n = len(unit_at)
@@ -177,22 +177,34 @@ def _sum_over(begin, end, reaches, first, values, sums):  # type: ignore[no-unty
                 sums[p, size, c] += sums[p, size - 1, c]
 
 
-@jit(nopython=True, parallel=True, cache=True)
-def least_of_patches(reaches, means, p_values):  # type: ignore[no-untyped-def]
+def least_of_patches(reaches: Reaches, means: Floats, p_values: Floats) -> tuple[Floats, Floats]:
     """Return for each unit the least p value of the patches that it belongs to, of those above and of those below zero.
 
     `means` and `p_values` (p, s) are of the patches of each size around each unit; 1 where there is none.
     """
     n, n_sizes = means.shape
     above, below, from_size = np.ones(n), np.ones(n), np.ones((n, n_sizes + 1, 2))
-    for p in prange(n):  # the least of each size and all larger ones
+    run_tasks(_take_least_of_larger, n, means, p_values, from_size)
+    run_tasks(_take_least_of_patches, n, reaches, from_size, above, below)
+    return above, below
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _take_least_of_larger(first, last, means, p_values, from_size):  # type: ignore[no-untyped-def]
+    """Write the least of each size and all larger ones, of those above zero and of those below."""
+    n_sizes = means.shape[1]
+    for p in range(first, last):
         for size in range(n_sizes - 1, -1, -1):
             for k in range(2):
                 counts = means[p, size] < 0.0 if k else means[p, size] > 0.0
                 least = from_size[p, size + 1, k]
                 from_size[p, size, k] = min(least, p_values[p, size]) if counts else least
-    for u in prange(n):
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _take_least_of_patches(first, last, reaches, from_size, above, below):  # type: ignore[no-untyped-def]
+    """Write the least of the patches around each unit that it belongs to."""
+    for u in range(first, last):
         for k in range(reaches.starts[u], reaches.starts[u + 1]):
-            least = from_size[reaches.units[k], reaches.sizes[k]]
-            above[u], below[u] = min(above[u], least[0]), min(below[u], least[1])
-    return above, below
+            p, size = reaches.units[k], reaches.sizes[k]
+            above[u], below[u] = min(above[u], from_size[p, size, 0]), min(below[u], from_size[p, size, 1])

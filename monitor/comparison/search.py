@@ -151,24 +151,33 @@ def try_faces(vertices, faces, shift, p, looks, cos_angle, kind, first, last, bo
 
     Ten arguments, and no tree: what is put into its caller with a tuple of arrays counts references to each of them.
     """
-    best2, face, best_b, best_c, best_feature, barred2 = best
     for f in range(first, last):
         a, b = less(vertices, faces[f, 0], shift), less(vertices, faces[f, 1], shift)
         c = less(vertices, faces[f, 2], shift)
-        if _box_distance2_of_face(p, a, b, c) > best2 * (1.0 + 1e-9):  # it cannot be nearer, nor bar the way
-            continue
-        ab, ac = sub(b, a), sub(c, a)
-        if kind != ANY:
-            area = cross(ab, ac)
-            same = dot(area, looks)
-            if same <= 0.0 or same * same < cos_angle * cos_angle * dot(area, area):
-                barred2 = min(barred2, bound2)
-                continue
-        weight_b, weight_c, feature = closest_on_triangle(p, a, b, c)
-        away = sub(p, along(along(a, weight_b, ab), weight_c, ac))
-        distance2 = dot(away, away)
-        if distance2 < best2 or (distance2 == best2 and not 0 <= face <= f):
-            best2, face, best_b, best_c, best_feature = distance2, f, weight_b, weight_c, feature
+        if _box_distance2_of_face(p, a, b, c) <= best[0] * (1.0 + 1e-9):  # else it cannot be nearer, nor bar the way
+            best = try_face(a, b, c, p, looks, cos_angle, kind, f, bound2, best)
+    return best
+
+
+@jit(nopython=True, cache=True, forceinline=True)
+def try_face(a, b, c, p, looks, cos_angle, kind, f, bound2, best):  # type: ignore[no-untyped-def]
+    """Return `best`, or the nearest point of face f with these corners where it is nearer and the face counts."""
+    best2, face, best_b, best_c, best_feature, barred2 = best
+    ab, ac = sub(b, a), sub(c, a)
+    if kind != ANY:
+        area = cross(ab, ac)
+        same, area2 = dot(area, looks), dot(area, area)
+        if same <= 0.0 or same * same < cos_angle * cos_angle * area2:
+            return best2, face, best_b, best_c, best_feature, min(barred2, bound2)
+        ap = sub(p, a)
+        height = dot(area, ap)
+        if height * height > area2 * (1.0001 * best2 + 1e-9 * dot(ap, ap)):  # its plane is farther, roundings or not
+            return best
+    weight_b, weight_c, feature = closest_on_triangle(p, a, b, c)
+    away = sub(p, along(along(a, weight_b, ab), weight_c, ac))
+    distance2 = dot(away, away)
+    if distance2 < best2 or (distance2 == best2 and not 0 <= face <= f):
+        return distance2, f, weight_b, weight_c, feature, barred2
     return best2, face, best_b, best_c, best_feature, barred2
 
 

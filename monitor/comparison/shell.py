@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from monitor.comparison.discord import sigma_of_discord
-from monitor.comparison.mesh_tree import MeshTree, build_tree, require_faces
+from monitor.comparison.mesh_tree import MeshTree, grow_tree, require_faces
 from monitor.comparison.morton import Cells, cells_of, face_order
 from monitor.comparison.rim import Rim, outline
 from monitor.comparison.scratch import keep_on_disk
@@ -51,17 +51,17 @@ def make_shell(
     `shift` (3,) [m]; `limits` are the search limit [m] and the largest angle [rad] between normals.
     """
     vertices, faces = require_faces(surface)
-    cells, tree = cells_of(vertices, shift), None
+    cells = cells_of(vertices, shift)
+    order = face_order(vertices, faces, shift, cells)
+    mesh = make_mesh(vertices, faces[order], shift)
+    survey, tree = survey_vertices(mesh), None
     if len(faces) <= faces_per_tree:
-        tree = build_tree(surface, shift, limits[1], cells)
-        normals, areas, is_border = tree.vertex_normals, tree.areas, tree.is_border
+        tree = grow_tree(mesh, order, survey, limits[1])
     else:
-        mesh = make_mesh(vertices, faces[face_order(vertices, faces, shift, cells)], shift)
-        normals, areas, is_border = survey_vertices(mesh)
-        normals, areas = keep_on_disk(normals), keep_on_disk(areas)
-    ready = mesh if tree is None else tree
-    starts, near = gather_neighbours(ready)
+        del order
+        survey = survey._replace(normals=keep_on_disk(survey.normals), areas=keep_on_disk(survey.areas))
+    starts, near = gather_neighbours(mesh, survey.n_neighbours)
     neighbours = Neighbours(keep_on_disk(starts), keep_on_disk(near))
     discord = keep_on_disk(sigma_of_discord(surface, neighbours))
-    return Shell(surface, shift, limits, cells, normals, areas, is_border, neighbours, discord,
-                 outline(ready, is_border, limits[0]), tree, faces_per_tree)  # fmt: skip
+    return Shell(surface, shift, limits, cells, survey.normals, survey.areas, survey.is_border, neighbours, discord,
+                 outline(mesh, survey.is_border, limits[0]), tree, faces_per_tree)  # fmt: skip

@@ -5,12 +5,15 @@ Everything is in the reference epoch's coordinates; distances are positive where
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from numba import jit
 
-from monitor.comparison.blocks import blocks
-from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, nearest_corners, unit_normals
+from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, unit_normals
+from monitor.comparison.judging import NOTHING, Stated, judge_vertices
 from monitor.comparison.quantile import median, quantile
 from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.scratch import keep_on_disk
@@ -18,12 +21,17 @@ from monitor.comparison.shell import Shell
 from monitor.comparison.stars import Neighbours
 from monitor.reconstruction.bow import bow_at
 from monitor.registration.propagation import propagate
+from monitor.threads import map_threads, run_tasks
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate
+
+Made = TypeVar("Made")
 
 EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only
 LEAST_SPREAD = 1.1  # of the farthest third's beginning to the nearest third's end; or, where noise is stated,
 LEAST_NOISES = 20.0  # of noise between them; else noise decides who is in which
+AT_ONCE = 2_000_000  # vertices of either side up to which both are worked on at once
+MOVED_AT_ONCE = 1 << 14  # vertices
 N_ARMS = 200_000  # vertices that show where a third of the lever arm ends, at even steps
 GAP_STEPS = np.array([0.75, 1.0])  # spacings of the vertices to the nearest sample, where one class of gap ends
 
@@ -91,10 +99,29 @@ class Side:
                        expected=np.zeros(len(self.expected)))  # fmt: skip
 
 
+def map_sides(function: Callable[[int], Made], n_vertices: int) -> tuple[Made, Made]:
+    """Return what `function` makes of side 0 and of side 1: at once, in threads, where each has few vertices.
+
+    What is needed in between would else be needed twice. `function` may start no kernel with `parallel=True`, of which
+    there can be one at a time.
+    """
+    first, second = map_threads(function, (0, 1)) if n_vertices <= AT_ONCE else (function(0), function(1))
+    return first, second
+
+
+def larger_of(sides: tuple[Side, Side]) -> int:
+    """Return how many vertices the larger side has."""
+    return max(len(s.areas) for s in sides)
+
+
 def move_surface(surface: Surface, T_target_source: Floats) -> Surface:
     """Return the surface in the target's coordinates."""
     normals = None if surface.normals is None else rotate(T_target_source, surface.normals)
-    vertices = keep_on_disk(apply(T_target_source, surface.vertices))
+    vertices = np.empty(surface.vertices.shape)
+    for first in range(0, len(vertices), MOVED_AT_ONCE):  # one product of all takes four times as long
+        block = slice(first, first + MOVED_AT_ONCE)
+        vertices[block] = apply(T_target_source, surface.vertices[block])
+    vertices = keep_on_disk(vertices)
     return replace(surface, vertices=vertices, normals=None if normals is None else keep_on_disk(normals))
 
 
@@ -131,36 +158,27 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     surface, other = shell.surface, other_shell.surface
     normals = unit_normals(surface, shell.normals)
     feet = distances_to_shell(surface, normals, other_shell)
-    to_rim = np.fmin(feet.to_rim, distance_to_rim(shell.rim, surface.vertices))
-    own = np.zeros(len(normals)) if surface.sigma is None else surface.sigma
-    foot = np.zeros(len(normals)) if other.sigma is None else interpolate_at_feet(other.sigma, other, feet)
-    sigma = np.hypot(own, foot)
-    foot_discord = np.nan_to_num(interpolate_at_feet(other_shell.discord, other, feet))
-    discord = keep_on_disk(np.hypot(shell.discord, foot_discord))
-    reasons = feet.reasons.copy()
-    reasons[(reasons == NotAssessed.ASSESSED) & ~np.isfinite(sigma)] = NotAssessed.TOO_UNCERTAIN
-    areas = shell.areas
-    at_rim = to_rim < EXTRAPOLATED * np.sqrt(median(areas))  # False where there is no rim (NaN)
-    reasons[(reasons == NotAssessed.ASSESSED) & at_rim] = NotAssessed.FREE_EDGE
-    reasons[_rests_on_nothing(surface)] = NotAssessed.NOT_SEEN
-    change = sign * (feet.distances - bow_at(other, feet.faces, feet.weights))
-    distances = np.where(reasons == NotAssessed.ASSESSED, change, np.nan)
+    stated = Stated(_or_nothing(surface.sigma), shell.discord), Stated(_or_nothing(other.sigma), other_shell.discord)
+    own_rim = NOTHING if shell.rim is None else distance_to_rim(shell.rim, surface.vertices)
+    least_to_rim = EXTRAPOLATED * float(np.sqrt(median(shell.areas)))
+    judged = judge_vertices(feet, np.asarray(other.faces), stated, bow_at(other, feet.faces, feet.weights), own_rim,
+                            _rests_on_nothing(surface), sign, least_to_rim)  # fmt: skip
+    sigma, reasons, corners = judged.sigma, judged.reasons, judged.corners
     motion = keep_on_disk(_motion_sigma(registration, surface.vertices, normals))
     is_stable = np.zeros(len(normals), dtype=np.bool_)
-    shared = np.zeros(len(normals))
+    shared, noise = np.zeros(len(normals)), sigma
     if surface.sigma_shared is not None or other.sigma_shared is not None:
         shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
         shared[~np.isfinite(shared)] = 0.0
-        shared = keep_on_disk(shared)
+        shared, noise = keep_on_disk(shared), np.hypot(sigma, shared)
     expected = np.zeros(len(normals)) if left is None else _expected_change(surface.vertices, normals, left, sign)
     sigma_expected = motion if left is None else _motion_sigma(left, surface.vertices, normals)
-    corners = nearest_corners(feet, other)
     return Side(
-        surface, other, keep_on_disk(feet.faces), keep_on_disk(corners), normals, shell.neighbours,
-        areas, keep_on_disk(distances), keep_on_disk(to_rim), keep_on_disk(sigma), discord, shared, motion, is_stable,
-        reasons, expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
+        surface, other, keep_on_disk(feet.faces), keep_on_disk(corners), normals, shell.neighbours, shell.areas,
+        keep_on_disk(judged.distances), keep_on_disk(judged.to_rim), keep_on_disk(sigma), keep_on_disk(judged.discord),
+        shared, motion, is_stable, reasons, expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
         np.maximum(_gap_of(shell), np.append(_gap_of(other_shell), np.uint8(0))[corners]),
-        thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED, np.hypot(sigma, shared)),
+        thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED, noise),
     )  # fmt: skip
 
 
@@ -179,9 +197,21 @@ def thirds_of(points: Floats, centre: Floats, is_assessed: Bools, noise: Floats)
     is_told = typical > 0.0 and thirds[1] - thirds[0] > LEAST_NOISES * typical
     if thirds[1] < LEAST_SPREAD * thirds[0] and not is_told:
         return out
-    for block in blocks(len(out)):
-        out[block] = np.searchsorted(thirds, np.linalg.norm(points[block] - centre, axis=1), side="right")
+    run_tasks(_write_thirds, len(out), points, centre, thirds[0], thirds[1], out)
     return out
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _write_thirds(first, last, points, centre, near, far, out):  # type: ignore[no-untyped-def]
+    for v in range(first, last):
+        x, y, z = points[v, 0] - centre[0], points[v, 1] - centre[1], points[v, 2] - centre[2]
+        arm = np.sqrt(x * x + y * y + z * z)
+        out[v] = np.uint8(not arm < near) + np.uint8(not arm < far)
+
+
+def _or_nothing(stated: Floats | None) -> Floats:
+    """Return what is stated of a surface's vertices (n,), empty where nothing is."""
+    return NOTHING if stated is None else np.asarray(stated, dtype=float)
 
 
 def _motion_sigma(registration: Registration, points: Floats, normals: Floats) -> Floats:
@@ -222,10 +252,9 @@ def cosine_to_foot(side: Side, vertices: Ints) -> Floats:
 
 
 def _rests_on_nothing(surface: Surface) -> Bools:
-    """Whether all faces around a vertex close a hole where nothing was measured."""
-    n = len(surface.vertices)
+    """Whether all faces around a vertex close a hole where nothing was measured; empty where none does."""
     if surface.face_invented is None:
-        return np.zeros(n, dtype=np.bool_)
-    measured = np.zeros(n, dtype=np.bool_)
+        return np.zeros(0, dtype=np.bool_)
+    measured = np.zeros(len(surface.vertices), dtype=np.bool_)
     measured[surface.faces[~surface.face_invented]] = True
     return ~measured

@@ -32,7 +32,7 @@ def smooth_distances(side: Side, radius: float, lod95: Floats | None = None) -> 
     stride2 = 6.0 / 7.0 * _mean_length2(side.surface.vertices, neighbours)  # six neighbours and the vertex itself
     n_steps = min(max(round(0.5 * radius**2 / max(stride2, 1e-300)), 1), MOST_STEPS)  # E r^2 = 2 s^2, R^2 = 4 s^2
     shares = np.zeros(0)
-    if lod95 is not None:
+    if lod95 is not None and n_steps > 1:
         shares = np.empty(len(neighbours.vertices))
         run_tasks(_share_out, len(is_assessed), neighbours, side.distances, lod95, shares)
         shares = keep_on_disk(shares)
@@ -40,7 +40,10 @@ def smooth_distances(side: Side, radius: float, lod95: Floats | None = None) -> 
     total = mass * np.where(is_assessed, side.distances, 0.0)
     for _ in range(n_steps):
         new = np.empty(len(mass)), np.empty(len(mass))
-        run_tasks(_take_step, len(mass), neighbours, shares, mass, total, *new)
+        if lod95 is not None and n_steps == 1:
+            run_tasks(_take_only_step, len(mass), neighbours, side.distances, lod95, mass, total, *new)
+        else:
+            run_tasks(_take_step, len(mass), neighbours, shares, mass, total, *new)
         mass, total = new
     return np.where(is_assessed, total / np.maximum(mass, 1e-300), np.nan)
 
@@ -55,10 +58,30 @@ def _share_out(first, last, neighbours, distances, lod95, shares):  # type: igno
     starts, vertices = neighbours.starts, neighbours.vertices
     for v in range(first, last):
         for k in range(starts[v], starts[v + 1]):
+            shares[k] = _share_of(starts, v, vertices[k], distances, lod95)
+
+
+@jit(nopython=True, cache=True, forceinline=True)
+def _share_of(starts, v, w, distances, lod95):  # type: ignore[no-untyped-def]
+    """Return what v gives to its neighbour w; see `_share_out`."""
+    share = 1.0 / (1.0 + max(starts[v + 1] - starts[v], starts[w + 1] - starts[w]))
+    step2 = (distances[v] - distances[w]) ** 2 / (lod95[v] ** 2 + lod95[w] ** 2)
+    return share * np.exp(-step2) if np.isfinite(step2) else share
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _take_only_step(first, last, neighbours, distances, lod95, mass, total, new_mass, new_total):  # type: ignore[no-untyped-def]
+    """Write what `_take_step` does with the shares of `_share_out`, where they are needed once."""
+    starts, vertices = neighbours.starts, neighbours.vertices
+    for v in range(first, last):
+        given, here, there = 0.0, 0.0, 0.0
+        for k in range(starts[v], starts[v + 1]):
             w = vertices[k]
-            share = 1.0 / (1.0 + max(starts[v + 1] - starts[v], starts[w + 1] - starts[w]))
-            step2 = (distances[v] - distances[w]) ** 2 / (lod95[v] ** 2 + lod95[w] ** 2)
-            shares[k] = share * np.exp(-step2) if np.isfinite(step2) else share
+            share = _share_of(starts, v, w, distances, lod95)
+            given += share
+            here += share * mass[w]
+            there += share * total[w]
+        new_mass[v], new_total[v] = here + (1.0 - given) * mass[v], there + (1.0 - given) * total[v]
 
 
 def _mean_length2(points: Floats, neighbours: Neighbours) -> float:

@@ -42,8 +42,18 @@ def make_mesh(vertices: Floats, faces: Ints, shift: Floats | None = None) -> Mes
     return Mesh(np.ascontiguousarray(vertices), faces, starts, around, shift)
 
 
-def survey_vertices(mesh: Mesh) -> tuple[Floats, Floats, Bools]:
-    """Return of each vertex the normal (n, 3), area (n,) [m2] and whether it is on the border.
+class Survey(NamedTuple):
+    """Of each vertex (n,) the unit normal (n, 3), area [m2], whether it is on the border, and its number of
+    neighbours."""
+
+    normals: Floats
+    areas: Floats
+    is_border: Bools
+    n_neighbours: Ints
+
+
+def survey_vertices(mesh: Mesh) -> Survey:
+    """Return what the faces around each vertex tell of it.
 
     The normal is the unit pseudo-normal, face normals weighted by their angle there, 0 without faces; the area a third
     of the faces around; the border is where an edge is free.
@@ -53,19 +63,19 @@ def survey_vertices(mesh: Mesh) -> tuple[Floats, Floats, Bools]:
     Baerentzen and Aanaes (2005), Signed distance computation using the angle weighted pseudonormal.
     """
     n = len(mesh.vertices)
-    out = np.empty((n, 3)), np.empty(n), np.empty(n, dtype=np.bool_)
-    run_tasks(_survey_stars, n, mesh, _widest_star(mesh), *out)
+    out = Survey(np.empty((n, 3)), np.empty(n), np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.int32))
+    run_tasks(_survey_stars, n, mesh, _widest_star(mesh), out)
     return out
 
 
 def angle_weighted_normals(mesh: Mesh) -> Floats:
     """Return the unit pseudo-normal of each vertex (n, 3); see `survey_vertices`."""
-    return survey_vertices(mesh)[0]
+    return survey_vertices(mesh).normals
 
 
 def vertex_areas(mesh: Mesh) -> Floats:
     """Return the area each vertex stands for (n,) [m2]; see `survey_vertices`."""
-    return survey_vertices(mesh)[1]
+    return survey_vertices(mesh).areas
 
 
 def face_normals(mesh: Mesh) -> Floats:
@@ -75,13 +85,13 @@ def face_normals(mesh: Mesh) -> Floats:
     return out
 
 
-def gather_neighbours(mesh: Any) -> Neighbours:
-    """Return the neighbours of each vertex of a mesh."""
-    widest, counts = _widest_star(mesh), np.zeros(len(mesh.vertices) + 1, dtype=np.int32)
-    run_tasks(_count_neighbours, len(mesh.vertices), mesh, widest, counts)
-    starts = np.cumsum(counts, dtype=np.int32)
+def gather_neighbours(mesh: Any, n_neighbours: Ints | None = None) -> Neighbours:
+    """Return the neighbours of each vertex of a mesh; `n_neighbours` (n,) are as many, where they are known already."""
+    counts = survey_vertices(mesh).n_neighbours if n_neighbours is None else n_neighbours
+    starts = np.zeros(len(counts) + 1, dtype=np.int32)
+    np.cumsum(counts, out=starts[1:])
     near = np.empty(starts[-1], dtype=np.int32)
-    run_tasks(_list_neighbours, len(mesh.vertices), mesh, widest, starts, near)
+    run_tasks(_list_neighbours, len(counts), mesh, _widest_star(mesh), starts, near)
     return Neighbours(starts, near)
 
 
@@ -91,7 +101,7 @@ def free_edges(mesh: Any, is_border: Bools) -> Ints:
     return np.column_stack([mesh.faces[face, side], mesh.faces[face, (side + 1) % 3]])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def first_sides(mesh):  # type: ignore[no-untyped-def]
     """Return the length (m,) [m] of the first side of each face."""
     out = np.empty(len(mesh.faces))
@@ -106,7 +116,7 @@ def _widest_star(mesh: Any) -> int:
     return 3 * int(np.diff(mesh.star_starts).max(initial=0))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _gather_stars(faces, n_vertices):  # type: ignore[no-untyped-def]
     """Return starts (n + 1,) and faces (3 m,) of the stars."""
     starts = np.zeros(n_vertices + 1, dtype=np.int32)
@@ -136,7 +146,7 @@ def corner_of(mesh, f, k):  # type: ignore[no-untyped-def]
     return vertex_of(mesh, mesh.faces[f, k])
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def face_normal(mesh, f):  # type: ignore[no-untyped-def]
     """Return the unit normal of face f; zeros where it has no area."""
     a = corner_of(mesh, f, 0)
@@ -149,7 +159,7 @@ def _write_face_normals(first, last, mesh, out):  # type: ignore[no-untyped-def]
         out[f, 0], out[f, 1], out[f, 2] = face_normal(mesh, f)
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def face_across(mesh, f, side):  # type: ignore[no-untyped-def]
     """Return the face across the edge ab, bc or ca (`side`) of face f; -1 where the edge is free.
 
@@ -207,14 +217,6 @@ def _keep_once(ends, n):  # type: ignore[no-untyped-def]
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def _count_neighbours(first, last, mesh, widest, counts):  # type: ignore[no-untyped-def]
-    """Write how many neighbours vertex v has into counts[v + 1]."""
-    faces, starts, around, ends = mesh.faces, mesh.star_starts, mesh.star_faces, np.empty(widest, dtype=np.int32)
-    for v in range(first, last):
-        counts[v + 1] = _keep_once(ends, _edge_ends(faces, starts, around, v, ends))
-
-
-@jit(nopython=True, cache=True, nogil=True)
 def _list_neighbours(first, last, mesh, widest, places, out):  # type: ignore[no-untyped-def]
     """Write the neighbours of vertex v from places[v] on."""
     faces, starts, around, ends = mesh.faces, mesh.star_starts, mesh.star_faces, np.empty(widest, dtype=np.int32)
@@ -224,18 +226,25 @@ def _list_neighbours(first, last, mesh, widest, places, out):  # type: ignore[no
 
 
 @jit(nopython=True, cache=True, forceinline=True)
-def _has_lone_end(ends, n):  # type: ignore[no-untyped-def]
-    """Whether one of the first `n` ends is there once only: its edge has one face."""
+def _count_ends(ends, n):  # type: ignore[no-untyped-def]
+    """Return how many different ones the first `n` ends are, which are sorted, and whether one is there once only: its
+    edge has one face."""
+    for i in range(1, n):
+        end, at = ends[i], i
+        while at > 0 and ends[at - 1] > end:
+            ends[at] = ends[at - 1]
+            at -= 1
+        ends[at] = end
+    n_different, n_same, has_lone = 0, 0, False
     for i in range(n):
-        n_same = 0
-        for j in range(n):
-            n_same += ends[i] == ends[j]
+        n_same = n_same + 1 if i > 0 and ends[i] == ends[i - 1] else 1
         if n_same == 1:
-            return True
-    return False
+            n_different += 1
+            has_lone |= i + 1 == n or ends[i + 1] != ends[i]
+    return n_different, has_lone
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _find_free_sides(mesh, is_border):  # type: ignore[no-untyped-def]
     out = np.zeros((len(mesh.faces), 3), dtype=np.bool_)
     for f in range(len(mesh.faces)):
@@ -263,11 +272,11 @@ def _weigh_star(vertices, faces, starts, around, shift, v):  # type: ignore[no-u
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def _survey_stars(first, last, mesh, widest, normals, areas, is_border):  # type: ignore[no-untyped-def]
+def _survey_stars(first, last, mesh, widest, out):  # type: ignore[no-untyped-def]
     """Write the figures of the vertices from `first` to `last`; see `survey_vertices`."""
     vertices, faces, starts, around, shift = mesh.vertices, mesh.faces, mesh.star_starts, mesh.star_faces, mesh.shift
     ends = np.empty(widest, dtype=np.int32)
     for v in range(first, last):
-        normal, areas[v] = _weigh_star(vertices, faces, starts, around, shift, v)
-        normals[v, 0], normals[v, 1], normals[v, 2] = normal
-        is_border[v] = _has_lone_end(ends, _edge_ends(faces, starts, around, v, ends))
+        normal, out.areas[v] = _weigh_star(vertices, faces, starts, around, shift, v)
+        out.normals[v, 0], out.normals[v, 1], out.normals[v, 2] = normal
+        out.n_neighbours[v], out.is_border[v] = _count_ends(ends, _edge_ends(faces, starts, around, v, ends))

@@ -38,7 +38,7 @@ def stratum_of(side: Side, spacing: float, which: Ints | slice = slice(None)) ->
     return np.asarray(_find_strata(side.to_rim[which], rough, others, spacing, steps, shape))
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _find_strata(to_rim, rough, others, spacing, steps, shape):  # type: ignore[no-untyped-def]
     """Return the strata; a distance that is NaN is far from all rims, without classes (none given) all is smooth."""
     out = np.empty(len(to_rim), dtype=np.uint16)

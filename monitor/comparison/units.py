@@ -64,7 +64,7 @@ def cut_units(side: Side, size: float) -> Ints:
     return merge_slivers(connect_like(cells, [side.neighbours]), side.neighbours, side.areas, 0.25 * size**2)
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _number_cells(points, is_assessed, low, high, size):  # type: ignore[no-untyped-def]
     """Return the number of the cube of edge `size` that each point lies in, -1 where it is not assessed."""
     out = np.full(len(points), -1, dtype=np.int64)
@@ -93,7 +93,7 @@ def merge_slivers(number: Ints, neighbours: Neighbours, areas: Floats, least: fl
     return np.append(target, -1).astype(np.int32)[number]  # -1 is the last
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _border_pairs(number, neighbours, area, least):  # type: ignore[no-untyped-def]
     """Return small unit * number of units + large one for each edge between a unit below `least` and one above."""
     out, n = np.empty(len(neighbours.vertices) // 2, dtype=np.int64), 0
@@ -130,7 +130,7 @@ def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
     return replace(units, variances=variances, calm_shares=calm_shares)
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _sum_areas(number, areas, n_units):  # type: ignore[no-untyped-def]
     """Return the sum of the areas of the vertices of each unit, and how many they are."""
     whole, counts = np.zeros(n_units), np.zeros(n_units, dtype=np.int64)
@@ -141,7 +141,7 @@ def _sum_areas(number, areas, n_units):  # type: ignore[no-untyped-def]
     return whole, counts
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _average(number, weights, whole, values):  # type: ignore[no-untyped-def]
     """Return the weighted means (u, c) of the values (n, c) of each unit's vertices, whose weights sum to `whole`."""
     out = np.zeros((len(whole), values.shape[1]))
@@ -153,7 +153,7 @@ def _average(number, weights, whole, values):  # type: ignore[no-untyped-def]
     return out
 
 
-@jit(nopython=True, cache=True)
+@jit(nopython=True, cache=True, nogil=True)
 def _average_rows(number, weights, whole, points, normals, centre):  # type: ignore[no-untyped-def]
     """Return the weighted means (u, 6) of n' J: the arm across the normal, and the normal."""
     out = np.zeros((len(whole), 6))

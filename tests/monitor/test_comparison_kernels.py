@@ -11,7 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial.distance import cdist
 
-from monitor.comparison import blocks, compare
+from monitor.comparison import blocks, compare, noise
 from monitor.comparison.connected import connect_like
 from monitor.comparison.quantile import median, quantile
 from monitor.comparison.reaches import gather_reaches, least_of_patches, members_of, sum_over
@@ -105,9 +105,12 @@ def dented_pair(rng: np.random.Generator) -> tuple[Surface, Surface, Registratio
     return surfaces[0], surfaces[1], Registration(np.eye(4), np.eye(6) * 1e-12, np.zeros(3), True)
 
 
+@pytest.mark.parametrize("many", [300_000, 1000])
 def test_neither_threads_nor_blocks_change_a_bit_of_a_comparison(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, many: int
 ) -> None:
+    monkeypatch.setattr(noise, "MANY", many)
+    monkeypatch.setattr(noise, "N_LEARNT", many)
     pair, threads = dented_pair(rng), numba.get_num_threads()
     many = compare(*pair)
     monkeypatch.setattr(blocks, "BLOCK", 1000)

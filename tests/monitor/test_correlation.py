@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from monitor.comparison.correlation import Correlation, estimate_correlation, kept_variance, spherical
+from monitor.comparison.correlation import (
+    Correlation,
+    estimate_correlation,
+    estimate_of_many,
+    kept_variance,
+    spherical,
+)
+from monitor.comparison.pairs import draw_evenly, pair_within
 
 REACH = 0.02  # m, of the discs that the field's points are means over
 
@@ -70,3 +77,46 @@ def test_mean_over_a_patch_keeps_what_its_correlation_leaves(rng: np.random.Gene
     assert kept[0] == pytest.approx(by_hand, rel=0.03)
     h = np.linspace(0.0, 0.03, 3001)
     assert correlation.area == pytest.approx(np.trapezoid(2 * np.pi * h * correlation.at(h), h), rel=1e-3)
+
+
+@pytest.mark.parametrize("reach", [0.02, 0.2, 3.0], ids=["few", "some", "all"])
+def test_pairs_are_all_within_reach_of_each_other(rng: np.random.Generator, reach: float) -> None:
+    points = rng.normal(size=(3000, 3))
+    samples, drawn = np.arange(0, 3000, 60), np.arange(0, 3000, 3)  # each third sample is drawn itself
+    found = pair_within(points, samples, drawn, reach)
+    lag = np.linalg.norm(points[drawn][:, None] - points[samples], axis=2)
+    at, sample = np.nonzero((lag <= reach) & (drawn[:, None] != samples))
+    assert found.second.tolist() == drawn[at].tolist()
+    order = np.lexsort([found.first, found.second])
+    assert found.first[order].tolist() == samples[sample].tolist()
+    np.testing.assert_allclose(found.lags[order], lag[at, sample], rtol=1e-12)
+
+
+@pytest.mark.parametrize("k", [0, 1, 7, 30, 31])
+def test_one_of_each_run_is_drawn(rng: np.random.Generator, k: int) -> None:
+    drawn = np.array([draw_evenly(31, k, rng) for _ in range(400)])
+    first = np.arange(k + 1) * 31 // max(k, 1)
+    for run in range(k):
+        assert set(drawn[:, run]) == set(range(first[run], first[run + 1]))
+
+
+def test_of_many_only_those_in_pairs_are_asked_and_show_the_same(rng: np.random.Generator) -> None:
+    n, lags = 100_000, np.array([0.01, 0.02, 0.03, 0.05, 0.08])
+    found, asked = [], []
+    for _ in range(4):
+        points, field = average_over_discs(rng, n)
+        field[:2000] = 50.0  # a change does not speak for the noise
+
+        def errors_of(which: np.ndarray, field: np.ndarray = field) -> np.ndarray:
+            asked.append(len(which) / n)
+            return field[which]
+
+        found.append(estimate_of_many(points, np.arange(n), np.full(n, 0.25 / n), errors_of, rng))
+    np.testing.assert_allclose(np.mean([c.at(lags) for c in found], axis=0), overlap(lags), atol=0.05)
+    assert max(asked) < 0.95
+
+
+def test_many_errors_that_are_all_zero_have_no_correlation(rng: np.random.Generator) -> None:
+    points = rng.uniform(0.0, 1.0, (5000, 3))
+    found = estimate_of_many(points, np.arange(5000), np.full(5000, 1e-3), lambda which: np.zeros(len(which)), rng)
+    assert not found.sills.any()

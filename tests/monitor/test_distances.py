@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from monitor.comparison import packets
 from monitor.comparison.distances import Feet, interpolate_at_feet, normal_distances
 from monitor.comparison.feet import FOOT, find_feet
 from monitor.comparison.mesh_tree import build_tree
 from monitor.comparison.morton import point_order
 from monitor.comparison.search import ANY, DEPTH, LOOKING, STANDING, nearest_point
 from monitor.comparison.stars import angle_weighted_normals, make_mesh
+from monitor.comparison.triangles import FACE
 from projects.errors import ComparisonError
 from projects.model import Floats, NotAssessed, Surface
 from projects.transforms import rotation_from_vector
@@ -339,3 +341,52 @@ def test_points_that_lie_side_by_side_find_what_each_finds_alone(rng: np.random.
         np.testing.assert_array_equal(figure, np.concatenate(figures))
     assert (together[3] == FOOT).sum() > 500
     assert (together[0] < 0).any()
+
+
+def test_faces_gathered_for_points_are_those_whose_boxes_meet_theirs(rng: np.random.Generator) -> None:
+    tree = build_tree(rough_ball(rng), np.array([0.1, 0.2, 0.3]), np.pi / 3)
+    corners = tree.vertices[tree.faces] - tree.shift
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    numbers, boxes = np.empty(packets.MOST_FACES, dtype=np.int64), np.empty((6, packets.MOST_FACES))
+    near, meets, chosen = np.empty_like(boxes), np.empty(packets.MOST_FACES + 8, np.uint8), np.empty_like(numbers)
+    stack = np.empty(DEPTH, dtype=np.int64)
+    for middle in rng.normal(0.0, 0.6, (40, 3)):
+        box = middle - 0.3, middle + 0.3
+        meet = np.flatnonzero((low <= box[1]).all(axis=1) & (high >= box[0]).all(axis=1))
+        n = packets.gather_faces(tree, tuple(box[0]), tuple(box[1]), numbers, boxes, stack)
+        assert sorted(numbers[:n]) == meet.tolist()
+        np.testing.assert_array_equal(boxes[:, :n].T, np.hstack([low, high])[numbers[:n]])
+        smaller = middle - 0.1, middle + 0.2
+        few = packets.pick_faces(boxes, n, tuple(smaller[0]), tuple(smaller[1]), meets, chosen, near)
+        meet = np.flatnonzero((low <= smaller[1]).all(axis=1) & (high >= smaller[0]).all(axis=1))
+        assert sorted(numbers[chosen[:few]]) == meet.tolist()
+        np.testing.assert_array_equal(near[:, :few], boxes[:, chosen[:few]])
+    assert packets.gather_faces(tree, (-2.0,) * 3, (2.0,) * 3, numbers[:64], boxes, stack) == -1  # no room for all
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-7, 1e-3])
+def test_places_on_a_surface_are_on_it_and_on_the_first_of_the_faces_that_hold_them(
+    rng: np.random.Generator, off: float
+) -> None:
+    """Corners, middles of edges and places on faces: what is told from a face's plane drops none that holds them."""
+    other = rough_ball(rng)
+    tree = build_tree(other, np.zeros(3), np.pi / 3)
+    weights = np.vstack([np.eye(3), 0.5 - 0.5 * np.eye(3), [[0.2, 0.3, 0.5]]])
+    corners = other.vertices[other.faces]
+    points = np.einsum("wk,fkc->wfc", weights, corners).reshape(-1, 3)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.tile(normals / np.linalg.norm(normals, axis=1)[:, None], (len(weights), 1))
+    points += off * normals
+    found = find_feet(tree, points, normals, point_order(points), (0.25, 0.5))
+    has_foot = found[0] >= 0  # in a hollow rounding alone may leave a place over no face of an edge
+    assert has_foot.mean() > 0.9
+    assert (np.abs(found[2][has_foot]) <= off * (1.0 + 1e-9) + 5e-16).all()
+    stack, bounds = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    n_faces = 0
+    for i in rng.choice(len(points), 500, replace=False):
+        alone = nearest_point(tree, tuple(points[i]), tuple(normals[i]), (0.25, 0.5), -1, LOOKING, stack, bounds)
+        if alone[4] == FACE:
+            n_faces += 1
+            assert np.sqrt(alone[0]) == abs(found[2][i])
+            assert tree.order[alone[1]] == found[0][i]
+    assert n_faces > 50

@@ -6,8 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
+from monitor.comparison import noise as noise_module
 from monitor.comparison.correlation import Correlation, spherical
-from monitor.comparison.noise import CalmVertices, Noise, asked_scale, believe, count_witnesses, learn_sizes
+from monitor.comparison.error_parts import Parts
+from monitor.comparison.noise import (
+    CalmVertices,
+    Noise,
+    asked_scale,
+    believe,
+    count_witnesses,
+    learn_sizes,
+    sort_by_stratum,
+)
 from monitor.comparison.side import thirds_of
 from monitor.comparison.strata import EVERY, KINDS, N_STRATA, SHAPE, stratum_of
 from projects.model import Floats, Ints
@@ -28,7 +38,9 @@ def test_witnesses_of_a_variance_are_those_that_its_scatter_shows(rng: np.random
 def asked_of(distances: Floats, own: Floats, motion: Floats) -> float:
     """Return the scale that vertices of one stratum ask for."""
     none, place = np.zeros(len(own)), np.full(len(own), 3)
-    calm = CalmVertices(np.zeros((0, 3)), np.zeros(0, dtype=int), distances, own, none, none, motion, place)
+    places = np.arange(len(own))
+    calm = CalmVertices(np.zeros((0, 3)), places, distances, own, none, none, motion, place,
+                        *sort_by_stratum(places, place), 0.0)  # fmt: skip
     return asked_scale([calm], np.array([3]), np.ones(N_STRATA), 0.95)
 
 
@@ -66,7 +78,8 @@ def calm_of(
     points = np.column_stack([np.arange(n), np.zeros((n, 2))])
     none, moved = np.zeros(n), np.full(n, 1e-3 * motion)
     disagree = none if shared is None else 1e-3 * shared
-    return CalmVertices(points, np.arange(n), distances, np.full(n, 1e-3), none, disagree, moved, stratum)
+    return CalmVertices(points, np.arange(n), distances, np.full(n, 1e-3), none, disagree, moved, stratum,
+                        *sort_by_stratum(np.arange(n), stratum), 1e-12)  # fmt: skip
 
 
 NO_AGREEMENT = Correlation(np.array([0.5]), np.array([0.1]))
@@ -170,3 +183,65 @@ def test_thirds_of_the_lever_arm_are_of_long_bodies_and_not_of_the_noise_of_roun
         assert counts(4.0, noise) == pytest.approx([1000] * 3, abs=2)
     assert counts(1.05, stated) == pytest.approx([1000] * 3, abs=2)
     assert counts(1.05, unstated) == counts(1.05, coarse) == [3000, 0, 0]
+
+
+def test_vertices_by_stratum_keep_their_order_within_one(rng: np.random.Generator) -> None:
+    places, stratum = np.sort(rng.choice(9000, 3000, replace=False)), rng.integers(0, 5, 3000) * 7
+    members, starts = sort_by_stratum(places, stratum)
+    for k in range(N_STRATA):
+        assert members[starts[k] : starts[k + 1]].tolist() == places[stratum == k].tolist()
+
+
+def test_parts_are_mixed_as_they_say(rng: np.random.Generator) -> None:
+    calm = calm_of(rng, np.ones(N_STRATA), np.full(500, SMOOTH))
+    own, discord, shared = rng.uniform(0.0, 1e-3, (3, 500))
+    calm, parts = calm._replace(own=own, discord=discord, shared=shared), Parts(0.7, 1.3, 0.4, 2e-4)
+    assert np.array_equal(noise_module._mix(calm, parts), parts.mix(own, discord, shared))
+
+
+@pytest.fixture
+def few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a scale be learned from 2000 vertices, and 1000 on a side be many."""
+    monkeypatch.setattr(noise_module, "N_LEARNT", 2000)
+    monkeypatch.setattr(noise_module, "MANY", 1000)
+
+
+def test_of_many_vertices_an_even_draw_teaches_and_of_a_small_class_all(
+    rng: np.random.Generator, few_are_many: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stratum = rng.permutation(np.repeat([SMOOTH, ROUGH], (20_000, 300)))
+    true = np.full(N_STRATA, 0.6)
+    true[ROUGH] = 1.2
+    calm = [calm_of(rng, true, stratum) for _ in range(2)]
+    drawn = noise_module._thin_out(calm)
+    assert [len(c.places) for c in drawn] == [1015, 1015]  # each twentieth of 40 600
+    for c, some in zip(calm, drawn, strict=True):
+        assert np.array_equal(some.distances, c.distances[c.members[::20]])
+    assert np.diff(drawn[0].starts)[[SMOOTH, ROUGH]].tolist() == [1000, 15]
+    n_asked = {}
+
+    def ask(calm: list[CalmVertices], members: Ints, factors: Floats, share: float) -> float:
+        n_asked[tuple(members)] = sum(noise_module._n_held(c, members) for c in calm)
+        return asked_scale(calm, members, factors, share)
+
+    monkeypatch.setattr(noise_module, "asked_scale", ask)
+    _, scales = learn(calm, rng)
+    assert scales[SMOOTH] == pytest.approx(0.6, rel=0.05)  # of 2000: a quantile known to 0.02
+    assert scales[ROUGH] == pytest.approx(1.2, rel=0.1)  # of 600; of 30 a fifth
+    of_class = {int(np.isin(SMOOTH, group)) + 2 * int(np.isin(ROUGH, group)): n for group, n in n_asked.items()}
+    assert of_class == {1: 2000, 2: 600, 3: 2030}  # of the large class, of the small one, of both
+
+
+def test_many_hold_as_many_witnesses_whichever_way_they_are_counted(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stratum = rng.permutation(np.repeat([SMOOTH, MEDIUM, ROUGH], (3000, 2000, 1000)))
+    calm = calm_of(rng, np.ones(N_STRATA), stratum)
+    calm = calm._replace(points=rng.uniform(0.0, 1.0, (6000, 3)) * [1.0, 1.0, 0.0])
+    calm.points[stratum == ROUGH] *= 0.1  # close together: few witnesses
+    members, correlation = np.array([SMOOTH, ROUGH]), Correlation(np.array([0.8]), np.array([0.2]))
+    counts = []
+    for many in (10_000, 100):
+        monkeypatch.setattr(noise_module, "MANY", many)
+        counts.append(np.mean([noise_module._count([calm], members, correlation, rng) for _ in range(20)]))
+    assert counts[1] == pytest.approx(counts[0], rel=0.03)  # the same draws of 1000, by other numbers

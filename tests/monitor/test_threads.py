@@ -5,7 +5,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from monitor.registration.icp import register_sides
-from monitor.threads import run_tasks, with_one_blas_thread
+from monitor.threads import map_threads, run_tasks, with_one_blas_thread
 
 
 @pytest.mark.parametrize("n_tasks", [0, 1, 5, 1000])
@@ -20,6 +20,21 @@ def test_each_task_is_worked_on_once(n_tasks, n_threads, monkeypatch):
 
     run_tasks(work, n_tasks, 3)
     assert times == [3] * n_tasks
+
+
+@pytest.mark.parametrize(("n_items", "share"), [(1, 2), (2, 1), (5, 1)])
+def test_what_runs_within_a_thread_has_its_share_of_them(n_items, share):
+    threads = numba.get_num_threads()
+    if threads < 2:
+        pytest.skip("one thread only")
+    try:
+        numba.set_num_threads(2)
+        assert map_threads(lambda k: (k, numba.get_num_threads()), range(n_items)) == [
+            (k, share) for k in range(n_items)
+        ]
+        assert numba.get_num_threads() == 2
+    finally:
+        numba.set_num_threads(threads)
 
 
 def test_error_in_a_range_is_raised(monkeypatch):
