@@ -26,7 +26,7 @@ METHOD = {
     "surface": 19,
     "mesh": 6,
     "quality": 2,
-    "comparison": 23,
+    "comparison": 24,
     "series": 1,
 }
 
