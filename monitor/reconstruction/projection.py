@@ -33,6 +33,7 @@ from monitor.reconstruction.quadric import (
     CURVED,
     EFFECTIVE,
     HEIGHT,
+    PLANE,
     SIGMA,
     SLOPE_U,
     SLOPE_V,
@@ -40,7 +41,7 @@ from monitor.reconstruction.quadric import (
     fit_patch,
     slope_chi2,
 )
-from monitor.reconstruction.remainder import second_moment, third_moment
+from monitor.reconstruction.remainder import off_middle, second_moment, third_moment
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
@@ -53,9 +54,9 @@ MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unle
 SURE_SLOPE = 12.0  # or within what noise makes: chi2 of two
 STEEPEST2 = 3.0  # squared slope of 60 degrees against the mean normal, beyond which a fit is not of its points' sheet
 PRIOR = 8.0  # points, for which the noise around counts in the scatter of one fit
-MOST_LEANING = 0.003  # third moment, in radii cubed: as of fits half a radius from where their points end
-PLACE, NORMAL, OUT_SIGMA, OUT_SCATTER, OUT_SUPPORT, OUT_THIRD, OUT_SECOND, OUT_FREE = (
-    slice(0, 3), slice(3, 6), *range(6, 12)
+OFF_MIDDLE = 0.2  # of the radius: points whose middle lies farther off are of one side
+PLACE, NORMAL, OUT_UNIT, OUT_SCATTER, OUT_SUPPORT, OUT_DEGREE, OUT_THIRD, OUT_SECOND, OUT_FREE, N_OUT = (
+    slice(0, 3), slice(3, 6), *range(6, 14)
 )  # fmt: skip
 
 
@@ -142,7 +143,7 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
     sheet. Where a curved patch would extrapolate a plane is taken. A move beyond `max_shift` (m) means that the fit
     is not about this vertex: it is refused.
     """
-    out, misfit = np.zeros((len(vertices), 12)), reach.misfit
+    out, misfit = np.zeros((len(vertices), N_OUT)), reach.misfit
     if reach.furrows is not None:
         _project_along(vertices, normals, samples, reach.furrows, max_shift, out)
         misfit = misfit.copy()
@@ -150,37 +151,36 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
         misfit = np.where(out[:, OUT_SUPPORT] > 0.0, misfit, reach.misfit)
     _project_as_reached(vertices, normals, samples, reach, np.flatnonzero(out[:, OUT_SUPPORT] == 0.0), max_shift, out)
     _narrow(vertices, normals, samples, reach, max_shift, out)
-    keeps_fourth = reach.is_fourth & (out[:, OUT_THIRD] > 0.0)
+    keeps_fourth = reach.is_fourth & (out[:, OUT_DEGREE] == CURVED)
     misfit = np.hypot(np.where(keeps_fourth, reach.whole, misfit), left_at_rims(reach, out))
+    scatter = steadied(np.fmin(reach.noise, samples.noise), out)
     is_fitted = out[:, OUT_SUPPORT] > 0.0
     return Projection(
         vertices=np.where(is_fitted[:, None], out[:, PLACE], vertices),
         normals=np.where(is_fitted[:, None], out[:, NORMAL], normals),
-        sigma=np.where(is_fitted, np.hypot(steadied(reach, out) * out[:, OUT_SIGMA], misfit), np.nan),
-        scatter=np.where(is_fitted, out[:, OUT_SCATTER], np.nan),
+        sigma=np.where(is_fitted, np.hypot(scatter * out[:, OUT_UNIT], misfit), np.nan),
+        scatter=np.where(is_fitted, scatter, np.nan),
         n_support=np.abs(out[:, OUT_SUPPORT]).astype(np.int32),
         is_fitted=is_fitted,
     )
 
 
-def steadied(reach: Reach, out: Floats) -> Floats:
-    """Return by what (n,) the scatter of each fit is to be multiplied, few points of which tell little.
-
-    The noise around counts for `PRIOR` points where it is larger: a smaller one says nothing against what is seen here.
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        more2 = np.fmax((reach.noise / out[:, OUT_SCATTER]) ** 2, 1.0)
-    free = out[:, OUT_FREE]
-    return np.sqrt((free + PRIOR * np.where(np.isfinite(more2), more2, 1.0)) / (free + PRIOR))
+def steadied(noise: Floats, out: Floats) -> Floats:
+    """Return the scatter (n,) [m] about each fit, few points of which tell little: the noise (n,) [m] around, where it
+    is larger and known, counts for `PRIOR` points. A smaller one says nothing against what is seen here."""
+    seen2, free = out[:, OUT_SCATTER] ** 2, out[:, OUT_FREE]
+    return np.sqrt((free * seen2 + PRIOR * np.fmax(seen2, noise**2)) / (free + PRIOR))
 
 
 def left_at_rims(reach: Reach, out: Floats) -> Floats:
     """Return by how much (n,) [m] the surface may depart from fits that their points hold from one side.
 
-    From a curved patch by its third derivatives, from a plane that stands for a curved patch by its second.
+    From a curved patch by its third derivatives, from a plane that stands for a curved patch by its second; a plane
+    that was chosen has its own misfit.
     """
+    is_chosen = reach.is_flat & (out[:, OUT_DEGREE] == PLANE)
     left = np.hypot(out[:, OUT_THIRD] * reach.third, out[:, OUT_SECOND] * reach.second)
-    return np.where(reach.is_flat, 0.0, left)
+    return np.where(is_chosen, 0.0, left)
 
 
 def _project_as_reached(
@@ -287,7 +287,7 @@ def project_one(
     dx, dy, dz = place[0] - vertex[0], place[1] - vertex[1], place[2] - vertex[2]
     if slope2 <= 1.0 and dx * dx + dy * dy + dz * dz <= max_shift * max_shift:
         row[PLACE] = place
-        row[OUT_SIGMA], row[OUT_SCATTER] = fit[UNIT_ERROR] * fit[SIGMA] / np.sqrt(1.0 + slope2), fit[SIGMA]
+        row[OUT_UNIT], row[OUT_SCATTER] = fit[UNIT_ERROR] / np.sqrt(1.0 + slope2), fit[SIGMA]
         row[OUT_SUPPORT] = n_points
         write_limits(room, n, degree, radius, stretch, row)
 
@@ -296,11 +296,11 @@ def project_one(
 def write_limits(room: Any, n: int, degree: int, radius: float, stretch: float, row: Floats) -> None:
     """Write how many points the scatter of the fit made last rests on, and how far it follows the surface."""
     row[OUT_FREE] = max(room.fit[EFFECTIVE] - (3.0 if degree == 1 else 6.0), 1.0)
-    row[OUT_THIRD] = row[OUT_SECOND] = 0.0
-    if degree == 2 and stretch == 1.0:
-        row[OUT_THIRD] = third_moment(room.patch, n, room.influence) * radius**3
-    elif degree == 1:
+    row[OUT_DEGREE], row[OUT_THIRD], row[OUT_SECOND] = degree, 0.0, 0.0
+    if degree == 1:
         row[OUT_SECOND] = second_moment(room.patch, n, room.influence) * radius**2
+    elif stretch == 1.0:
+        row[OUT_THIRD] = third_moment(room.patch, n, room.influence) * radius**3
 
 
 @jit(nopython=True, cache=True)
@@ -318,14 +318,14 @@ def fit_fourth(room: Any, n: int, radius: float) -> bool:
     wider = fit[HEIGHT]
     if not fit_patch(room.patch, n, radius, 1.0 / LADDER_RATIO, 1.0, CURVED, room.work, fit, influence):
         return False
-    if third_moment(room.patch, n, influence) * LADDER_RATIO**3 > MOST_LEANING:
+    if off_middle(room.patch, n, 1.0 / LADDER_RATIO) > OFF_MIDDLE:
         return False
     carry = 1.0 / (LADDER_RATIO**BIAS_POWER - 1.0)
     fit[HEIGHT] += carry * (fit[HEIGHT] - wider)
     variance = 0.0
     for i in range(n):
-        one = influence[i] + carry * (influence[i] - room.wider[i])
-        variance += room.patch[COUNT, i] * one * one
+        influence[i] += carry * (influence[i] - room.wider[i])
+        variance += room.patch[COUNT, i] * influence[i] * influence[i]
     fit[UNIT_ERROR] = np.sqrt(variance)
     return True
 

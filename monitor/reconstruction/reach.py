@@ -32,7 +32,19 @@ from monitor.reconstruction.gathering import (
 )
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, MOST_EXTRAPOLATED, Reach, Samples
-from monitor.reconstruction.quadric import BEND, COUNT, CURVED, EFFECTIVE, HEIGHT, PLANE, SIGMA, UNIT_ERROR, fit_patch
+from monitor.reconstruction.quadric import (
+    BEND,
+    COUNT,
+    CURVED,
+    EFFECTIVE,
+    HEIGHT,
+    PLANE,
+    SIGMA,
+    UNIT_ERROR,
+    fit_patch,
+    substitute,
+    sum_up,
+)
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
@@ -42,7 +54,8 @@ FOURTH_LEFT2 = 0.25  # of the squared bias with its fourth order taken off, on w
 FOURTH_COST = 0.3  # of the variance, that taking it off adds
 N_HERE = 4  # probes next to each other that tell how large a bias is where it is seen
 N_STATED = 4  # points nearest to a probe whose stated noise counts there
-FEWEST_AROUND = 12  # probes, that tell how the curvature changes
+FEWEST_AROUND = 12  # probes, that tell how the curvature changes,
+NARROWEST_POOL = 0.0025  # determinant over squared trace of their places: of a strip twenty times as long as wide
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
 DOUBT, REFUSAL, BENT = 1.25, 4.0, 2.0  # sigmas of a pooled mean square departure above that of noise alone
 ONE_SIDED = 1.5  # sigmas of the mean departure of pooled probes, which curvature gives one sign
@@ -51,9 +64,20 @@ CLIPPED, MEAN_CLIPPED = (
     4.0,
     0.92,
 )  # of a squared departure, so that an edge nearby does not decide; mean of min(chi2, 4)
-BEND_OF_UNIT = 64.0  # variance of the second derivatives, of the sum of both too, over that of the height
 MOST_BENT = 0.84  # sum of both slopes at the rim: 0.42 of a sphere's radius, beyond which sixth order counts
-CURVATURE, CURVED_UNIT, SCATTER, STEP, STEP_UNIT2, FLAT_UNIT, FLAT_STEP, FLAT_STEP_UNIT2, BEND2 = range(9)
+(
+    CURVATURE,
+    CURVED_UNIT,
+    SCATTER,
+    STEP,
+    STEP_UNIT2,
+    FLAT_UNIT,
+    FLAT_STEP,
+    FLAT_STEP_UNIT2,
+    SECOND2,
+    SECOND_UNIT2,
+    N_ROW,
+) = range(11)
 
 
 class Ladder(NamedTuple):
@@ -145,7 +169,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     curved surface.
     """
     n, pool = len(probes.vertices), probes.pool
-    second2, third2 = np.zeros(n), np.zeros(n)
+    second2, third2 = np.full((2, n), np.nan)
     curved, flat = np.zeros(n, np.int64), np.zeros(n, np.int64)
     risk, flat_risk = np.full(n, np.inf), np.full(n, np.inf)
     misfit2, flat_misfit2, own_error2 = np.zeros(n), np.zeros(n), np.full(n, np.inf)
@@ -175,8 +199,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
         taken = climbing & ~doubted & np.isfinite(error2)
         curved, misfit2 = np.where(taken, k, curved), np.where(taken, bias2, misfit2)
         risk, own_error2 = np.where(taken, error2 + bias2, risk), np.where(taken, error2, own_error2)
-        second2 = np.where(taken, second_derivatives2(rows, noise2, radius, pool), second2)
-        third2 = np.where(taken, third_derivatives2(rows, noise2, radius, probes, n_apart), third2)
+        second2 = renewed(second2, taken, second_derivatives2(rows, noise2, pool))
+        third2 = renewed(third2, taken, third_derivatives2(rows, noise2, radius, probes, n_apart))
         this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
         bows = flat_step.is_refused | flat_step.is_doubtful | flat_step.is_one_sided
         better = taken & ~bows & (this_risk < flat_risk)
@@ -192,41 +216,49 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     misfit = np.sqrt(np.where(is_flat, flat_misfit2, misfit2))
+    second2 = np.nan_to_num(second2)
+    third2 = np.where(np.isfinite(third2), third2, second2 / ladder.radii[curved] ** 2)
     whole, second, third = np.sqrt(whole2), np.sqrt(second2), np.sqrt(third2)
     reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), whole, second, third)
     return Climbed(reach, is_ended, own_error2, whole2, noise2)
 
 
-def second_derivatives2(rows: Floats, noise2: Floats, radius: float, pool: Ints) -> Floats:
-    """Return the sum of squares (n,) [1/m2] of the second derivatives around, less what noise makes of them."""
-    of_noise = BEND_OF_UNIT * rows[:, CURVED_UNIT] ** 2 * noise2 / radius**4
-    return np.nan_to_num(np.maximum(mean_of_pool(rows[:, BEND2] - of_noise, pool), 0.0))
+def renewed(values: Floats, which: Bools, new: Floats) -> Floats:
+    """Return the values (n,) with the new ones of `which` (n,), where these are known."""
+    return np.where(which & np.isfinite(new), new, values)
+
+
+def second_derivatives2(rows: Floats, noise2: Floats, pool: Ints) -> Floats:
+    """Return the sum of squares (n,) [1/m2] of the second derivatives around, less what noise makes of them; NaN where
+    nothing is known."""
+    return np.maximum(mean_of_pool(rows[:, SECOND2] - rows[:, SECOND_UNIT2] * noise2, pool), 0.0)
 
 
 def third_derivatives2(rows: Floats, noise2: Floats, radius: float, probes: Probes, n_apart: float) -> Floats:
     """Return the sum of squares (n,) [1/m4] of the third derivatives: of how the sum of the curvatures changes around.
 
-    Less what noise makes of it, of `n_apart` fits. Neither spheres nor cylinders have any.
+    Less what noise makes of it, of `n_apart` fits; NaN where too few probes know. Neither spheres nor cylinders have
+    any; of all surfaces it is right in the mean, since the gradient of a Laplacian may miss a part (a monkey saddle).
     """
-    bend = rows[:, CURVATURE] / radius
-    change2, spread2 = change_around(bend, probes.vertices, probes.normals, probes.pool)
-    of_noise = BEND_OF_UNIT * mean_of_pool(rows[:, CURVED_UNIT] ** 2 * noise2, probes.pool) / radius**4
-    with np.errstate(invalid="ignore", divide="ignore"):
-        left2 = change2 - 2.0 * of_noise / (n_apart * spread2)
-    return np.where(np.isfinite(left2), np.maximum(left2, 0.0), 0.0)
+    change2, unit2 = change_around(rows[:, CURVATURE] / radius, probes.vertices, probes.normals, probes.pool)
+    return np.maximum(change2 - unit2 / n_apart * mean_of_pool(rows[:, SECOND_UNIT2] * noise2, probes.pool), 0.0)
 
 
 @jit(nopython=True, cache=True, nogil=True)
 def change_around(values: Floats, places: Floats, normals: Floats, pool: Ints) -> Any:
-    """Squared gradient (n,) along the surface of `values` over each place's pool, and the variance (n,) [m2] of its
-    places along either direction; NaN where too few are known."""
-    change2, spread2 = np.full(len(values), np.nan), np.full(len(values), np.nan)
+    """Squared gradient (n,) along the surface of `values` over each place's pool, and what independent errors of one
+    unit make of it, times their number [1/m2]; NaN where too few are known, or they lie on a line.
+
+    Places whose normals look the other way are of another sheet.
+    """
+    change2, unit2 = np.full(len(values), np.nan), np.full(len(values), np.nan)
     for i in range(len(values)):
         (tx, ty, tz), (bx, by, bz) = tangent_frame(normals[i])
         n = su = sv = sh = suu = suv = svv = suh = svh = 0.0
         for j in pool[i]:
             h = values[j]
-            if np.isfinite(h):
+            faces = normals[j, 0] * normals[i, 0] + normals[j, 1] * normals[i, 1] + normals[j, 2] * normals[i, 2]
+            if np.isfinite(h) and faces > 0.0:
                 x, y, z = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1], places[j, 2] - places[i, 2]
                 u, v = x * tx + y * ty + z * tz, x * bx + y * by + z * bz
                 n, su, sv, sh = n + 1.0, su + u, sv + v, sh + h
@@ -235,11 +267,11 @@ def change_around(values: Floats, places: Floats, normals: Floats, pool: Ints) -
             continue
         suu, suv, svv = (suu - su * su / n) / n, (suv - su * sv / n) / n, (svv - sv * sv / n) / n
         suh, svh = (suh - su * sh / n) / n, (svh - sv * sh / n) / n
-        det = suu * svv - suv * suv
-        if det > 1e-6 * suu * svv:
+        det, both = suu * svv - suv * suv, suu + svv
+        if det > NARROWEST_POOL * both * both:
             gu, gv = (svv * suh - suv * svh) / det, (suu * svh - suv * suh) / det
-            change2[i], spread2[i] = gu * gu + gv * gv, np.sqrt(det)
-    return change2, spread2
+            change2[i], unit2[i] = gu * gu + gv * gv, both / det
+    return change2, unit2
 
 
 def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
@@ -347,7 +379,7 @@ def probe_one(
     if not is_supported(fit):
         return
     row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
-    row[BEND2] = square_of_bend(held.work[0], radius)
+    write_second(patch, n, radius, work, row)
     if (
         inner < 1.0
         and fit_patch(patch, n_inner, radius, inner, 1.0, CURVED, work, fit_other, other)
@@ -363,9 +395,16 @@ def probe_one(
 
 
 @jit(nopython=True, cache=True)
-def square_of_bend(c: Floats, radius: float) -> float:
-    """Sum of the squares (1/m2) of the second derivatives of a patch."""
-    return (4.0 * c[3] * c[3] + 2.0 * c[4] * c[4] + 4.0 * c[5] * c[5]) / (radius * radius)
+def write_second(patch: Floats, n: int, radius: float, work: Any, row: Floats) -> None:
+    """Write the sum of squares (1/m2) of the second derivatives of the patch fitted last, and of the sum of both
+    curvatures the variance (1/m4) in that of a point, which is about that of the former too."""
+    c, a, g, _, squares, _, weights, influence = work
+    row[SECOND2] = (4.0 * c[3] * c[3] + 2.0 * c[4] * c[4] + 4.0 * c[5] * c[5]) / radius**2
+    g[:] = 0.0
+    g[3] = g[5] = 2.0
+    substitute(a, g, 6)
+    _, _, _, variance = sum_up(patch, n, g, squares, weights, influence)
+    row[SECOND_UNIT2] = variance / radius**4
 
 
 @jit(nopython=True, cache=True)
@@ -384,11 +423,11 @@ def apart2(patch: Floats, n: int, influence: Floats, other: Floats) -> float:
 
 
 def probe(places: Floats, normals: Floats, which: Ints, samples: Samples, rung: int, inner: Floats) -> Floats:
-    """Return what fits at one rung tell at the places `which`, (n, 9); NaN elsewhere.
+    """Return what fits at one rung tell at the places `which`, (n, `N_ROW`); NaN elsewhere.
 
     `inner` (n,) is the share of the radius within which the fit to compare with is made; 1 for none.
     """
-    rows = np.full((len(places), 9), np.nan)
+    rows = np.full((len(places), N_ROW), np.nan)
     radius = samples.radii[rung]
     if len(which):
         sites, gate = block_sites(places, normals, which, radius), gate_height(radius, samples.noise)

@@ -1,9 +1,9 @@
 """What a fit does not follow: how far its height moves with the next order of the surface where its points end.
 
 In: a patch and the influence of its points on the height, as `fit_patch` makes them. Out: a moment, in units of the
-radius to its order, root mean square over all directions that a wave of the surface may have. A quadric fit in the
-middle of its points errs by the fourth order, at a rim by the third, which is more (Fan & Gijbels 1996, 3.2.5); a
-plane errs by the second.
+radius to its order, root mean square over all directions that a wave of the surface may have: of a dome or a saddle,
+which bend two ways, it is right in the mean only. A quadric fit in the middle of its points errs by the fourth order,
+at a rim by the third, which is more (Fan & Gijbels 1996, 3.2.5); a plane errs by the second.
 """
 
 from __future__ import annotations
@@ -41,3 +41,16 @@ def second_moment(patch: Floats, n: int, influence: Floats) -> float:
         m02 += of_all * (v * v + patch[SPREAD_VV, i])
     square = 3.0 * (m20 * m20 + m02 * m02) + 4.0 * m11 * m11 + 2.0 * m20 * m02
     return np.sqrt(max(square, 0.0) / 8.0) / 2.0
+
+
+@jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
+def off_middle(patch: Floats, n: int, span: float) -> float:
+    """How far the middle of the points within a share of the radius lies off the middle of that disc, in its radii."""
+    total = su = sv = 0.0
+    for i in range(np.uint64(n)):
+        u, v = patch[U, i], patch[V, i]
+        count = patch[COUNT, i] if u * u + v * v < span * span else 0.0
+        total += count
+        su += count * u
+        sv += count * v
+    return np.sqrt(su * su + sv * sv) / (max(total, 1.0) * span)

@@ -256,8 +256,9 @@ def error_under_vertex(n: int, side: int, window: Any, noise2: float) -> Any:
     """Variance of a plane under the vertex in that of a point, and the effective number of its points.
 
     Each round of `fit_both` takes a plane along the normal that the noise turned in the round before, and what of it
-    lies along the plane then turns it further (errors in variables): in all as if the points were spread along the
-    plane by their noise, of `noise2` (m2), less than they are. Infinite where they are hardly spread by more.
+    lies along the plane then turns it further (errors in variables): after many rounds as if the points were spread
+    along the plane by their noise, of `noise2` (m2), less than they are; fewer turn it less. Infinite where they are
+    hardly spread by more.
     """
     places, weights, counts, sides = window.places, window.weights, window.counts, window.sides
     plane = window.planes[side]

@@ -9,8 +9,17 @@ from monitor.reconstruction.gathering import patch_room
 from monitor.reconstruction.moments import level_of_points
 from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, samples_at, sum_up_samples
 from monitor.reconstruction.quadric import COUNT, SPREAD_UU, fit_patch, fit_room, slope_chi2
-from monitor.reconstruction.reach import change_around, choose_reach, make_ladder
-from monitor.reconstruction.remainder import second_moment, third_moment
+from monitor.reconstruction.reach import (
+    CURVATURE,
+    SECOND2,
+    SECOND_UNIT2,
+    change_around,
+    choose_reach,
+    make_ladder,
+    probe,
+    spread_probes,
+)
+from monitor.reconstruction.remainder import off_middle, second_moment, third_moment
 from projects.model import PointCloud
 
 DIRECTIONS = np.linspace(0.0, np.pi, 60, endpoint=False)
@@ -68,12 +77,30 @@ def test_moments_of_groups_are_those_of_their_points(rng):
 
 def test_fourth_order_is_left_on_where_points_lie_on_one_side():
     taken = []
-    for begin in (-1.0, -0.7, -0.2, 0.0):
+    for begin in (-1.0, -0.7, -0.1, 0.0):
         u, v = part_of_disc(begin)
         room = patch_room(len(u))
         room.patch[:4] = u, v, 0.01 * np.cos(2.0 * u), np.ones(len(u))
         taken.append(fit_fourth(room, len(u), 1.0))
     assert taken == [True, True, False, False]
+
+
+def test_few_points_all_around_are_not_of_one_side(rng):
+    def share_off(n):
+        off = []
+        for _ in range(300):
+            r, turn = np.sqrt(rng.uniform(size=n)), rng.uniform(0.0, 2.0 * np.pi, n)
+            patch = np.vstack([r * np.cos(turn), r * np.sin(turn), np.zeros((8, n))])
+            patch[COUNT] = 1.0
+            off.append(off_middle(patch, n, 1.0) > 0.2)
+        return np.mean(off)
+
+    assert share_off(40) < 0.1
+    assert share_off(160) < 0.01
+    u, v = part_of_disc(0.0)
+    patch = np.vstack([0.5 * u, 0.5 * v, np.zeros((8, len(u)))])
+    patch[COUNT] = 1.0
+    assert off_middle(patch, len(u), 0.5) == pytest.approx(4.0 / (3.0 * np.pi), rel=0.02)  # of half a disc
 
 
 def test_slope_of_noise_has_chi2_of_two_and_a_true_one_far_more(rng):
@@ -117,24 +144,62 @@ def test_scatter_of_few_points_is_steadied_by_the_noise_around_and_never_lessene
     z = 1e-4 * np.where(np.arange(25) % 2, 1.0, -1.0)
     samples = samples_at(np.column_stack([x, y, z]), up, 0.003, 1e-4)
     reach = Reach(*np.zeros((2, 1), int), *np.array([[True], [False]]), *np.zeros((5, 1)))
-    sigma = [project_vertices(np.zeros((1, 3)), up[:1], samples, reach._replace(noise=np.full(1, one)), 0.01).sigma[0]
-             for one in (np.nan, 1e-5, 1e-3)]  # fmt: skip
-    assert sigma[1] == sigma[0]
-    # some 17 of 25 points count; 8 of ten times the scatter: sqrt((17 - 3 + 8 * 100) / (17 - 3 + 8)) at the middle
-    assert 5.0 < sigma[2] / sigma[0] < 7.5
+    moved = [
+        project_vertices(np.zeros((1, 3)), up[:1], samples, reach._replace(noise=np.full(1, one)), 0.01)
+        for samples, one in ((samples._replace(noise=n), n) for n in (1e-6, 1e-5, 1e-3))
+    ]
+    seen, less, more = (one.scatter[0] for one in moved)
+    assert less == seen
+    w = 1.0 - (x**2 + y**2) / 0.003**2
+    w = w[w > 0.0]
+    free = w.sum() ** 2 / (w**2).sum() - 3.0
+    assert more == pytest.approx(np.sqrt((free * seen**2 + 8.0 * 1e-6) / (free + 8.0)), rel=1e-6)
+    assert moved[2].sigma[0] / moved[0].sigma[0] == pytest.approx(more / seen, rel=1e-9)
+
+
+def test_noise_around_counts_no_more_than_that_of_the_whole_surface():
+    """The fits around an edge scatter by far more than noise: that says nothing of a quiet plane beside it."""
+    g = 0.001 * (np.arange(5) - 2.0)
+    x, y = (a.ravel() for a in np.meshgrid(g, g))
+    up = np.tile([0.0, 0.0, 1.0], (25, 1))
+    samples = samples_at(np.column_stack([x, y, 1e-6 * np.where(np.arange(25) % 2, 1.0, -1.0)]), up, 0.003, 1e-6)
+    reach = Reach(*np.zeros((2, 1), int), *np.array([[True], [False]]), *np.zeros((5, 1)))
+    moved = project_vertices(np.zeros((1, 3)), up[:1], samples, reach._replace(noise=np.full(1, 1e-3)), 0.01)
+    assert moved.scatter[0] < 2e-6
 
 
 def test_curvature_that_changes_tells_third_derivatives_and_one_that_stays_none(rng):
     places = np.column_stack([*(a.ravel() for a in np.meshgrid(*2 * [0.004 * np.arange(12)])), np.zeros(144)])
     _, pool = cKDTree(places).query(places, k=32)
     up = np.tile([0.0, 0.0, 1.0], (144, 1))
-    gradient2, spread2 = change_around(3.0 + 200.0 * places[:, 0] - 50.0 * places[:, 1], places, up, pool)
-    assert gradient2 == pytest.approx(200.0**2 + 50.0**2, rel=1e-6)
-    middle = places[(np.abs(places[:, :2] - 0.022) < 0.003).all(axis=1)]
-    radius = cKDTree(places).query(middle, k=[32])[0].mean()
-    assert np.median(spread2) == pytest.approx(0.25 * radius**2, rel=0.35)
+    change2, _ = change_around(3.0 + 200.0 * places[:, 0] - 50.0 * places[:, 1], places, up, pool)
+    assert change2 == pytest.approx(200.0**2 + 50.0**2, rel=1e-6)
     assert change_around(np.full(144, 7.0), places, up, pool)[0] == pytest.approx(0.0, abs=1e-9)
     assert np.isnan(change_around(np.where(np.arange(144) < 5, 1.0, np.nan), places, up, pool)[0]).all()
+    back = np.where(places[:, :1] < 0.02, up, -up)  # those of another sheet count for nothing
+    values = np.where(places[:, 0] < 0.02, 200.0 * places[:, 0], -500.0)
+    change2, _ = change_around(values, places, back, pool)
+    known = (places[:, 0] < 0.02) & np.isfinite(change2)
+    assert change2[known] == pytest.approx(200.0**2, rel=1e-6)
+
+
+@pytest.mark.parametrize("width", [1.0, 0.3, 0.1])
+@pytest.mark.parametrize("turn", [0.0, 0.8])
+def test_noise_makes_as_much_change_of_curvature_as_is_taken_off(rng, width, turn):
+    places = np.column_stack([rng.uniform(-1.0, 1.0, 32), width * rng.uniform(-1.0, 1.0, 32), np.zeros(32)])
+    c, s = np.cos(turn), np.sin(turn)
+    places = places @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    pool, up = np.tile(np.arange(32), (32, 1)), np.tile([0.0, 0.0, 1.0], (32, 1))
+    found = [change_around(rng.normal(size=32), places, up, pool) for _ in range(600)]
+    change2, unit2 = (np.array([one[k][0] for one in found]) for k in range(2))
+    assert change2.mean() == pytest.approx(unit2.mean() / 32.0, rel=0.15)
+
+
+def test_places_on_a_line_tell_no_change_in_whatever_direction_they_lie(rng):
+    pool, up = np.tile(np.arange(32), (32, 1)), np.tile([0.0, 0.0, 1.0], (32, 1))
+    for turn in (0.0, 0.4, 0.8):
+        places = np.linspace(-1.0, 1.0, 32)[:, None] * np.array([np.cos(turn), np.sin(turn), 0.0])
+        assert np.isnan(change_around(rng.normal(size=32), places, up, pool)[0]).all()
 
 
 def reach_of(cloud, noise):
@@ -162,6 +227,25 @@ def test_derivatives_of_waves_and_of_a_tube_are_found(rng):
     inside = np.abs(tube.points[:, 2]) < 0.03
     assert np.median(found.second[inside]) == pytest.approx(1.0 / 0.015, rel=0.1)
     assert np.median(found.third[inside]) < 0.15 * found.second[inside].mean() / 0.015
+
+
+def test_noise_of_a_flat_sheet_is_no_derivative_of_it_at_its_rim_either(rng):
+    g, noise = 0.001 * (np.arange(70) - 34.5), 3e-4
+    second, third, of_noise = [], [], []
+    for _ in range(4):
+        x, y = (c.ravel() + rng.uniform(-3e-4, 3e-4, 4900) for c in np.meshgrid(g, g))
+        up = np.tile([0.0, 0.0, 1.0], (4900, 1))
+        cloud = PointCloud(np.column_stack([x, y, noise * rng.normal(size=4900)]), up)
+        samples = sum_up_samples(level_of_points(cloud.points, up, 0.01), np.array([0.006]), noise)
+        probes, _ = spread_probes(cloud.points, up, None)
+        rows = probe(probes.vertices, up[: len(probes.vertices)], np.arange(len(probes.vertices)), samples, 0,
+                     np.ones(len(probes.vertices)))  # fmt: skip
+        at_rim = 0.035 - np.abs(probes.vertices[:, :2]).max(axis=1) < 0.003
+        second.append(np.nanmean(rows[at_rim, SECOND2]))
+        third.append(np.nanmean((rows[at_rim, CURVATURE] / 0.006) ** 2))
+        of_noise.append(np.nanmean(rows[at_rim, SECOND_UNIT2]) * noise**2)
+    assert np.mean(second) == pytest.approx(np.mean(of_noise), rel=0.25)
+    assert np.mean(third) == pytest.approx(np.mean(of_noise), rel=0.25)  # 64 times the height's variance: a third of it
 
 
 @pytest.mark.parametrize(
