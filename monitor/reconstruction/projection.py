@@ -230,7 +230,7 @@ def _project_all(
         at_rung = which[rungs[which] == rung]
         if len(at_rung):
             sites = block_sites(vertices, normals, at_rung, radius)
-            sizes = (radius, 1.0, gate_height(radius, samples.noise), max_shift)
+            sizes = (radius, 1.0, gate_height(radius, samples.noise), max_shift, samples.noise)
             run_tasks(_project, len(sites.starts) - 1, sites, samples.levels[rung], sizes, degree, out)
 
 
@@ -242,7 +242,7 @@ def _project_along(
         here = furrows.which[(furrows.rung == rung) & (furrows.stretch == stretch)]
         radius = float(samples.radii[0] * LADDER_RATIO**rung)
         sites = block_sites(vertices, normals, here, radius, furrows.alongs)
-        sizes = (radius, float(stretch), gate_height(radius, samples.noise), max_shift)
+        sizes = (radius, float(stretch), gate_height(radius, samples.noise), max_shift, samples.noise)
         run_tasks(_project, len(sites.starts) - 1, sites, samples.levels[max(int(rung), 0)], sizes, 2, out)
 
 
@@ -259,7 +259,7 @@ def project_one(
     variables), most where points lie on one side.
     """
     fit, place = room.fit, room.place
-    radius, stretch, gate, max_shift = sizes
+    radius, stretch, gate, max_shift, noise = sizes
     own = row[NORMAL]
     if not mean_normal(near, n_near, vertex, normal, along, radius, stretch, gate, own):
         return
@@ -281,7 +281,7 @@ def project_one(
             break
         place += fit[HEIGHT] * own
         tilt(own, along, fit[SLOPE_U], fit[SLOPE_V])
-        if slope2 < UPRIGHT**2 or slope_chi2(room.patch, n, radius, min(degree, 2), room.work, fit) < SURE_SLOPE:
+        if slope2 < UPRIGHT**2 or is_by_noise(room, n, min(degree, 2), radius, noise):
             break
     row[OUT_SUPPORT] = -n_points
     dx, dy, dz = place[0] - vertex[0], place[1] - vertex[1], place[2] - vertex[2]
@@ -290,6 +290,17 @@ def project_one(
         row[OUT_UNIT], row[OUT_SCATTER] = fit[UNIT_ERROR] / np.sqrt(1.0 + slope2), fit[SIGMA]
         row[OUT_SUPPORT] = n_points
         write_limits(room, n, degree, radius, stretch, row)
+
+
+@jit(nopython=True, cache=True)
+def is_by_noise(room: Any, n: int, degree: int, radius: float, noise: float) -> bool:
+    """Whether noise of the points may have made the slope of the fit made last.
+
+    What they scatter by beyond it, at steps and edges, is no noise.
+    """
+    beyond = room.fit[SIGMA] / max(min(room.fit[SIGMA], noise), 1e-300)
+    by_noise: bool = slope_chi2(room.patch, n, radius, degree, room.work, room.fit) * beyond * beyond < SURE_SLOPE
+    return by_noise
 
 
 @jit(nopython=True, cache=True)
@@ -332,8 +343,9 @@ def fit_fourth(room: Any, n: int, radius: float) -> bool:
 
 @jit(nopython=True, cache=True, nogil=True)
 def _project(first: int, last: int, sites: Sites, level: Level, sizes: Any, degree: int, out: Floats) -> None:
-    """Project the vertices of the blocks `first` to `last`, for `run_tasks`; sizes are radius, stretch, gate, limit."""
-    radius, stretch, gate, _ = sizes
+    """Project the vertices of the blocks `first` to `last`, for `run_tasks`; sizes are radius, stretch, gate, limit,
+    noise."""
+    radius, stretch, gate, _, _ = sizes
     reach = np.hypot(OVER_THE_RIM * stretch * radius, gate)
     rows, near, room = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM), patch_room(ROOM)
     for block in range(first, last):

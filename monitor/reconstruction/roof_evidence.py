@@ -58,7 +58,7 @@ def look_for_roof(
     if n == 0 or not what_is_left(n, window, noise2, row):
         return
     under = 1 if kind * (planes[0, OFFSET] / dot(planes[0], up) - planes[1, OFFSET] / dot(planes[1], up)) > 0.0 else 0
-    unit2, effective = error_under_vertex(n, under, window, noise2)
+    unit2, effective = error_under_vertex(n, under, window)
     smooth = left_by_patch(n, window, up, noise2)
     if not smooth >= 0.0 or not unit2 * effective < MOST_EXTRAPOLATED2:
         row[:] = np.nan

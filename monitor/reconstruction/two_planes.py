@@ -252,25 +252,13 @@ def support_of(n: int, side: int, window: Any) -> float:
 
 
 @jit(nopython=True, cache=True, error_model="numpy")
-def error_under_vertex(n: int, side: int, window: Any, noise2: float) -> Any:
-    """Variance of a plane under the vertex in that of a point, and the effective number of its points.
-
-    Each round of `fit_both` takes a plane along the normal that the noise turned in the round before, and what of it
-    lies along the plane then turns it further (errors in variables): after many rounds as if the points were spread
-    along the plane by their noise, of `noise2` (m2), less than they are; fewer turn it less. Infinite where they are
-    hardly spread by more.
-    """
+def error_under_vertex(n: int, side: int, window: Any) -> Any:
+    """Variance of a plane under the vertex in that of a point, and the effective number of its points."""
     places, weights, counts, sides = window.places, window.weights, window.counts, window.sides
     plane = window.planes[side]
     (u, v), middle, whole = tangent_frame(plane), vector(plane[MIDDLE]), plane[TOTAL]
     uu, uv, vv, _, _ = sum_products(n, side, window, u, v, u)
-    by_noise = 0.0
-    for i in range(n):
-        by_noise += noise2 * weights[i] / counts[i] if sides[i] == side else 0.0
-    uu, vv = uu - by_noise, vv - by_noise
     a, b, det = -dot(plane[MIDDLE], u), -dot(plane[MIDDLE], v), uu * vv - uv * uv
-    if not min(uu, det) > 0.0:
-        return np.inf, plane[TOTAL]
     per_u, per_v = (vv * a - uv * b) / det, (uu * b - uv * a) / det
     variance, squares = 0.0, 0.0
     for i in range(n):
