@@ -352,7 +352,8 @@ def fit_patch(
 def slope_chi2(patch: Floats, n: int, radius: float, degree: int, work: Any, out: Floats) -> float:
     """Squared slope of the patch that `fit_patch` made last over what noise makes of it, for either direction.
 
-    `work` and `out` are as it left them.
+    `work` and `out` as it left them; room for the unknowns and a buffer in `work` are used up. What both slopes have in
+    common is left out.
     """
     _, a, g, _, squares, _, weights, influence = work
     m, chi2 = (3 if degree == 1 else 6), 0.0

@@ -257,8 +257,8 @@ def change_around(values: Floats, places: Floats, normals: Floats, pool: Ints) -
         n = su = sv = sh = suu = suv = svv = suh = svh = 0.0
         for j in pool[i]:
             h = values[j]
-            faces = normals[j, 0] * normals[i, 0] + normals[j, 1] * normals[i, 1] + normals[j, 2] * normals[i, 2]
-            if np.isfinite(h) and faces > 0.0:
+            cosine = normals[j, 0] * normals[i, 0] + normals[j, 1] * normals[i, 1] + normals[j, 2] * normals[i, 2]
+            if np.isfinite(h) and cosine > 0.0:
                 x, y, z = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1], places[j, 2] - places[i, 2]
                 u, v = x * tx + y * ty + z * tz, x * bx + y * by + z * bz
                 n, su, sv, sh = n + 1.0, su + u, sv + v, sh + h
