@@ -23,7 +23,7 @@ METHOD = {
     "targets": 1,
     "network": 14,
     "filtered": 6,
-    "surface": 19,
+    "surface": 20,
     "mesh": 6,
     "quality": 2,
     "comparison": 24,

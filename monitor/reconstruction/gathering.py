@@ -34,7 +34,11 @@ from monitor.reconstruction.quadric import (
 from projects.model import Floats, Ints
 
 GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
+MIXED = 1.0  # of the edge of columns, whose groups are made of smaller ones
 OVER_THE_RIM = 1.0 + 0.6 / CELLS_PER_RADIUS  # of the radius: groups that reach into it lie nearer
+CREST, AWAY, ACROSS, CARRIED = slice(0, 3), slice(3, 6), slice(6, 9), 9  # of a cut
+NO_CUTS = np.empty((0, 2, 10))
+NO_CUT = np.r_[np.zeros(9), -np.inf]  # leaves out nothing
 ROOM = np.int64(1064)  # groups around a block at first; rows 2^k apart would share few lines of the cache
 PLACE_X, PLACE_Y, PLACE_Z, NORMAL_X, NORMAL_Y, NORMAL_Z, N_POINTS, EXCESS, OWN_U, OWN_V, OWN_Z = range(
     11
@@ -49,6 +53,7 @@ class Sites(NamedTuple):
     which: Ints  # (k,) those to work on, sorted by block
     starts: Ints  # (b + 1,)
     alongs: Floats  # (k, 3) the direction in which the window of each of these is stretched; zero for discs
+    cuts: Floats  # (k, 2, 10) beyond which points are not of its side; none (0, 2, 10) where all are: `keep_own_side`
 
 
 class Near(NamedTuple):
@@ -76,15 +81,18 @@ def block_edge(radius: float) -> float:
     return radius / BUCKETS_PER_RADIUS
 
 
-def block_sites(vertices: Floats, normals: Floats, which: Ints, radius: float, alongs: Floats | None = None) -> Sites:
+def block_sites(
+    vertices: Floats, normals: Floats, which: Ints, radius: float, alongs: Floats | None = None,
+    cuts: Floats | None = None,
+) -> Sites:  # fmt: skip
     """Return the vertices `which`, blocked for fits within `radius` (m): in cubes of `block_edge`.
 
-    Windows are stretched along `alongs` (n, 3) of all vertices, where given.
+    Windows are stretched along `alongs` (n, 3) and end at `cuts` (n, 2, 10) of all vertices, where given.
     """
     order, _, starts, _, _ = sort_by_cell(vertices.take(which, axis=0), block_edge(radius))
     which = which.take(order)
     along = np.zeros((len(which), 3)) if alongs is None else alongs.take(which, axis=0)
-    return Sites(vertices, normals, which, starts, along)
+    return Sites(vertices, normals, which, starts, along, NO_CUTS if cuts is None else cuts.take(which, axis=0))
 
 
 @jit(nopython=True, cache=True)
@@ -170,6 +178,41 @@ def find_near(level: Any, sites: Any, block: int, reach: float, rows: Ints, near
         near.values[NORMAL_X, q], near.values[NORMAL_Y, q] = level.normals[group, 0], level.normals[group, 1]
         near.values[NORMAL_Z, q], near.values[N_POINTS, q] = level.normals[group, 2], level.counts[group]
     return np.int64(n), near
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def keep_own_side(near: Any, n_near: int, cuts: Floats, mixed: float, own: Any) -> int:
+    """Copy the groups on the vertex's side of one or two edges from `near` to `own`; how many they are.
+
+    A cut is a point of the edge, the unit vectors in the plane of the side and away from the edge, and between both
+    sides towards the own one, and how near to the edge (m) noise carries points over; `mixed` (m) is how near groups
+    may hold points of both sides.
+    """
+    n = 0
+    for k in range(n_near):
+        if is_within(near.values, k, cuts[0], mixed) and is_within(near.values, k, cuts[1], mixed):
+            own.groups[n] = near.groups[k]
+            for row in range(N_POINTS + 1):
+                own.values[row, n] = near.values[row, k]
+            n += 1
+    return n
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def is_within(values: Floats, k: int, cut: Floats, mixed: float) -> bool:
+    """Whether a group lies on the own side of a cut."""
+    if cut[CARRIED] < 0.0:
+        return True
+    crest, away, across = cut[CREST], cut[AWAY], cut[ACROSS]
+    x, y, z = values[PLACE_X, k] - crest[0], values[PLACE_Y, k] - crest[1], values[PLACE_Z, k] - crest[2]
+    is_own = x * across[0] + y * across[1] + z * across[2] > 0.0
+    return bool(is_own and x * away[0] + y * away[1] + z * away[2] >= max(cut[CARRIED], mixed))
+
+
+@jit(nopython=True, cache=True)
+def edge_of_groups(level: Any, radius: float) -> float:
+    """How near to an edge (m) groups for fits within `radius` may hold points of both its sides; 0 of single points."""
+    return MIXED * radius / CELLS_PER_RADIUS if len(level.spreads) > 0 else 0.0
 
 
 # Sums over what is near may be taken in vector order: it is fixed when compiling, hence the same for any threads.

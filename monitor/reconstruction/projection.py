@@ -18,9 +18,11 @@ from monitor.reconstruction.gathering import (
     Sites,
     block_edge,
     block_sites,
+    edge_of_groups,
     find_near,
     gate_height,
     gather_patch,
+    keep_own_side,
     mean_normal,
     near_room,
     patch_room,
@@ -136,12 +138,15 @@ def samples_at(points: Floats, normals: Floats, radius: float, noise: float) -> 
     return Samples([level_of_points(points, normals, radius)], np.array([radius]), float(noise))
 
 
-def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float) -> Projection:
+def project_vertices(
+    vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float, cuts: Floats | None = None
+) -> Projection:
     """Move each vertex along its normal onto the patch fitted to the points of its sheet around it.
 
     Points that look another way, or lie farther along the normal than noise and curvature explain, belong to another
     sheet. Where a curved patch would extrapolate a plane is taken. A move beyond `max_shift` (m) means that the fit
-    is not about this vertex: it is refused.
+    is not about this vertex: it is refused. Where `cuts` (n, 2, 10) are given points beyond them are left out, though
+    not of fits along furrows.
     """
     out, misfit = np.zeros((len(vertices), N_OUT)), reach.misfit
     if reach.furrows is not None:
@@ -149,8 +154,9 @@ def project_vertices(vertices: Floats, normals: Floats, samples: Samples, reach:
         misfit = misfit.copy()
         misfit[reach.furrows.which] = reach.furrows.misfit
         misfit = np.where(out[:, OUT_SUPPORT] > 0.0, misfit, reach.misfit)
-    _project_as_reached(vertices, normals, samples, reach, np.flatnonzero(out[:, OUT_SUPPORT] == 0.0), max_shift, out)
-    _narrow(vertices, normals, samples, reach, max_shift, out)
+    around, which = Around(vertices, normals, samples, max_shift, cuts), np.flatnonzero(out[:, OUT_SUPPORT] == 0.0)
+    _project_as_reached(around, reach, which, out)
+    _narrow(around, reach, out)
     keeps_fourth = reach.is_fourth & (out[:, OUT_DEGREE] == CURVED)
     misfit = np.hypot(np.where(keeps_fourth, reach.whole, misfit), left_at_rims(reach, out))
     scatter = steadied(np.fmin(reach.noise, samples.noise), out)
@@ -183,34 +189,42 @@ def left_at_rims(reach: Reach, out: Floats) -> Floats:
     return np.where(is_chosen, 0.0, left)
 
 
-def _project_as_reached(
-    vertices: Floats, normals: Floats, samples: Samples, reach: Reach, which: Ints, max_shift: float, out: Floats
-) -> None:
+class Around(NamedTuple):
+    """Raw vertices (n, 3), their normals, the points around them, how far (m) they may go, and where windows end."""
+
+    vertices: Floats
+    normals: Floats
+    samples: Samples
+    max_shift: float
+    cuts: Floats | None
+
+
+def _project_as_reached(around: Around, reach: Reach, which: Ints, out: Floats) -> None:
     """Project the vertices `which` onto curved patches, where there is none onto planes."""
-    last = len(samples.radii) - 1
+    last = len(around.samples.radii) - 1
     fourth = which[(reach.is_fourth & ~reach.is_flat & (reach.curved < last))[which]]
-    _project_all(vertices, normals, samples, 4, np.minimum(reach.curved + 1, last), fourth, max_shift, out)
+    _project_all(around, 4, np.minimum(reach.curved + 1, last), fourth, out)
     curved = which[(out[which, OUT_SUPPORT] == 0.0) & ~reach.is_flat[which]]
-    _project_all(vertices, normals, samples, 2, reach.curved, curved, max_shift, out)
+    _project_all(around, 2, reach.curved, curved, out)
     for wider in range(N_WIDENED):
         which = which[out[which, OUT_SUPPORT] == 0.0]
-        _project_all(vertices, normals, samples, 1, np.minimum(reach.flat + wider, last), which, max_shift, out)
+        _project_all(around, 1, np.minimum(reach.flat + wider, last), which, out)
 
 
-def _narrow(vertices: Floats, normals: Floats, samples: Samples, reach: Reach, max_shift: float, out: Floats) -> None:
+def _narrow(around: Around, reach: Reach, out: Floats) -> None:
     """Project vertices again, within less and less, whose points scatter about the fit by more than their noise.
 
     How far fits may reach is decided at probes. A vertex on an edge may be nearest to one on a flat side, whose plane
     would take in both sides here, and lie millimetres inside of them.
     """
     reach = reach._replace(**{name: getattr(reach, name).copy() for name in ("curved", "flat", "is_flat", "is_fourth")})
-    which = _unfit(np.arange(len(vertices)), reach, out)
+    which = _unfit(np.arange(len(around.vertices)), reach, out)
     while len(which):
         reach.curved[which], reach.flat[which] = (np.maximum(r[which] - 1, 0) for r in (reach.curved, reach.flat))
         reach.is_flat[which] &= reach.flat[which] > 0
         reach.is_fourth[which] = False
         out[which] = 0.0
-        _project_as_reached(vertices, normals, samples, reach, which, max_shift, out)
+        _project_as_reached(around, reach, which, out)
         which = _unfit(which, reach, out)
 
 
@@ -221,15 +235,13 @@ def _unfit(which: Ints, reach: Reach, out: Floats) -> Ints:
     return which[(rung > 0) & is_unfit]
 
 
-def _project_all(
-    vertices: Floats, normals: Floats, samples: Samples, degree: int, rungs: Ints, which: Ints, max_shift: float,
-    out: Floats,
-) -> None:  # fmt: skip
+def _project_all(around: Around, degree: int, rungs: Ints, which: Ints, out: Floats) -> None:
     """Project the vertices `which`, each at its rung."""
+    vertices, normals, samples, max_shift, cuts = around
     for rung, radius in enumerate(samples.radii):
         at_rung = which[rungs[which] == rung]
         if len(at_rung):
-            sites = block_sites(vertices, normals, at_rung, radius)
+            sites = block_sites(vertices, normals, at_rung, radius, cuts=cuts)
             sizes = (radius, 1.0, gate_height(radius, samples.noise), max_shift, samples.noise)
             run_tasks(_project, len(sites.starts) - 1, sites, samples.levels[rung], sizes, degree, out)
 
@@ -348,11 +360,18 @@ def _project(first: int, last: int, sites: Sites, level: Level, sizes: Any, degr
     radius, stretch, gate, _, _ = sizes
     reach = np.hypot(OVER_THE_RIM * stretch * radius, gate)
     rows, near, room = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM), patch_room(ROOM)
+    mixed, own = edge_of_groups(level, radius), near_room(ROOM)
     for block in range(first, last):
         n_near, near = find_near(level, sites, block, reach, rows, near)
         if n_near > len(room.picked):
             room = patch_room(2 * n_near)
+        if len(near.groups) > len(own.groups):
+            own = near_room(len(near.groups))
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
             vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[k]
-            project_one(level, near, n_near, vertex, normal, along, sizes, degree, room, out[i])
+            if len(sites.cuts) == 0:
+                project_one(level, near, n_near, vertex, normal, along, sizes, degree, room, out[i])
+            else:
+                n_own = keep_own_side(near, n_near, sites.cuts[k], mixed, own)
+                project_one(level, own, n_own, vertex, normal, along, sizes, degree, room, out[i])

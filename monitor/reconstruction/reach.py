@@ -21,9 +21,11 @@ from monitor.reconstruction.gathering import (
     Sites,
     block_edge,
     block_sites,
+    edge_of_groups,
     find_near,
     gate_height,
     gather_inner_first,
+    keep_own_side,
     mean_normal,
     near_room,
     patch_room,
@@ -107,6 +109,7 @@ class Probes(NamedTuple):
     pool: Ints
     area: float
     stated: Floats  # (n,) m, one sigma of the points there as stated; NaN where nothing is
+    cuts: Floats | None = None  # (n, 2, 10) beyond which points are of another side
 
 
 class Climbed(NamedTuple):
@@ -137,24 +140,29 @@ def measure_noise(places: Floats, normals: Floats, samples: Samples) -> float:
 
 
 def choose_reach(
-    vertices: Floats, normals: Floats, samples: Samples, ladder: Ladder, stated: Stated | None = None
-) -> Reach:
+    vertices: Floats, normals: Floats, samples: Samples, ladder: Ladder, stated: Stated | None = None,
+    cuts: Floats | None = None,
+) -> Reach:  # fmt: skip
     """Return how to fit around each vertex (n,), decided at probes and taken over from the nearest one.
 
-    `stated` is what the points state of their own noise: what scatters beyond it is relief.
+    `stated` is what the points state of their own noise: what scatters beyond it is relief. Points beyond `cuts`
+    (n, 2, 10) are left out, where given.
     """
-    probes, nearest = spread_probes(vertices, normals, stated)
+    probes, nearest = spread_probes(vertices, normals, stated, cuts)
     return climb(probes, samples, ladder).reach.take(nearest)
 
 
-def spread_probes(vertices: Floats, normals: Floats, stated: Stated | None) -> tuple[Probes, Ints]:
+def spread_probes(
+    vertices: Floats, normals: Floats, stated: Stated | None, cuts: Floats | None = None
+) -> tuple[Probes, Ints]:
     """Return probes among the vertices (n, 3), and for each vertex (n,) the nearest one."""
     probes = np.arange(0, len(vertices), VERTICES_PER_PROBE)
     tree = cKDTree(vertices[probes])
     distance, pool = tree.query(vertices[probes], k=[*range(1, min(N_POOLED, len(probes)) + 1)], workers=2)
     area = np.pi * float(np.median(distance[:, -1])) ** 2 / pool.shape[1]
     own = stated.at(vertices[probes]) if stated else np.full(len(probes), np.nan)
-    return Probes(vertices[probes], normals[probes], pool, area, own), tree.query(vertices, workers=2)[1]
+    held = Probes(vertices[probes], normals[probes], pool, area, own, None if cuts is None else cuts[probes])
+    return held, tree.query(vertices, workers=2)[1]
 
 
 def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
@@ -177,7 +185,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     climbing, doubted, noise2 = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     for k, radius in enumerate(ladder.radii):
         inner = np.where(np.isfinite(risk), ladder.radii[curved] / radius, 1.0 / LADDER_RATIO)
-        rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k, inner)
+        rows = probe(probes.vertices, probes.normals, np.flatnonzero(climbing), samples, k, inner, probes.cuts)
         noise2 = np.where(np.isnan(noise2), noise_variance(rows[:, SCATTER], probes.stated, pool), noise2)
         error2, flat_error2 = (noise2 * mean_of_pool(rows[:, j] ** 2, pool) for j in (CURVED_UNIT, FLAT_UNIT))
         n_apart = count_apart(pool.shape[1], probes.area, radius)
@@ -422,7 +430,10 @@ def apart2(patch: Floats, n: int, influence: Floats, other: Floats) -> float:
     return total
 
 
-def probe(places: Floats, normals: Floats, which: Ints, samples: Samples, rung: int, inner: Floats) -> Floats:
+def probe(
+    places: Floats, normals: Floats, which: Ints, samples: Samples, rung: int, inner: Floats,
+    cuts: Floats | None = None,
+) -> Floats:  # fmt: skip
     """Return what fits at one rung tell at the places `which`, (n, `N_ROW`); NaN elsewhere.
 
     `inner` (n,) is the share of the radius within which the fit to compare with is made; 1 for none.
@@ -430,7 +441,7 @@ def probe(places: Floats, normals: Floats, which: Ints, samples: Samples, rung: 
     rows = np.full((len(places), N_ROW), np.nan)
     radius = samples.radii[rung]
     if len(which):
-        sites, gate = block_sites(places, normals, which, radius), gate_height(radius, samples.noise)
+        sites, gate = block_sites(places, normals, which, radius, cuts=cuts), gate_height(radius, samples.noise)
         run_tasks(_probe, len(sites.starts) - 1, sites, samples.levels[rung], radius, gate, inner, rows)
     return rows
 
@@ -442,13 +453,19 @@ def _probe(
     """Probe at the vertices of the blocks `first` to `last`, for `run_tasks`."""
     reach = np.hypot(OVER_THE_RIM * radius, gate)
     spans, near = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM)
-    room = probe_room(ROOM)
+    room, mixed, own = probe_room(ROOM), edge_of_groups(level, radius), near_room(ROOM)
     for block in range(first, last):
         n_near, near = find_near(level, sites, block, reach, spans, near)
         if n_near > len(room[1]):
             room = probe_room(2 * n_near)
+        if len(near.groups) > len(own.groups):
+            own = near_room(len(near.groups))
         for k in range(sites.starts[block], sites.starts[block + 1]):
             i = sites.which[k]
             sizes = (radius, gate, inner[i])
             vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[k]
-            probe_one(level, near, n_near, vertex, normal, along, sizes, room, rows[i])
+            if len(sites.cuts) == 0:
+                probe_one(level, near, n_near, vertex, normal, along, sizes, room, rows[i])
+            else:
+                n_own = keep_own_side(near, n_near, sites.cuts[k], mixed, own)
+                probe_one(level, own, n_own, vertex, normal, along, sizes, room, rows[i])

@@ -14,17 +14,21 @@ from numba import jit
 from monitor.reconstruction.gathering import frame_along
 from monitor.reconstruction.quadric import factorise, substitute
 from monitor.reconstruction.two_planes import (
+    ASIDE,
     FEWEST,
     MIDDLE,
     N_SMOOTH,
     OFFSET,
     TOTAL,
+    bring_back,
     column,
     dot,
     error_under_vertex,
+    fit_apart,
     fit_both,
     fit_side,
     less,
+    mark_near_crest,
     sum_products,
     support_of,
     vector,
@@ -57,14 +61,15 @@ def look_for_roof(
     n, kind = fit_both(values, n_near, vertex, normal, radius, window, up)
     if n == 0 or not what_is_left(n, window, noise2, row):
         return
+    smooth, bow = left_by_patch(n, window, up, noise2), max(bow_of(n, 0, window, noise2), bow_of(n, 1, window, noise2))
+    fit_apart(n, window, radius, noise, up)
     under = 1 if kind * (planes[0, OFFSET] / dot(planes[0], up) - planes[1, OFFSET] / dot(planes[1], up)) > 0.0 else 0
     unit2, effective = error_under_vertex(n, under, window)
-    smooth = left_by_patch(n, window, up, noise2)
     if not smooth >= 0.0 or not unit2 * effective < MOST_EXTRAPOLATED2:
         row[:] = np.nan
         return
     row[GAIN] = smooth - row[GAIN]
-    row[BOW] = max(bow_of(n, 0, window, noise2), bow_of(n, 1, window, noise2))
+    row[BOW] = bow
     row[UNIT], row[OVER] = np.sqrt(unit2), -planes[under, OFFSET]
     row[SUPPORT] = support_of(n, under, window)
     row[ROUNDED], row[HIDDEN] = how_round(n, window, kind, width, noise)
@@ -140,13 +145,14 @@ def how_round(n: int, window: Any, kind: float, width: float, noise: float) -> A
     may lie at its middle without showing.
     """
     places, counts, sides, planes = window.places, window.counts, window.sides, window.planes
+    bring_back(n, window)
     n_near, kept = mark_near_crest(n, window, width), planes.copy()
     is_known = n_near > 0.0 and fit_side(n, 0, window) and fit_side(n, 1, window)
     first, second, offset = vector(planes[0]), vector(planes[1]), (planes[0, OFFSET], planes[1, OFFSET])
     n_aside, moved = (support_of(n, 0, window), support_of(n, 1, window)), 0.0
     for i in range(n):
-        if sides[i] > 1:
-            sides[i] -= 2
+        if sides[i] >= ASIDE:
+            sides[i] -= ASIDE
             place = column(places, i)
             moved -= counts[i] * kind * (dot(second, place) - offset[1] if sides[i] else dot(first, place) - offset[0])
     planes[:] = kept
@@ -154,24 +160,6 @@ def how_round(n: int, window: Any, kind: float, width: float, noise: float) -> A
         return np.inf, np.inf
     unit = np.sqrt(1.0 / n_near + 1.0 / n_aside[0] + 1.0 / n_aside[1])
     return moved / (n_near * noise * unit), APEX * unit
-
-
-@jit(nopython=True, cache=True, error_model="numpy")
-def mark_near_crest(n: int, window: Any, width: float) -> float:
-    """Take the groups within `width` of the line where both planes meet off their sides, 2 or 3 now; their points."""
-    places, counts, sides, planes = window.places, window.counts, window.sides, window.planes
-    first, second, offset = vector(planes[0]), vector(planes[1]), (planes[0, OFFSET], planes[1, OFFSET])
-    cosine, n_near = dot(first, second), 0.0
-    reach = width * np.sqrt(max(1.0 - cosine * cosine, 0.0))
-    for i in range(n):
-        place = column(places, i)
-        over, over_other = dot(first, place) - offset[0], dot(second, place) - offset[1]
-        if sides[i] == 1:
-            over, over_other = over_other, over
-        if abs(over_other - cosine * over) < reach:
-            sides[i] += 2
-            n_near += counts[i]
-    return n_near
 
 
 @jit(nopython=True, cache=True, error_model="numpy")

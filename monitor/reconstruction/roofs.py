@@ -60,7 +60,6 @@ ADOPTED, ASTRAY = 1.5, 0.4  # cells: how near another vertex's roof serves, and 
 BESIDE_ROUND = 1.5  # cells: nearer to a round edge the smooth fit stays
 BOWED, DOUBT = 3.2, 2.3  # sigmas of a side's bow, the larger of two: no wider one is tried, not taken
 BEYOND_NOISE, NOISE_MARGIN = 3.0, 1.1  # sigmas of chance beyond noise, itself known to a tenth, that a roof may leave
-FINER = 3  # rungs: groups of points are a fourteenth as wide as the window, or they would round the edge themselves
 WIDEST = 6.0  # times the narrowest fit: wider windows know the planes no better than the edge needs
 
 
@@ -84,8 +83,8 @@ def no_roofs() -> Roofs:
 
 def find_roofs(
     raw: Floats, projection: Projection, faces: Ints, samples: Samples, noise: Floats, cell: float, max_shift: float
-) -> tuple[Projection, Roofs]:
-    """Return the projection with the vertices beside edges brought onto their roofs, and these.
+) -> tuple[Roofs, Floats]:
+    """Return the roofs of the vertices beside edges, and the row (k, `N_VALUES`) of each.
 
     Parameters
     ----------
@@ -93,9 +92,7 @@ def find_roofs(
     noise : (n,) m, one sigma of a point there.
     cell : m, of the surface.
 
-    Notes
-    -----
-    Next to an edge that is seen to be round the smooth fits stay.
+    projection : of the smooth fits, which tells where edges may be.
     """
     near = np.flatnonzero(near_edges(projection.normals, faces) & np.isfinite(noise))
     which: Ints = near[at_clear_turns(raw[near], projection.normals[near], samples, noise[near])]
@@ -107,7 +104,7 @@ def find_roofs(
     which, best = which[good], best[good]
     roofs = Roofs(which, best[:, ACTIVE], best[:, OTHER], raw[which] + best[:, CREST], best[:, ROUNDED] >= ROUND,
                   noise[which] * best[:, HIDDEN])  # fmt: skip
-    return bring_onto(raw[which], projection, roofs, best, noise[which]), roofs
+    return roofs, best
 
 
 def can_serve(rows: Floats, cell: float, max_shift: float) -> Bools:
@@ -149,10 +146,11 @@ def share_roofs(
     return both[order], np.concatenate([rows, taken[astray]])[order]
 
 
-def bring_onto(raw: Floats, projection: Projection, roofs: Roofs, rows: Floats, noise: Floats) -> Projection:
+def bring_onto(projection: Projection, raw: Floats, roofs: Roofs, rows: Floats, noise: Floats) -> Projection:
     """Return the projection with the vertices of roofs (k,) on the plane under them.
 
-    Where the smooth fit is better known and agrees with the roof, a side that is known farther, it stays.
+    `raw` (k, 3) are these before, `rows` what is known of their roofs, `noise` (k,) m one sigma of a point there. Where
+    the smooth fit is better known and agrees with the roof, a side that is known farther, it stays.
     """
     place = raw - rows[:, OVER, None] * rows[:, ACTIVE]
     sigma, smooth = noise * rows[:, UNIT] * np.sqrt(np.maximum(rows[:, CHI2], 1.0)), projection.sigma[roofs.which]
@@ -233,9 +231,12 @@ def at_clear_turns(vertices: Floats, normals: Floats, samples: Samples, noise: F
 
 
 def fit_at(vertices: Floats, normals: Floats, which: Ints, samples: Samples, rung: int, noise: Floats) -> Floats:
-    """Return the rows (k, `N_VALUES`) of two planes within the radius of a rung, at the vertices `which`; else NaN."""
+    """Return the rows (k, `N_VALUES`) of two planes within the radius of a rung, at the vertices `which`; else NaN.
+
+    Of single points: groups at an edge may hold both sides, and which points they hold depends on their errors.
+    """
     rows, radius = np.full((len(vertices), N_VALUES), np.nan, np.float32), float(samples.radii[rung])
-    sites, level = block_sites(vertices, normals, which, radius), samples.levels[max(rung - FINER, 0)]
+    sites, level = block_sites(vertices, normals, which, radius), samples.levels[0]
     run_tasks(_fit_all, len(sites.starts) - 1, sites, level, (radius, WIDTH * samples.radii[0]), noise, rows)
     return rows
 

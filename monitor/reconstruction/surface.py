@@ -41,7 +41,9 @@ from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.poisson import screening_length
 from monitor.reconstruction.projection import Projection, Samples, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import Ladder, Stated, choose_reach, make_ladder
-from monitor.reconstruction.roofs import Roofs, find_roofs, no_roofs
+from monitor.reconstruction.roof_evidence import GAIN
+from monitor.reconstruction.roofs import Roofs, bring_onto, find_roofs, no_roofs
+from monitor.reconstruction.sides import Raw, fit_own_sides
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from monitor.reconstruction.usable import mark_usable
 from projects.errors import ReconstructionError
@@ -281,7 +283,13 @@ def fit_vertices(
     roofs = no_roofs()
     if settings.sharp_edges:
         noise = np.maximum(np.fmin(reach.noise, samples.noise), FINEST * cell)
-        projection, roofs = find_roofs(vertices, projection, faces, samples, noise, cell, max_shift)
+        roofs, rows = find_roofs(vertices, projection, faces, samples, noise, cell, max_shift)
+        onto = vertices[roofs.which], roofs, rows, noise[roofs.which]
+        brought = bring_onto(projection, *onto)
+        is_smooth = (brought.vertices == projection.vertices).all(axis=1)
+        raw = Raw(vertices, outward, is_smooth)
+        projection = fit_own_sides(raw, brought, reach, roofs, rows[:, GAIN], measured, noise, cell, max_shift)
+        projection = bring_onto(projection, *onto)  # where that is better known
         projection, roofs = find_corners(vertices, projection, faces, roofs, samples, noise, cell, max_shift)
         projection = snap(projection, faces, roofs, cell)
         projection = projection._replace(sigma=np.maximum(projection.sigma, FINEST * cell))

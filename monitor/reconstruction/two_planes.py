@@ -21,6 +21,8 @@ LEAST_UPRIGHT = 0.45  # cosine of either plane with the mean of both: they look 
 FEWEST = 6.0  # points of either side
 N_ROUNDS, N_POWER, N_TURNS = 8, 16, 3
 FLATTEST = 1e-6  # of the product of both squares: points of a side lie on a line
+ASIDE = 2  # added to the side of a group that is left out of its plane
+ASTRAY, MOST_ASIDE = 2.5, 0.12  # sigmas of noise, that carry few points over to the other side; of the radius
 N_SMOOTH = 8  # unknowns of the smooth patch that two planes are held against
 MIDDLE, OFFSET, TOTAL = slice(4, 7), 3, 7  # of a plane's row, whose first three are its normal
 
@@ -32,7 +34,7 @@ class Window(NamedTuple):
     normals: Floats  # (3, n)
     weights: Floats  # (n,) counts times 1 - (r / radius)^2
     counts: Floats  # (n,)
-    sides: Ints  # (n,) 0 or 1
+    sides: Ints  # (n,) 0 or 1; `ASIDE` more where the group is left out
     planes: Floats  # (2, 8) unit normal, offset, middle of its points, their weight
     matrix: Floats
     unknowns: Floats
@@ -102,6 +104,50 @@ def fit_both(
         if n_changed == 0:
             break
     return (n, kind) if mean_upright(planes, up) else (0, 0.0)
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def fit_apart(n: int, window: Any, radius: float, noise: float, up: Floats) -> None:
+    """Fit both planes again without the points next to the line where they meet, where `noise` (m) mixes the sides.
+
+    It carries over points that err by e along their side's normal from as far as e tan(turn / 2). What is next to the
+    line is told along a point's own plane, in which its error does not choose; in a narrow window it is no more than a
+    part of it. Where too few points are left both planes stay as they are.
+    """
+    planes, kept = window.planes, window.planes.copy()
+    cosine = dot(planes[0], up)
+    carried = noise * np.sqrt(max(1.0 - cosine * cosine, 0.0)) / cosine
+    mark_near_crest(n, window, min(ASTRAY * carried, MOST_ASIDE * radius))
+    is_known = min(support_of(n, 0, window), support_of(n, 1, window)) >= FEWEST
+    if not (is_known and fit_side(n, 0, window) and fit_side(n, 1, window) and mean_upright(planes, up)):
+        bring_back(n, window)
+        planes[:] = kept
+        mean_upright(planes, up)
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def mark_near_crest(n: int, window: Any, width: float) -> float:
+    """Put the groups within `width` (m) of the line where both planes meet `ASIDE`; how many points they have."""
+    places, counts, sides, planes = window.places, window.counts, window.sides, window.planes
+    first, second, offset = vector(planes[0]), vector(planes[1]), (planes[0, OFFSET], planes[1, OFFSET])
+    cosine, n_near = dot(first, second), 0.0
+    reach = width * np.sqrt(max(1.0 - cosine * cosine, 0.0))
+    for i in range(n):
+        place = column(places, i)
+        over, over_other = dot(first, place) - offset[0], dot(second, place) - offset[1]
+        if sides[i] == 1:
+            over, over_other = over_other, over
+        if abs(over_other - cosine * over) < reach:
+            sides[i] += ASIDE
+            n_near += counts[i]
+    return n_near
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def bring_back(n: int, window: Any) -> None:
+    """Give the groups that were put `ASIDE` back to their sides."""
+    for i in range(n):
+        window.sides[i] %= ASIDE
 
 
 @jit(nopython=True, cache=True, error_model="numpy")

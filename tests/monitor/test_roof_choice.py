@@ -104,7 +104,7 @@ def brought(smooth_off: float, smooth_sigma: float, chi2: float = 1.0) -> tuple[
     smooth = Projection(place + smooth_off * rows[:, ACTIVE], np.array([[0.0, 0.0, 1.0]]), np.array([smooth_sigma]),
                         np.array([5e-4]), np.array([7]), np.array([False]))  # fmt: skip
     found = Roofs(np.array([0]), rows[:, ACTIVE], rows[:, OTHER], raw + rows[:, CREST], np.array([False]), np.zeros(1))
-    moved = bring_onto(raw, smooth, found, rows, noise)
+    moved = bring_onto(smooth, raw, found, rows, noise)
     np.testing.assert_array_equal(smooth.is_fitted, [False])  # what came in stays
     return moved, float(np.linalg.norm(moved.vertices[0] - place[0]))
 
