@@ -69,7 +69,9 @@ def fit_own_sides(
 
     Notes
     -----
-    How far fits may reach is decided anew, by these points alone. Where they allow no fit the vertex stays as it is.
+    How far fits may reach is decided anew, by these points alone: what lies beyond the edge may have ended a climb.
+    What was decided before stands on more evidence, and is taken where the vertex is better known so. Where points
+    allow no fit the vertex stays as it is.
     """
     samples, ladder, stated = measured
     beside = find_beside(raw, farthest_used(reach, ladder), roofs, gains, noise, cell)
@@ -78,13 +80,25 @@ def fit_own_sides(
     vertices, normals = raw.vertices[beside.which], raw.normals[beside.which]
     is_near = np.isin(beside.which, roofs.which)
     normals[is_near] = beside.normals[is_near]
-    own = choose_reach(vertices, normals, samples, ladder, stated, beside.cuts)
-    own = own._replace(misfit=np.hypot(own.misfit, reach.misfit.min()))
-    fitted = project_vertices(vertices, normals, samples, own, max_shift, beside.cuts)
+    anew = choose_reach(vertices, normals, samples, ladder, stated, beside.cuts)
+    anew = anew._replace(misfit=np.hypot(anew.misfit, reach.misfit.min()))
+    before, after = (
+        project_vertices(vertices, normals, samples, r, max_shift, beside.cuts)
+        for r in (reach.take(beside.which), anew)
+    )
+    fitted = better_known(before, after)
     taken, out = fitted.is_fitted, projection.take(np.arange(len(projection.vertices)))
     for old, new in zip(out, fitted, strict=True):
         old[beside.which[taken]] = new[taken]
     return out
+
+
+def better_known(one: Projection, other: Projection) -> Projection:
+    """Return of two projections of the same vertices each the one whose sigma is less."""
+    takes_one = one.is_fitted & ~(other.sigma < one.sigma)
+    return Projection(
+        *(np.where(takes_one.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(one, other, strict=True))
+    )
 
 
 def farthest_used(reach: Reach, ladder: Ladder) -> Floats:
