@@ -36,7 +36,7 @@ from projects.model import Floats, Ints
 GATE_SIGMAS, GATE_SAG = 4.5, 0.4  # height of points that belong to a fit: in sigmas of noise, and for its curvature
 MIXED = 1.0  # of the edge of columns, whose groups are made of smaller ones
 OVER_THE_RIM = 1.0 + 0.6 / CELLS_PER_RADIUS  # of the radius: groups that reach into it lie nearer
-CREST, AWAY, ACROSS, CARRIED = slice(0, 3), slice(3, 6), slice(6, 9), 9  # of a cut
+EDGE, AWAY, ACROSS, CARRIED = slice(0, 3), slice(3, 6), slice(6, 9), 9  # of a cut
 NO_CUTS = np.empty((0, 2, 10))
 NO_CUT = np.r_[np.zeros(9), -np.inf]  # leaves out nothing
 ROOM = np.int64(1064)  # groups around a block at first; rows 2^k apart would share few lines of the cache
@@ -203,15 +203,15 @@ def is_within(values: Floats, k: int, cut: Floats, mixed: float) -> bool:
     """Whether a group lies on the own side of a cut."""
     if cut[CARRIED] < 0.0:
         return True
-    crest, away, across = cut[CREST], cut[AWAY], cut[ACROSS]
-    x, y, z = values[PLACE_X, k] - crest[0], values[PLACE_Y, k] - crest[1], values[PLACE_Z, k] - crest[2]
+    edge, away, across = cut[EDGE], cut[AWAY], cut[ACROSS]
+    x, y, z = values[PLACE_X, k] - edge[0], values[PLACE_Y, k] - edge[1], values[PLACE_Z, k] - edge[2]
     is_own = x * across[0] + y * across[1] + z * across[2] > 0.0
     return bool(is_own and x * away[0] + y * away[1] + z * away[2] >= max(cut[CARRIED], mixed))
 
 
 @jit(nopython=True, cache=True)
 def edge_of_groups(level: Any, radius: float) -> float:
-    """How near to an edge (m) groups for fits within `radius` may hold points of both its sides; 0 of single points."""
+    """How near to an edge (m) most groups for fits within `radius` end that hold points of both sides; 0 of points."""
     return MIXED * radius / CELLS_PER_RADIUS if len(level.spreads) > 0 else 0.0
 
 

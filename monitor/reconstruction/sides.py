@@ -12,16 +12,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from monitor.reconstruction.gathering import ACROSS, NO_CUT, NO_CUTS
-from monitor.reconstruction.projection import LADDER_RATIO, N_WIDENED, Projection, Reach, Samples, project_vertices
+from monitor.reconstruction.gathering import AWAY, NO_CUT, NO_CUTS, OVER_THE_RIM
+from monitor.reconstruction.projection import Projection, Reach, Samples, project_vertices
 from monitor.reconstruction.reach import Ladder, Stated, choose_reach
 from monitor.reconstruction.roofs import ALONE, Roofs
-from monitor.reconstruction.two_planes import ASTRAY
+from monitor.reconstruction.two_planes import carried_over
 from projects.model import Bools, Floats, Ints
 
 N_ALIKE = 8  # roofs next to each other that say whether there is an edge, and whether it is a ridge or a fold
-N_SEEN = 32  # points of edges near a vertex, among which a second edge is looked for
+N_SEEN = 32  # points of edges near a vertex, one a cell, among which a second edge is looked for
 COS_OTHER = 0.5  # between the directions away from two edges that both cut: they are 60 degrees apart at least
+N_AT_ONCE = 100_000  # vertices
 PASSES = 2.0  # cells: an edge whose nearest known point lies farther along it ends before it is abreast
 COS_SHEET = 0.5  # of a vertex's normal with that of its side: else it belongs to another sheet
 
@@ -81,7 +82,6 @@ def fit_own_sides(
     is_near = np.isin(beside.which, roofs.which)
     normals[is_near] = beside.normals[is_near]
     anew = choose_reach(vertices, normals, samples, ladder, stated, beside.cuts)
-    anew = anew._replace(misfit=np.hypot(anew.misfit, reach.misfit.min()))
     before, after = (
         project_vertices(vertices, normals, samples, r, max_shift, beside.cuts)
         for r in (reach.take(beside.which), anew)
@@ -102,10 +102,10 @@ def better_known(one: Projection, other: Projection) -> Projection:
 
 
 def farthest_used(reach: Reach, ladder: Ladder) -> Floats:
-    """Return how far (n,) [m] the points may lie that the fit at each vertex was made to."""
+    """Return how far (n,) [m] the points may lie that the fit first tried at each vertex is made to."""
     last = len(ladder.radii) - 1
-    rung = np.where(reach.is_flat, reach.flat + N_WIDENED - 1, reach.curved + reach.is_fourth)
-    return LADDER_RATIO * ladder.radii[np.minimum(rung, last)]
+    rung = np.where(reach.is_flat, reach.flat, reach.curved + reach.is_fourth)
+    return OVER_THE_RIM * ladder.radii[np.minimum(rung, last)]
 
 
 def find_beside(raw: Raw, farthest: Floats, roofs: Roofs, gains: Floats, noise: Floats, cell: float) -> Beside:
@@ -113,13 +113,27 @@ def find_beside(raw: Raw, farthest: Floats, roofs: Roofs, gains: Floats, noise: 
 
     Of those between two edges, as on a step or by a corner, both cut.
     """
-    edges = clear_edges(raw, roofs, gains)
+    edges = clear_edges(raw, roofs, gains, cell)
+    none = Beside(np.empty(0, np.int64), np.empty((0, 3)), NO_CUTS)
     if not len(edges.crest):
-        return Beside(np.empty(0, np.int64), np.empty((0, 3)), NO_CUTS)
+        return none
     tree = cKDTree(edges.crest)
     distance, _ = tree.query(raw.vertices, distance_upper_bound=float(farthest.max()), workers=2)
-    which = np.flatnonzero((distance < farthest) & raw.is_smooth)
-    near = tree.query(raw.vertices[which], k=[*range(1, min(N_SEEN, tree.n) + 1)], workers=2)
+    near = np.flatnonzero((distance < farthest) & raw.is_smooth)
+    parts = [
+        cut_windows(raw, near[k : k + N_AT_ONCE], farthest, (tree, edges), noise, cell)
+        for k in range(0, len(near), N_AT_ONCE)
+    ]
+    return Beside(*(np.concatenate(values) for values in zip(none, *parts, strict=True)))
+
+
+def cut_windows(
+    raw: Raw, which: Ints, farthest: Floats, known: tuple[cKDTree, Edges], noise: Floats, cell: float
+) -> Beside:
+    """Return those of the vertices `which` (k,) whose windows one or two edges cut, the nearest first."""
+    (tree, edges), bound = known, float(farthest[which].max())
+    k = [*range(1, min(N_SEEN, tree.n) + 1)]
+    near = tree.query(raw.vertices[which], k=k, distance_upper_bound=bound, workers=2)
     cuts, normals = np.full((len(which), 2, 10), NO_CUT), np.zeros((len(which), 3))
     n_found = np.zeros(len(which), np.int64)
     for distance, edge in zip(*(values.T for values in near), strict=True):
@@ -127,7 +141,7 @@ def find_beside(raw: Raw, farthest: Floats, roofs: Roofs, gains: Floats, noise: 
         place, up, sigma = (values[which[rows]] for values in (raw.vertices, raw.normals, noise))
         passes, own, cut = cut_at(place, up, edges, edge[rows], sigma, cell)
         is_second = n_found[rows] == 1
-        passes &= ~is_second | (np.einsum("ij,ij->i", cut[:, ACROSS], cuts[rows, 0, ACROSS]) < COS_OTHER)
+        passes &= ~is_second | (np.einsum("ij,ij->i", cut[:, AWAY], cuts[rows, 0, AWAY]) < COS_OTHER)
         rows, own, cut = rows[passes], own[passes], cut[passes]
         cuts[rows, n_found[rows]] = cut
         normals[rows[~is_second[passes]]] = own[~is_second[passes]]
@@ -136,13 +150,19 @@ def find_beside(raw: Raw, farthest: Floats, roofs: Roofs, gains: Floats, noise: 
     return Beside(which[found], normals[found], cuts[found])
 
 
-def clear_edges(raw: Raw, roofs: Roofs, gains: Floats) -> Edges:
-    """Return the edges of roofs that are not round, and gain enough with those next to them to be no relief."""
+def clear_edges(raw: Raw, roofs: Roofs, gains: Floats, cell: float) -> Edges:
+    """Return the edges of roofs that are not round, and gain enough with those next to them to be no relief.
+
+    One point a cell, and a direction: several roofs see the same piece of an edge.
+    """
     sharp = np.flatnonzero(~roofs.is_round)
     sharp = sharp[mean_around(gains[sharp], roofs.crest[sharp]) >= ALONE]
     crest, own, other = roofs.crest[sharp], roofs.own[sharp], roofs.other[sharp]
     outside = np.einsum("ij,ij->i", raw.vertices[roofs.which[sharp]] - crest, own - other)  # of a fold less than none
-    return Edges(crest, own, other, mean_around(outside, crest) >= 0.0)
+    is_ridge = mean_around(outside, crest) >= 0.0
+    piece = np.column_stack([np.floor(crest / cell), own + other > 0.0]).astype(np.int64)
+    one = np.sort(np.unique(piece, axis=0, return_index=True)[1])
+    return Edges(crest[one], own[one], other[one], is_ridge[one])
 
 
 def cut_at(
@@ -158,7 +178,7 @@ def cut_at(
     away = across - np.einsum("ij,ij->i", across, normals)[:, None] * normals
     across, away, along = (v / np.linalg.norm(v, axis=1)[:, None] for v in (across, away, np.cross(own, other)))
     cosine = np.einsum("ij,ij->i", own, other)
-    carried = ASTRAY * noise * np.sqrt((1.0 - cosine) / (1.0 + cosine))  # by the tangent of half the turn
+    carried = carried_over(cosine, noise)
     is_abreast = np.abs(np.einsum("ij,ij->i", along, over)) < PASSES * cell
     is_abreast &= np.einsum("ij,ij->i", outward, normals) > COS_SHEET
     return is_abreast, normals, np.column_stack([crest, away, across, carried])

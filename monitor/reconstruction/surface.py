@@ -286,7 +286,9 @@ def fit_vertices(
         roofs, rows = find_roofs(vertices, projection, faces, samples, noise, cell, max_shift)
         onto = vertices[roofs.which], roofs, rows, noise[roofs.which]
         brought = bring_onto(projection, *onto)
-        is_smooth = (brought.vertices == projection.vertices).all(axis=1)
+        is_smooth = projection.is_fitted & (brought.vertices == projection.vertices).all(axis=1)
+        if reach.furrows is not None:
+            is_smooth[reach.furrows.which] = False
         raw = Raw(vertices, outward, is_smooth)
         projection = fit_own_sides(raw, brought, reach, roofs, rows[:, GAIN], measured, noise, cell, max_shift)
         projection = bring_onto(projection, *onto)  # where that is better known

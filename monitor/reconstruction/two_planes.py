@@ -22,7 +22,9 @@ FEWEST = 6.0  # points of either side
 N_ROUNDS, N_POWER, N_TURNS = 8, 16, 3
 FLATTEST = 1e-6  # of the product of both squares: points of a side lie on a line
 ASIDE = 2  # added to the side of a group that is left out of its plane
-ASTRAY, MOST_ASIDE = 2.5, 0.12  # sigmas of noise, that carry few points over to the other side; of the radius
+CARRIED_SIGMAS = 2.5  # of noise, that carry few points over an edge
+MOST_ASIDE = 0.25  # of the radius: a wider strip along an edge costs a narrow window more than it saves
+MOST_POINTS = 6000  # of a window: of more, every so many-th
 N_SMOOTH = 8  # unknowns of the smooth patch that two planes are held against
 MIDDLE, OFFSET, TOTAL = slice(4, 7), 3, 7  # of a plane's row, whose first three are its normal
 
@@ -110,19 +112,30 @@ def fit_both(
 def fit_apart(n: int, window: Any, radius: float, noise: float, up: Floats) -> None:
     """Fit both planes again without the points next to the line where they meet, where `noise` (m) mixes the sides.
 
-    It carries over points that err by e along their side's normal from as far as e tan(turn / 2). What is next to the
-    line is told along a point's own plane, in which its error does not choose; in a narrow window it is no more than a
-    part of it. Where too few points are left both planes stay as they are.
+    What is next to the line is told along a point's own plane, in which its own error does not choose. In a window too
+    narrow for that, or with too few points left, both planes stay as they are.
     """
     planes, kept = window.planes, window.planes.copy()
-    cosine = dot(planes[0], up)
-    carried = noise * np.sqrt(max(1.0 - cosine * cosine, 0.0)) / cosine
-    mark_near_crest(n, window, min(ASTRAY * carried, MOST_ASIDE * radius))
+    aside = carried_over(dot(planes[0], planes[1]), noise)
+    if aside > MOST_ASIDE * radius:
+        return
+    mark_near_crest(n, window, aside)
     is_known = min(support_of(n, 0, window), support_of(n, 1, window)) >= FEWEST
     if not (is_known and fit_side(n, 0, window) and fit_side(n, 1, window) and mean_upright(planes, up)):
         bring_back(n, window)
         planes[:] = kept
         mean_upright(planes, up)
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def carried_over(cosine: Any, noise: Any) -> Any:
+    """How near to an edge (m) points of one side lie on the other's plane by their `noise` (m, one sigma), or are lost.
+
+    `cosine` is that of the turn; numbers or arrays. A point that errs by e along its side's normal passes the plane
+    between both sides from as far as e tan(turn / 2), and lands on the other side up to e sin(turn) from the edge.
+    """
+    sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+    return CARRIED_SIGMAS * noise * np.maximum(sine, sine / (1.0 + cosine))
 
 
 @jit(nopython=True, cache=True, error_model="numpy")
@@ -164,7 +177,20 @@ def collect(values: Floats, n_near: int, vertex: Floats, normal: Floats, radius:
             counts[n] = values[N_POINTS, k]
             weights[n] = values[N_POINTS, k] * (1.0 - r2 / radius2)
             n += 1
-    return n
+    return n if n <= MOST_POINTS else thin_out(n, window)
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def thin_out(n: int, window: Any) -> int:
+    """Keep every so many-th group of a window, `MOST_POINTS` at most; how many they are. They lie sorted by place."""
+    step = 1 + (n - 1) // MOST_POINTS
+    kept = 0
+    for i in range(0, n, step):
+        for a in range(3):
+            window.places[a, kept], window.normals[a, kept] = window.places[a, i], window.normals[a, i]
+        window.counts[kept], window.weights[kept] = window.counts[i], window.weights[i]
+        kept += 1
+    return kept
 
 
 @jit(nopython=True, cache=True, error_model="numpy")

@@ -9,7 +9,7 @@ import pytest
 from edges_between_planes import edge_cloud, off_edge
 
 from monitor.reconstruction import reconstruct
-from monitor.reconstruction.gathering import ACROSS, AWAY, CARRIED, CREST, NO_CUT, keep_own_side, near_room
+from monitor.reconstruction.gathering import ACROSS, AWAY, CARRIED, EDGE, NO_CUT, keep_own_side, near_room
 from monitor.reconstruction.projection import Projection
 from monitor.reconstruction.roofs import Roofs
 from monitor.reconstruction.sides import Beside, Raw, better_known, find_beside
@@ -72,20 +72,38 @@ def test_an_edge_cuts_along_itself_and_keeps_the_side_of_the_vertex(edge: Edge, 
     assert len(found.which) == 1
     cut = found.cuts[0, 0]
     np.testing.assert_allclose(found.normals[0], [look[0], 0.0, look[1]], atol=1e-12)
-    np.testing.assert_allclose(cut[CREST], 0.0, atol=3e-4)
+    np.testing.assert_allclose(cut[EDGE], 0.0, atol=3e-4)
     np.testing.assert_allclose(cut[AWAY], [way[0], 0.0, way[1]], atol=1e-12)
     np.testing.assert_allclose(cut[ACROSS], [np.sign(way[0]), 0.0, 0.0], atol=1e-12)
-    assert cut[CARRIED] == pytest.approx(2.5 * NOISE * np.tan(HALF))
+    assert cut[CARRIED] == pytest.approx(2.5 * NOISE * np.sin(2.0 * HALF))
     np.testing.assert_array_equal(found.cuts[0, 1], NO_CUT)
 
 
 def test_on_a_step_both_edges_cut_the_wall_between_them() -> None:
     found = beside([TOP, FOOT], (0.0, 0.0, 0.003), (-1.0, 0.0, 0.0))
-    np.testing.assert_allclose(found.cuts[0, :, CREST][:, 2], [0.005, 0.0], atol=1e-12)  # the nearer one first
+    np.testing.assert_allclose(found.cuts[0, :, EDGE][:, 2], [0.005, 0.0], atol=1e-12)  # the nearer one first
     np.testing.assert_allclose(found.cuts[0, :, AWAY], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], atol=1e-12)
     above = beside([TOP, FOOT], (0.002, 0.0, 0.005), (0.0, 0.0, 1.0))
     np.testing.assert_allclose(above.cuts[0, 0, AWAY], [1.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_array_equal(above.cuts[0, 1], NO_CUT)
+
+
+@pytest.mark.parametrize("turn", [70.0, 90.0, 110.0])
+def test_by_a_corner_both_edges_of_a_face_cut_however_they_turn(turn: float) -> None:
+    """Edges along y and x at the rim of a face at z = 0, seen by eight roofs a cell; a vertex 3 and 4 mm from them."""
+    t, n = np.radians(turn), 320
+    line = np.linspace(0.0, 0.02, n)
+    other = np.tile([-np.sin(t), 0.0, np.cos(t)], (n, 1))
+    up, crest = np.tile([0.0, 0.0, 1.0], (n, 1)), np.column_stack([np.zeros(n), line, np.zeros(n)])
+    swap = [1, 0, 2]
+    crest, own, other = np.vstack([crest, crest[:, swap]]), np.vstack([up, up]), np.vstack([other, other[:, swap]])
+    inside = np.repeat([[0.001, 0.0, 0.0], [0.0, 0.001, 0.0]], n, axis=0)
+    raw = Raw(
+        np.vstack([crest + inside, [0.003, 0.004, 0.0]]), np.vstack([own, [0.0, 0.0, 1.0]]), np.arange(641) == 640
+    )
+    roofs = Roofs(np.arange(2 * n), own, other, crest, np.zeros(2 * n, bool), np.zeros(2 * n))
+    found = find_beside(raw, np.full(641, FAR), roofs, np.full(2 * n, 20.0), np.full(641, NOISE), CELL)
+    np.testing.assert_allclose(found.cuts[0, :, AWAY], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], atol=1e-9)
 
 
 def test_what_is_no_edge_of_the_vertex_cuts_nothing() -> None:
