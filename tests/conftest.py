@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from monitor.kernel_cache import digest_of
+
 ROOT = Path(__file__).resolve().parents[1]
 REAL_DATA = ROOT / ".." / "shared" / "data"
 
 if WORKER := os.environ.get("PYTEST_XDIST_WORKER"):
     # Numba's cache has no lock: of two processes that compile one kernel for two kinds of arguments at one time, each
     # may take the other's code for its own. Read when numba is imported, which nothing has done yet.
-    os.environ["NUMBA_CACHE_DIR"] = str(ROOT / ".numba_cache" / WORKER)
+    os.environ["NUMBA_CACHE_DIR"] = str(ROOT / ".numba_cache" / f"{digest_of(ROOT / 'monitor')}-{WORKER}")
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # threads that wait leave the processor to the other process
 
 

@@ -1,0 +1,61 @@
+"""Where compiled kernels are kept: in a folder of their own for each state of the sources.
+
+Numba takes a kernel for current as long as the file that it stands in is unchanged, though it holds the code of all
+kernels that it calls. After an update of some files the others would go on computing by the old code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+VARIABLE = "NUMBA_CACHE_DIR"
+UNUSED = 30 * 86400.0  # s, after which a folder for other sources is removed
+
+
+def use_own_folder(package: Path) -> None:
+    """Have numba keep the kernels of a package in a folder for its sources as they are; one that is set stays.
+
+    To be called before numba is imported.
+    """
+    if VARIABLE in os.environ:
+        return
+    folder = parent_of(package) / f"kernels-{digest_of(package)}"
+    os.environ[VARIABLE] = str(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        remove_unused(folder)
+    except OSError:  # numba makes the folder when it needs it, and says so where it cannot
+        return
+
+
+def parent_of(package: Path) -> Path:
+    """Return where folders of kernels lie: beside the compiled Python files, or where a user may write."""
+    beside = package / "__pycache__"
+    if os.access(beside if beside.exists() else package, os.W_OK):
+        return beside
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    if os.access(home, os.W_OK):
+        return Path(home) / "heritage-monitor"
+    return Path(tempfile.gettempdir()) / f"heritage-monitor-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+
+
+def digest_of(package: Path) -> str:
+    """Return what tells one state of a package's sources from another: names, sizes and times of change."""
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        state = path.stat()
+        digest.update(f"{path.relative_to(package)} {state.st_size} {state.st_mtime_ns}\n".encode())
+    return digest.hexdigest()[:16]
+
+
+def remove_unused(current: Path) -> None:
+    """Remove the folders beside the current one that nothing has used for `UNUSED` seconds."""
+    for folder in current.parent.glob("kernels-*"):
+        if folder != current and time.time() - folder.stat().st_mtime > UNUSED:
+            shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,75 @@
+"""Kernels are compiled anew when any source has changed, and only then."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from monitor import kernel_cache
+from monitor.kernel_cache import UNUSED, VARIABLE, digest_of, remove_unused, use_own_folder
+
+INNER = "from numba import jit\n\n@jit(nopython=True, cache=True)\ndef inner(x):\n    return {}\n"
+OUTER = "from numba import jit\nfrom kernels.inner import inner\n\n@jit(nopython=True, cache=True)\ndef outer(x):\n    return inner(x)\n"  # fmt: skip  # noqa: E501
+RUN = "import sys; sys.path[:0] = [{root!r}, {here!r}]; {first}; from kernels.outer import outer; print(outer(1.0))"
+BY_SOURCES = "from pathlib import Path; from kernel_cache import use_own_folder; use_own_folder(Path({package!r}))"
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """Return a package of two kernels in two files, one of which calls the other."""
+    package = tmp_path / "kernels"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "inner.py").write_text(INNER.format("x + 1.0"))
+    (package / "outer.py").write_text(OUTER)
+    return package
+
+
+def computed(package: Path, first: str) -> float:
+    """Return what the outer kernel computes in a process of its own, which runs `first` before it."""
+    here = str(Path(kernel_cache.__file__).parent)
+    command = RUN.format(root=str(package.parent), here=here, first=first)
+    environment = {k: v for k, v in os.environ.items() if k != VARIABLE}
+    return float(subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True,
+                                check=True).stdout)  # fmt: skip
+
+
+def test_a_kernel_follows_what_it_calls_in_another_file(package: Path) -> None:
+    first = BY_SOURCES.format(package=str(package))
+    assert [computed(package, first), computed(package, "pass")] == [2.0, 2.0]
+    (package / "inner.py").write_text(INNER.format("x + 10.0"))
+    assert computed(package, first) == 11.0
+    assert computed(package, "pass") == 2.0  # by numba's own rule: should this fail one day, the module may go
+
+
+def test_the_same_sources_have_the_same_folder(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folders = []
+    for _ in range(2):
+        monkeypatch.delenv(VARIABLE, raising=False)
+        use_own_folder(package)
+        folders.append(Path(os.environ[VARIABLE]))
+    assert folders[0] == folders[1] == package / "__pycache__" / f"kernels-{digest_of(package)}"
+    assert folders[0].is_dir()
+    before = digest_of(package)
+    os.utime(package / "inner.py", ns=(1, 1))
+    assert digest_of(package) != before
+
+
+def test_a_folder_that_is_set_stays(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "/somewhere")
+    use_own_folder(package)
+    assert os.environ[VARIABLE] == "/somewhere"
+
+
+def test_folders_that_nothing_uses_are_removed(tmp_path: Path) -> None:
+    current, recent, unused, other = (tmp_path / name for name in ("kernels-a", "kernels-b", "kernels-c", "other"))
+    for folder in (current, recent, unused, other):
+        folder.mkdir()
+    for folder in (current, unused, other):
+        os.utime(folder, (folder.stat().st_mtime - UNUSED - 60.0,) * 2)
+    remove_unused(current)
+    assert [folder.exists() for folder in (current, recent, unused, other)] == [True, True, False, True]
