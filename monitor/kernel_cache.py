@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-import tempfile
 import time
 from pathlib import Path
 
@@ -20,29 +19,28 @@ UNUSED = 30 * 86400.0  # s, after which a folder for other sources is removed
 def use_own_folder(package: Path) -> None:
     """Have numba keep the kernels of a package in a folder for its sources as they are; one that is set stays.
 
-    To be called before numba is imported.
+    To be called before numba is imported. Where no folder can be made numba keeps to its own rule.
     """
     if VARIABLE in os.environ:
         return
-    folder = parent_of(package) / f"kernels-{digest_of(package)}"
-    os.environ[VARIABLE] = str(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        remove_unused(folder)
-    except OSError:  # numba makes the folder when it needs it, and says so where it cannot
-        return
+    name = f"kernels-{digest_of(package)}"
+    for parent in (package / "__pycache__", user_folder()):
+        try:
+            folder = parent / name
+            folder.mkdir(parents=True, exist_ok=True)
+            os.utime(folder)
+            remove_unused(folder)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            os.environ[VARIABLE] = str(folder)
+            return
 
 
-def parent_of(package: Path) -> Path:
-    """Return where folders of kernels lie: beside the compiled Python files, or where a user may write."""
-    beside = package / "__pycache__"
-    if os.access(beside if beside.exists() else package, os.W_OK):
-        return beside
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    if os.access(home, os.W_OK):
-        return Path(home) / "heritage-monitor"
-    return Path(tempfile.gettempdir()) / f"heritage-monitor-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+def user_folder() -> Path:
+    """Return where a user's own caches lie, for packages that are installed where he may not write."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
+    return Path(home) / "heritage-monitor"
 
 
 def digest_of(package: Path) -> str:

@@ -12,8 +12,19 @@ import pytest
 from monitor import kernel_cache
 from monitor.kernel_cache import UNUSED, VARIABLE, digest_of, remove_unused, use_own_folder
 
-INNER = "from numba import jit\n\n@jit(nopython=True, cache=True)\ndef inner(x):\n    return {}\n"
-OUTER = "from numba import jit\nfrom kernels.inner import inner\n\n@jit(nopython=True, cache=True)\ndef outer(x):\n    return inner(x)\n"  # fmt: skip  # noqa: E501
+INNER = """from numba import jit
+
+@jit(nopython=True, cache=True)
+def inner(x):
+    return {}
+"""
+OUTER = """from numba import jit
+from kernels.inner import inner
+
+@jit(nopython=True, cache=True)
+def outer(x):
+    return inner(x)
+"""
 RUN = "import sys; sys.path[:0] = [{root!r}, {here!r}]; {first}; from kernels.outer import outer; print(outer(1.0))"
 BY_SOURCES = "from pathlib import Path; from kernel_cache import use_own_folder; use_own_folder(Path({package!r}))"
 
@@ -57,6 +68,19 @@ def test_the_same_sources_have_the_same_folder(package: Path, monkeypatch: pytes
     before = digest_of(package)
     os.utime(package / "inner.py", ns=(1, 1))
     assert digest_of(package) != before
+
+
+def test_where_nothing_can_be_written_beside_the_sources_it_is_the_users_cache_or_numbas_own_rule(
+    package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    (package / "__pycache__").write_text("a file: nothing can be made in it, whoever asks")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(package / "__pycache__"))
+    use_own_folder(package)
+    assert VARIABLE not in os.environ
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    use_own_folder(package)
+    assert Path(os.environ[VARIABLE]) == tmp_path / "cache" / "heritage-monitor" / f"kernels-{digest_of(package)}"
 
 
 def test_a_folder_that_is_set_stays(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
