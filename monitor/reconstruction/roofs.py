@@ -89,10 +89,13 @@ def find_roofs(
     Parameters
     ----------
     raw : (n, 3) m, the vertices before, and `max_shift` (m) how far they may go.
+    projection : of the smooth fits, which tells where edges may be.
     noise : (n,) m, one sigma of a point there.
     cell : m, of the surface.
 
-    projection : of the smooth fits, which tells where edges may be.
+    Notes
+    -----
+    Next to an edge that is seen to be round the smooth fits stay.
     """
     near = np.flatnonzero(near_edges(projection.normals, faces) & np.isfinite(noise))
     which: Ints = near[at_clear_turns(raw[near], projection.normals[near], samples, noise[near])]
