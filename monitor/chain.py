@@ -33,6 +33,7 @@ from monitor.scans import read_within
 from monitor.second_opinion import ask_m3c2, gather_sights
 from monitor.settings import Settings, as_mapping
 from monitor.setups import join_setups
+from monitor.strays import raw_scans, share_of_strays
 from monitor.target_search import search_targets
 from projects.errors import ParameterError
 from projects.extent import Extent, inside
@@ -63,7 +64,7 @@ def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Noti
     targets = search_targets(place, settings.targets, calibrations, engine, notify)
     network = adjust_epoch(place, settings.adjust, scans, targets, notify)
     filtered = _merge(place, settings, scans, network, notify)
-    surface = _reconstruct(place, settings, (*scans, network), filtered, notify)
+    surface = _reconstruct(place, settings, (*scans, network), filtered, calibrations, notify)
     quality = _assess_quality(place, (*scans, network), surface, notify)
     return [*scans, *targets, network, filtered, surface, quality]
 
@@ -221,8 +222,11 @@ def _slack(network: Step) -> float:
     return SLACK_SIGMAS * float(network.automatic[stands])
 
 
-def _reconstruct(place: Place, settings: Settings, parts: tuple[Step, ...], filtered: Step, notify: Notify) -> Step:
-    """Make the surface of the merged cloud (design step 9), with what its scans disagree by."""
+def _reconstruct(
+    place: Place, settings: Settings, parts: tuple[Step, ...], filtered: Step, calibrations: list[Step | None],
+    notify: Notify,
+) -> Step:  # fmt: skip
+    """Make the surface of the merged cloud (design step 9), with what its scans disagree by and leave off it."""
 
     def make() -> Made:
         notify(f"{place.epoch_id}: reconstructing the surface")
@@ -231,7 +235,8 @@ def _reconstruct(place: Place, settings: Settings, parts: tuple[Step, ...], filt
         clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
         agreement = assess_scans(result.surface, clouds)
         sigma_placed = assess_placement(result.surface, clouds, place.get(parts[-1]))
-        surface = replace(result.surface, sigma_shared=join_shared(agreement.sigma, sigma_placed))
+        strays = None if is_averaged(place, settings.filter) else _strays(place, result.surface, parts, calibrations)
+        surface = replace(result.surface, sigma_shared=join_shared(agreement.sigma, sigma_placed), stray_share=strays)
         found = {
             "scan_disagreement_m": agreement.sigma_scan,
             "scan_disagreement_by_incidence_m": agreement.sigma_by_incidence.tolist(),
@@ -244,6 +249,16 @@ def _reconstruct(place: Place, settings: Settings, parts: tuple[Step, ...], filt
 
     asked = Asked("surface", "surface", {"surface": as_mapping(settings.surface)}, (filtered, *parts))
     return once_step(place, asked, make)
+
+
+def _strays(place: Place, surface: Surface, parts: tuple[Step, ...], calibrations: list[Step | None]) -> Floats:
+    """Return the share (n,) of what was measured around each vertex that lies off the surface.
+
+    Not asked of repeated scans: their raw points drift from the mean of them all.
+    """
+    motions = place.get(parts[-1])["T_project_given"]
+    found = [calibration_of(place, step) for step in calibrations]
+    return share_of_strays(surface, raw_scans(place, parts[:-1], motions, found))
 
 
 def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify: Notify) -> Step:

@@ -23,10 +23,10 @@ METHOD = {
     "targets": 1,
     "network": 14,
     "filtered": 6,
-    "surface": 20,
+    "surface": 21,
     "mesh": 6,
     "quality": 2,
-    "comparison": 24,
+    "comparison": 25,
     "series": 1,
 }
 

@@ -6,7 +6,7 @@ In come paths and options of `monitor add-epoch`, or a project and a scan's numb
 from __future__ import annotations
 
 import filecmp
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -118,16 +118,25 @@ def _require_different(paths: Sequence[Path]) -> None:
 
 def read_within(project: Project, object_id: str, epoch_id: str, index: int) -> tuple[Scan, dict[str, int]]:
     """Return one stored scan within the object's extent, and the counts of what lay outside (design step 0)."""
-    stored = project.object(object_id).extent
-    extent = None if stored is None else Extent.from_mapping(stored)
     kept: list[Scan] = []
     n_read = 0
-    for chunk in project.iterate_scan(object_id, epoch_id, index):
-        n_read += len(chunk.cloud)
-        kept.append(chunk if extent is None else chunk.take(inside(extent, apply(chunk.pose, chunk.cloud.points))))
+    for n_stored, chunk in iterate_within(project, object_id, epoch_id, index):
+        n_read += n_stored
+        kept.append(chunk)
     scan = join_chunks(kept)
     counts = {"read": n_read, "outside_extent": n_read - len(scan.cloud)}
     return scan, counts | {f"not_measured_{reason}": n for reason, n in scan.dropped.items()}
+
+
+def iterate_within(project: Project, object_id: str, epoch_id: str, index: int) -> Iterator[tuple[int, Scan]]:
+    """Yield a stored scan in pieces: how many points each holds, and those of them within the object's extent."""
+    stored = project.object(object_id).extent
+    extent = None if stored is None else Extent.from_mapping(stored)
+    for chunk in project.iterate_scan(object_id, epoch_id, index):
+        n_stored = len(chunk.cloud)
+        if extent is not None:
+            chunk = chunk.take(inside(extent, apply(chunk.pose, chunk.cloud.points)))
+        yield n_stored, chunk
 
 
 def sample_stored(project: Project, object_id: str, epoch_id: str, index: int, n_points: int) -> Scan:

@@ -43,6 +43,7 @@ class NotAssessed(IntEnum):
     NOT_SEEN = 5  # one epoch's scanners did not look there
     BEYOND_SEARCH = 6  # no face of the other surface at all within the search limit
     LOOKED_THROUGH = 7  # changed: a scan of the other epoch looked through it; no perpendicular
+    NO_ONE_SURFACE = 8  # most of what was measured around it, or around its foot, lies off the surface
 
 
 class Roughness(IntEnum):
@@ -182,6 +183,8 @@ class Surface:
         for.
     n_support : (n,) int32, how many samples the vertex rests on.
     sample_distance : (n,) float64, m, distance to the nearest sample.
+    stray_share : (n,) float32, share of the points measured around the vertex that lie off the surface; NaN where there
+        are none, absent where it was not looked for.
     roughness : (n,) uint8, `Roughness` of the nearest samples.
     colors, intensity : as of `PointCloud`.
     is_unresolved : (n,) bool, vertices beside a place left open because two sheets come nearer each other there than
@@ -198,6 +201,7 @@ class Surface:
     sigma_shared: Floats | None = None
     n_support: Ints | None = None
     sample_distance: Floats | None = None
+    stray_share: Floats | None = None
     roughness: NDArray[np.uint8] | None = None
     colors: NDArray[np.uint8] | None = None
     intensity: Floats | None = None
@@ -217,7 +221,7 @@ class Surface:
         object.__setattr__(self, "colors", _array(self.colors, "colors", (n, 3), np.uint8))
         object.__setattr__(self, "face_invented", _array(self.face_invented, "face_invented", (len(faces),), np.bool_))
         kinds = {"sigma": np.float64, "sigma_shared": np.float64, "n_support": np.int32, "sample_distance": np.float64,
-                 "roughness": np.uint8, "intensity": np.float32, "is_unresolved": np.bool_,
+                 "stray_share": np.float32, "roughness": np.uint8, "intensity": np.float32, "is_unresolved": np.bool_,
                  "is_crest": np.bool_}  # fmt: skip
         for name, kind in kinds.items():
             object.__setattr__(self, name, _array(getattr(self, name), name, (n,), kind))

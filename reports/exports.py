@@ -105,7 +105,7 @@ def surface_columns(surface: Surface) -> dict[str, NDArray[Any]]:
         columns |= {f"n{axis}": surface.normals[:, k].astype(np.float32) for k, axis in enumerate("xyz")}
     if surface.colors is not None:
         columns |= {name: surface.colors[:, k] for k, name in enumerate(("red", "green", "blue"))}
-    for name in ("intensity", "sigma", "sigma_shared", "sample_distance"):
+    for name in ("intensity", "sigma", "sigma_shared", "sample_distance", "stray_share"):
         values = getattr(surface, name)
         if values is not None:
             columns[name] = np.asarray(values, dtype=np.float32)

@@ -25,7 +25,7 @@ from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
 from monitor.comparison.side import Side
 from monitor.comparison.spreading import spread_along
-from projects.model import Bools, Floats, Ints, Registration
+from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 
 SIGNS = (-1.0, 1.0)  # of (reference, compared): outside of the other surface is lost there, gained here
 PIECE = 5.0  # search limits: a piece that broke off may be deeper than any change along the perpendicular
@@ -63,12 +63,13 @@ class Body:
 def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: float) -> Beyond:
     """Tell for all vertices that are not assessed on which side of the other surface they lie.
 
-    `limit` [m] is the search limit of the perpendiculars; a piece may be `PIECE` times as deep.
+    `limit` [m] is the search limit of the perpendiculars; a piece may be `PIECE` times as deep. Nothing is told where
+    the points are of no one surface.
     """
     limit = PIECE * limit
     change, gaps, nearest = [], [], []
     for k, side in enumerate(sides):
-        which = np.flatnonzero(~side.is_assessed)
+        which = np.flatnonzero(~side.is_assessed & (side.reasons != NotAssessed.NO_ONE_SURFACE))
         found = search_offsets(shells[1 - k], side.surface.vertices[which])
         here = np.full(len(side.areas), np.nan)
         here[which] = np.where(found.is_known & (np.abs(found.distances) <= limit), SIGNS[k] * found.distances, np.nan)

@@ -60,6 +60,10 @@ class CompareSettings:
     largest_lod95: float | None = setting(
         None, unit="m", low=0.0, meaning="a vertex with a larger level of detection is not assessable; the search limit"
     )
+    max_stray_share: float = setting(
+        0.5, unit="", low=0.0, high=1.0,
+        meaning="not assessable where more of what was measured around a vertex, or its foot, lies off the surface",
+    )  # fmt: skip
     seed: int = setting(0, unit="", low=0, meaning="of the sample of vertices that shows how errors correlate")
 
     def __post_init__(self) -> None:
@@ -116,6 +120,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     sides = measure_sides(shells, held, left)
     largest = settings.largest_lod95 or limit
     sides = map_sides(lambda k: drop_uncertain(sides[k], largest), larger_of(sides))
+    strays = reference.stray_share, compared.stray_share
+    sides = map_sides(lambda k: drop_scattered(sides[k], strays[k], strays[1 - k], settings.max_stray_share),
+                      larger_of(sides))  # fmt: skip
     require_common(sides, limit)
     if sights is not None:
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
@@ -253,6 +260,20 @@ def drop_uncertain(side: Side, largest: float) -> Side:
     sigma = np.hypot(side.sigma_surfaces, side.sigma_common)
     too_uncertain = side.is_assessed & ~(1.96 * sigma <= largest)
     return side.without(too_uncertain, NotAssessed.TOO_UNCERTAIN)
+
+
+def drop_scattered(side: Side, own: Floats | None, other: Floats | None, most: float) -> Side:
+    """Return the side without the vertices around which, or around whose feet, the points lie on no one surface.
+
+    `own` (n,) and `other` are the shares of what was measured around the vertices of either surface that lie off it,
+    `most` is the largest that is assessed. Where such shares are not known nothing is left out.
+    """
+    scattered = np.zeros(len(side.areas), dtype=np.bool_)
+    if own is not None:
+        scattered |= own > most
+    if other is not None:
+        scattered |= (side.foot_vertices >= 0) & (other[side.foot_vertices] > most)
+    return side.without(scattered & side.is_assessed, NotAssessed.NO_ONE_SURFACE)
 
 
 def finish_side(side: Side, found: Detection, region: Ints, change_beyond: Floats) -> ComparedSurface:

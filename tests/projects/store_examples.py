@@ -72,7 +72,8 @@ def full_surface(rng: np.random.Generator, n: int = 30) -> Surface:
     return Surface(
         rng.normal(size=(n, 3)), rng.integers(0, n, (2 * n, 3)), normals=rng.normal(size=(n, 3)), sigma=rng.random(n),
         sigma_shared=rng.random(n), n_support=rng.integers(0, 90, n), sample_distance=rng.random(n),
-        roughness=rng.integers(0, 3, n), colors=rng.integers(0, 256, (n, 3)), intensity=rng.random(n),
+        stray_share=rng.random(n), roughness=rng.integers(0, 3, n), colors=rng.integers(0, 256, (n, 3)),
+        intensity=rng.random(n),
         is_unresolved=rng.random(n) < 0.3, is_crest=rng.random(n) < 0.3, face_invented=rng.random(2 * n) < 0.3,
     )  # fmt: skip
 

@@ -9,7 +9,8 @@ from reports.exports import export_surface
 
 KNOWN = {
     "sigma": np.array([1e-4, np.nan, 3e-4, 4e-4]), "sigma_shared": np.array([5e-5, 6e-5, 7e-5, np.nan]),
-    "sample_distance": np.array([0.0, 1e-3, 2e-3, 3e-3]), "intensity": np.array([0.1, 0.2, 0.3, 0.4]),
+    "sample_distance": np.array([0.0, 1e-3, 2e-3, 3e-3]), "stray_share": np.array([0.0, 0.25, np.nan, 1.0]),
+    "intensity": np.array([0.1, 0.2, 0.3, 0.4]),
     "n_support": np.array([9, 8, 7, 6]), "is_unresolved": np.array([True, False, False, False]),
     "is_crest": np.array([False, True, True, False]),
 }  # fmt: skip
@@ -28,7 +29,7 @@ def test_all_that_a_surface_knows_is_exported_under_its_name(tmp_path):
     written = pd.read_csv(table)
     np.testing.assert_array_equal(written[["x", "y", "z"]], surface.vertices)
     columns = {"unresolved": "is_unresolved", "crest": "is_crest"}
-    for name in ("sigma", "sigma_shared", "sample_distance", "intensity", "n_support", *columns):
+    for name in ("sigma", "sigma_shared", "sample_distance", "stray_share", "intensity", "n_support", *columns):
         expected = KNOWN[columns.get(name, name)]
         np.testing.assert_allclose(written[name], np.asarray(expected, dtype=float), rtol=1e-6, err_msg=name)
     properties = trimesh.load(ply, process=False).metadata["_ply_raw"]["vertex"]["data"]

@@ -1,0 +1,128 @@
+"""Which share of what was measured around a vertex lies off the surface: plants, spray, joints, what nothing resolves.
+
+In: a surface, and the raw points of the scans that it came of. Out: that share of each vertex. Where most of them lie
+off it the points are of no one surface: which of their sheets stands for the object is a choice, and the points of
+another survey make another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import jit
+
+from monitor.boxes import box_of
+from monitor.comparison.feet import is_on_border, local_point
+from monitor.comparison.mesh_tree import MeshTree, build_tree
+from monitor.comparison.search import ANY, DEPTH, nearest_point
+from monitor.comparison.stars import Neighbours, gather_neighbours
+from monitor.comparison.triangles import FACE
+from monitor.filtering import Calibration, correct_range
+from monitor.record import Place
+from monitor.scans import iterate_within
+from monitor.threads import run_tasks
+from projects.model import Floats, Ints, Step, Surface
+from projects.transforms import apply
+
+REACH = 2.5  # spacings of the vertices: points farther from the surface are of something else
+OFF_SPACINGS, OFF_SIGMAS = 0.25, 4.0  # a point farther from the surface than both of these is off it
+ANY_ANGLE = np.pi / 2  # between normals, which nothing here asks for
+
+
+class RawScan(NamedTuple):
+    """The raw points of a scan, in pieces (n, 3) [m] in the surface's frame, and one sigma of their noise [m]."""
+
+    noise: float
+    pieces: Iterable[Floats]
+
+
+def raw_scans(
+    place: Place, scans: Sequence[Step], motions: Sequence[Floats], calibrations: Sequence[Calibration | None]
+) -> Iterator[RawScan]:
+    """Yield what each scan of an epoch measured within the object's extent, calibrated and where the adjustment put it.
+
+    `scans` are the steps that filtered them, which know their noise; one that was skipped has none, and is left out.
+    `motions` (4, 4) are those of the adjustment, T_project_given.
+    """
+    for k, (step, motion, calibration) in enumerate(zip(scans, motions, calibrations, strict=True)):
+        if np.isfinite(step.automatic.get("noise_before", np.nan)):
+            yield RawScan(float(step.automatic["noise_before"]), _pieces(place, k, motion, calibration))
+
+
+def _pieces(place: Place, index: int, motion: Floats, calibration: Calibration | None) -> Iterator[Floats]:
+    """Yield the points (n, 3) [m] of a raw scan in the epoch's coordinates."""
+    for _, chunk in iterate_within(place.project, place.object_id, place.epoch_id, index):
+        scan = chunk if calibration is None else correct_range(chunk, calibration)
+        yield apply(motion @ scan.pose, scan.cloud.points)
+
+
+def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats:
+    """Return the share (n,) float32 of the points around each vertex that lie off the surface; NaN where no point is.
+
+    Points count at the vertex next to their foot, and for those one and two edges from it: twice summed over each
+    vertex and its neighbours, so that nearer ones count more often. Few points a vertex show little by themselves.
+    Points over a free edge are beside the surface, and not off it. The measure of the surface is the spacing of its
+    vertices (root of the median area of one): finer shapes it cannot hold.
+    """
+    low, high = box_of(surface.vertices)
+    tree = build_tree(surface, 0.5 * (low + high), ANY_ANGLE)
+    spacing = float(np.sqrt(np.median(tree.areas[tree.areas > 0.0])))
+    n_on, n_off = np.zeros((2, len(surface.vertices)))
+    for scan in scans:
+        off = max(OFF_SPACINGS * spacing, OFF_SIGMAS * scan.noise)
+        for points in scan.pieces:
+            corners, distances = nearest_vertices(tree, points, max(REACH * spacing, 2.0 * off))
+            is_off = distances > off
+            n_on += np.bincount(corners[(corners >= 0) & ~is_off], minlength=len(n_on))
+            n_off += np.bincount(corners[(corners >= 0) & is_off], minlength=len(n_on))
+    neighbours = gather_neighbours(tree)
+    on, off = (_sum_around(_sum_around(n, neighbours), neighbours) for n in (n_on, n_off))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(off / (on + off), dtype=np.float32)
+
+
+def _sum_around(values: Floats, neighbours: Neighbours) -> Floats:
+    """Return the sum (n,) of the values of each vertex and its neighbours."""
+    out = np.empty(len(values))
+    run_tasks(_add_neighbours, len(values), values, neighbours, out)
+    return out
+
+
+def nearest_vertices(tree: MeshTree, points: Floats, reach: float) -> tuple[Ints, Floats]:
+    """Return of each point (k, 3) the vertex next to its nearest place on the surface, and its distance [m] from there.
+
+    -1 and NaN where that is farther than `reach` [m], or on a free edge.
+    """
+    corners, distances = np.full(len(points), -1, dtype=np.int32), np.full(len(points), np.nan)
+    run_tasks(_find_vertices, len(points), tree, np.ascontiguousarray(points), reach, corners, distances)
+    return corners, distances
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _find_vertices(first, last, tree, points, reach, corners, distances):  # type: ignore[no-untyped-def]
+    """Write what `nearest_vertices` returns of the points from `first` to `last`."""
+    stack, bounds, seed = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH), -1
+    for i in range(first, last):
+        p = local_point(tree.shift, points, i)
+        found = nearest_point(tree, p, (0.0, 0.0, 0.0), (reach, -2.0), seed, ANY, stack, bounds)
+        f = found[1]
+        if f < 0:
+            continue
+        seed = f
+        if found[4] != FACE and is_on_border(tree, f, found[4]):
+            continue
+        a, b, c = 1.0 - (found[2] + found[3]), found[2], found[3]
+        k = (1 if b >= c else 2) if max(b, c) > a else 0
+        corners[i], distances[i] = tree.faces[f, k], np.sqrt(found[0])
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def _add_neighbours(first, last, values, neighbours, out):  # type: ignore[no-untyped-def]
+    """Write what `_sum_around` returns of the vertices from `first` to `last`."""
+    for v in range(first, last):
+        total = values[v]
+        for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
+            total += values[neighbours.vertices[k]]
+        out[v] = total

@@ -1,0 +1,197 @@
+"""What lies off a surface: counted where it is nearest, against counts by hand, and left out of comparisons."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.cli import run as run_monitor
+from monitor.comparison import CompareSettings, compare
+from monitor.simulation.campaign import write_extent
+from monitor.strays import RawScan, share_of_strays
+from projects import Project
+from projects.model import Floats, NotAssessed, Registration, Surface
+
+SIDE, EDGE = 21, 0.01
+MIDDLE = SIDE * SIDE // 2
+IVY = (0.039, -0.008)  # m, before a crest of the wall
+
+
+def plate(side: int = SIDE, **known: Floats) -> Surface:
+    """Return a level grid of side x side vertices, EDGE apart, about the origin."""
+    i = np.arange((side - 1) * side).reshape(side - 1, side)[:, :-1].ravel()
+    faces = np.vstack([np.c_[i, i + side, i + 1], np.c_[i + 1, i + side, i + side + 1]])
+    x, y = np.divmod(np.arange(side * side), side) - np.array([[side // 2], [side // 2]])
+    return Surface(np.c_[EDGE * x, EDGE * y, np.zeros(x.shape)], faces, **known)
+
+
+def above(surface: Surface, vertex: int, heights: Floats) -> Floats:
+    """Return points at heights above a vertex, a thousandth of an edge beside it."""
+    return surface.vertices[vertex] + np.c_[np.full((len(heights), 2), 1e-3 * EDGE), heights]
+
+
+def around(vertex: int) -> set[int]:
+    """Return a vertex and its six neighbours."""
+    return {vertex, *(vertex + d for d in (1, -1, SIDE, -SIDE, SIDE - 1, 1 - SIDE))}
+
+
+def shares(surface: Surface, points: Floats, noise: float = 1e-5) -> Floats:
+    return share_of_strays(surface, [RawScan(noise, [points])])
+
+
+def test_points_count_where_their_foot_is_and_for_those_two_edges_around() -> None:
+    surface = plate()
+    share = shares(surface, above(surface, MIDDLE, np.array([0.0, 1e-3, -1e-3, 8e-3])))
+    reached = set().union(*(around(v) for v in around(MIDDLE)))
+    assert set(np.flatnonzero(np.isfinite(share))) == reached
+    assert len(reached) == 19
+    np.testing.assert_allclose(share[list(reached)], 0.25)
+
+
+def test_nearer_points_count_more_often() -> None:
+    surface = plate()
+    on, off = above(surface, MIDDLE + 1, np.zeros(1)), above(surface, MIDDLE, np.array([8e-3]))
+    share = shares(surface, np.vstack([on, off]))
+    # a vertex is reached from itself in 7 ways of two steps or fewer, from a neighbour in 4 (stay twice, two shared)
+    assert share[MIDDLE] == pytest.approx(7.0 / 11.0)
+    assert share[MIDDLE + 1] == pytest.approx(4.0 / 11.0)
+    assert share[MIDDLE - 2] == 1.0  # two edges from the one, three from the other
+    assert share[MIDDLE + 3] == 0.0
+
+
+@pytest.mark.parametrize(("height", "noise", "share"), [
+    (0.24 * EDGE, 1e-5, 0.0), (0.26 * EDGE, 1e-5, 0.5), (-0.26 * EDGE, 1e-5, 0.5),
+    (0.39 * EDGE, 0.1 * EDGE, 0.0), (0.41 * EDGE, 0.1 * EDGE, 0.5),  # four sigmas of noise
+    (2.4 * EDGE, 1e-5, 0.5), (2.6 * EDGE, 1e-5, 0.0),  # farther it is of something else
+])  # fmt: skip
+def test_off_is_farther_than_a_quarter_edge_and_four_sigmas_within_reach(
+    height: float, noise: float, share: float
+) -> None:
+    surface = plate()
+    found = shares(surface, above(surface, MIDDLE, np.array([0.0, height])), noise)
+    assert found[MIDDLE] == pytest.approx(share)
+
+
+def test_what_lies_beside_the_surface_is_not_off_it() -> None:
+    surface = plate()
+    rim = -(SIDE // 2) * EDGE
+    beside = np.array([[rim - 5e-3, 0.0, 4e-3], [rim - 4e-3, 1e-3, 0.0], [rim + 1e-3, 0.0, 0.0]])
+    share = shares(surface, beside)
+    assert np.nanmax(share) == 0.0
+    assert np.isfinite(share).sum() == 12  # within two edges of one vertex on the rim
+
+
+def test_scans_add_up_each_by_its_own_noise() -> None:
+    surface = plate()
+    scans = [RawScan(1e-5, [above(surface, MIDDLE, np.array([0.0, 3.5e-3]))]),
+             RawScan(1e-3, [above(surface, MIDDLE, np.array([0.0, 3.5e-3]))])]  # fmt: skip
+    assert share_of_strays(surface, scans)[MIDDLE] == pytest.approx(0.25)
+
+
+def known_motion(n: int) -> Registration:
+    return Registration(np.eye(4), np.eye(6) * 1e-14, np.zeros(3), True, is_stable=np.ones(n, bool))
+
+
+def compared(own: Floats | None, other: Floats | None, most: float = 0.5):
+    n = SIDE * SIDE
+    rng = np.random.default_rng(5)
+    surfaces = []
+    for share in (own, other):
+        level = plate(sigma=np.full(n, 1e-4), stray_share=share)
+        height = 1e-4 * rng.normal(size=n)
+        surfaces.append(replace(level, vertices=level.vertices + np.c_[np.zeros((n, 2)), height]))
+    return compare(*surfaces, known_motion(n), CompareSettings(max_stray_share=most, search_limit=5e-3))
+
+
+def at(vertex: int, share: float) -> Floats:
+    out = np.zeros(SIDE * SIDE)
+    out[vertex] = share
+    return out
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_where_most_lies_off_one_surface_neither_side_is_assessed(which: int) -> None:
+    vertex, nothing = MIDDLE + 3, np.zeros(SIDE * SIDE)
+    found = compared(*((at(vertex, 0.51), nothing) if which == 0 else (nothing, at(vertex, 0.51))))
+    for side in (found.on_reference, found.on_compared):
+        assert np.flatnonzero(side.reasons == NotAssessed.NO_ONE_SURFACE).tolist() == [vertex]
+        assert np.isnan(side.distances[vertex])
+        assert side.assessment[vertex] == 0
+    assert found.statistics["not_assessed"]["no_one_surface"] == 1
+
+
+def test_up_to_the_limit_and_where_nothing_was_counted_all_is_assessed() -> None:
+    vertex = MIDDLE + 3
+    for own, most in ((at(vertex, 0.5), 0.5), (at(vertex, 0.9), 1.0), (at(vertex, np.nan), 0.5), (None, 0.5)):
+        found = compared(own, None, most)
+        assert not (found.on_reference.reasons == NotAssessed.NO_ONE_SURFACE).any()
+        assert found.on_reference.assessment[vertex] > 0
+
+
+def wall_with_ivy(rng: np.random.Generator, *, is_level: bool = False) -> Floats:
+    """Return points of a bent wall of 0.2 m, 3 mm apart, seven of ten before it where ivy grows.
+
+    The ivy stands 2 to 12 mm before the wall, or `is_level`, before its crest, at heights of 11.5 to 13 mm, where no
+    wall is.
+    """
+    x, y = (g.ravel() + rng.uniform(-1e-3, 1e-3, g.size) for g in np.meshgrid(*[np.arange(-0.1, 0.1, 0.003)] * 2))
+    z = 0.01 * np.sin(40.0 * x) * np.cos(50.0 * y + 0.4) + 3e-4 * rng.normal(size=len(x))
+    leaf = (np.hypot(x - IVY[0], y - IVY[1]) < (0.015 if is_level else 0.03)) & (rng.random(len(x)) < 0.7)
+    z[leaf] = rng.uniform(1.15e-2, 1.3e-2, leaf.sum()) if is_level else z[leaf] + rng.uniform(2e-3, 1.2e-2, leaf.sum())
+    return np.c_[x, y, z]
+
+
+def processed(folder: Path, *options: str, extent: Path | None = None) -> Surface:
+    """Return the surface that `monitor` makes of two scans of the wall, with level ivy where there is an extent."""
+    project, files = folder / "project", [folder / "a.xyz", folder / "b.xyz"]
+    for k, file in enumerate(files):
+        np.savetxt(file, wall_with_ivy(np.random.default_rng([k, 3]), is_level=extent is not None), fmt="%.6f")
+    pose = " ".join(f"{v:g}" for v in np.eye(4).ravel())
+    (folder / "poses").write_text("".join(f"{file.name} {pose} 0 0 2\n" for file in files))
+    assert run_monitor(["init", str(project)]) == 0
+    given = [] if extent is None else ["--extent", str(extent)]
+    assert run_monitor(["add-object", str(project), "wall", *given]) == 0
+    files_given = ["--poses", str(folder / "poses"), *map(str, files)]
+    assert run_monitor(["add-epoch", str(project), "wall", "e1", "--date", "2026-01-01", *options, *files_given]) == 0
+    assert run_monitor(["process", str(project)]) == 0
+    return Project.open(project).get("wall", "e1", "surface")
+
+
+def test_the_chain_counts_what_each_scan_measured(tmp_path: Path) -> None:
+    surface = processed(tmp_path)
+    way = np.linalg.norm(surface.vertices[:, :2] - IVY, axis=1)
+    assert surface.stray_share is not None
+    assert np.mean(surface.stray_share[way < 0.02] > 0.5) > 0.9
+    assert np.nanmax(surface.stray_share[way > 0.045]) == 0.0
+
+
+@pytest.mark.parametrize(("top", "least", "most"), [(0.011, 0.0, 0.0), (0.05, 0.2, 1.0)])
+def test_what_lies_outside_of_the_extent_is_no_stray(tmp_path: Path, top: float, least: float, most: float) -> None:
+    box = write_extent(tmp_path / "box.json", np.array([[-0.1, -0.1, -0.1], [0.1, 0.1, top]]))
+    surface = processed(tmp_path, extent=box)
+    assert surface.stray_share is not None
+    way = np.linalg.norm(surface.vertices[:, :2] - IVY, axis=1)
+    assert least <= np.nanmax(surface.stray_share[way < 0.012]) <= most
+
+
+def test_repeated_scans_drift_and_are_not_asked(tmp_path: Path) -> None:
+    assert processed(tmp_path, "--repeated").stray_share is None
+
+
+def test_a_region_ends_where_the_points_are_of_no_one_surface() -> None:
+    side, depth, half = 81, 2e-3, 8
+    n, rng = side * side, np.random.default_rng(3)
+    x, y = np.divmod(np.arange(n), side) - np.array([[side // 2], [side // 2]])
+    raised = (np.abs(x) <= half) & (np.abs(y) <= half)
+    share = np.where(raised & (y > 0), 0.9, 0.0)
+    surfaces = []
+    for lifted in (np.zeros(n), depth * raised):
+        level = plate(side, sigma=np.full(n, 3e-5), stray_share=share)
+        height = lifted + 3e-5 * rng.normal(size=n)
+        surfaces.append(replace(level, vertices=level.vertices + np.c_[np.zeros((n, 2)), height]))
+    found = compare(*surfaces, known_motion(n), CompareSettings(search_limit=5e-3))
+    assert len(found.regions) == 1
+    assert np.isnan(found.regions.volume_m3[0])  # how far it goes on where nothing is assessed is not known
+    assert found.regions.area_m2[0] == pytest.approx((2 * half + 1) * (half + 1) * EDGE**2, rel=0.15)
+    assert found.regions.mean_m[0] == pytest.approx(depth, rel=0.05)
