@@ -78,9 +78,9 @@ def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats:
             n_on += np.bincount(corners[(corners >= 0) & ~is_off], minlength=len(n_on))
             n_off += np.bincount(corners[(corners >= 0) & is_off], minlength=len(n_on))
     neighbours = gather_neighbours(tree)
-    on, off = (_sum_around(_sum_around(n, neighbours), neighbours) for n in (n_on, n_off))
+    total_on, total_off = (_sum_around(_sum_around(n, neighbours), neighbours) for n in (n_on, n_off))
     with np.errstate(invalid="ignore"):
-        return np.asarray(off / (on + off), dtype=np.float32)
+        return np.asarray(total_off / (total_on + total_off), dtype=np.float32)
 
 
 def _sum_around(values: Floats, neighbours: Neighbours) -> Floats:
