@@ -1,16 +1,21 @@
-"""Where compiled kernels are kept: in a folder of their own for each state of the sources.
+"""Where compiled kernels are kept: in a folder of their own for each state of the sources, one writer at a time.
 
 Numba takes a kernel for current as long as the file that it stands in is unchanged, though it holds the code of all
-kernels that it calls. After an update of some files the others would go on computing by the old code.
+kernels that it calls. After an update of some files the others would go on computing by the old code. And of a kernel
+that two processes compile at once, for other types each, it keeps both under one name: either would run the other's.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 VARIABLE = "NUMBA_CACHE_DIR"
 UNUSED = 30 * 86400.0  # s, after which a folder for other sources is removed
@@ -35,6 +40,38 @@ def use_own_folder(package: Path) -> None:
         if os.access(folder, os.W_OK):
             os.environ[VARIABLE] = str(folder)
             return
+
+
+def save_one_at_a_time() -> None:
+    """Have processes that compile the same kernels at once write to numba's cache one after the other.
+
+    Numba reads which names are taken, then writes under the next one; between both nothing keeps others out.
+    """
+    from numba.core.caching import IndexDataCacheFile
+
+    save = IndexDataCacheFile.save
+    if hasattr(save, "__wrapped__"):
+        return
+
+    @functools.wraps(save)
+    def save_alone(self: Any, key: Any, data: Any) -> None:
+        with alone_in(Path(self._cache_path)):
+            save(self, key, data)
+
+    IndexDataCacheFile.save = save_alone
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Wait until no other process is in the folder; where a system has no such locks there is no waiting."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with (folder / "writing.lock").open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # let go when the file is closed, or the process ends
+        yield
 
 
 def user_folder() -> Path:

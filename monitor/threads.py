@@ -15,6 +15,10 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from threadpoolctl import threadpool_limits
 
+from monitor.kernel_cache import save_one_at_a_time
+
+save_one_at_a_time()  # here, where each package that has kernels comes by, and numba is loaded anyway
+
 Given = ParamSpec("Given")
 Made = TypeVar("Made")
 

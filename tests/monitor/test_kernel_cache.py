@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
 from monitor import kernel_cache
 from monitor.kernel_cache import UNUSED, VARIABLE, digest_of, remove_unused, use_own_folder
@@ -97,3 +98,45 @@ def test_folders_that_nothing_uses_are_removed(tmp_path: Path) -> None:
         os.utime(folder, (folder.stat().st_mtime - UNUSED - 60.0,) * 2)
     remove_unused(current)
     assert [folder.exists() for folder in (current, recent, unused, other)] == [True, True, False, True]
+
+
+SAVE = """
+import sys, time
+from numba.core.caching import IndexDataCacheFile
+{first}
+take = IndexDataCacheFile._load_index
+def slowly(self):
+    found = take(self)
+    time.sleep(1.0)  # long enough for the other process to read the same
+    return found
+IndexDataCacheFile._load_index = slowly
+IndexDataCacheFile({folder!r}, "kernel", "stamp").save(sys.argv[1], f"code for {{sys.argv[1]}}")
+"""
+
+
+@pytest.mark.parametrize(("first", "is_sound"), [
+    ("sys.path[:0] = [{here!r}]; from kernel_cache import save_one_at_a_time; save_one_at_a_time()", True),
+    ("", False),  # numba's own way: should this fail one day, the lock may go
+])  # fmt: skip
+def test_kernels_that_two_processes_compile_at_once_are_both_kept(tmp_path: Path, first: str, is_sound: bool) -> None:
+    command = SAVE.format(first=first.format(here=str(Path(kernel_cache.__file__).parent)), folder=str(tmp_path))
+    names = ("float32", "float64")
+    started = [subprocess.Popen([sys.executable, "-c", command, name]) for name in names]
+    assert [process.wait(60) for process in started] == [0, 0]
+    file = IndexDataCacheFile(str(tmp_path), "kernel", "stamp")
+    assert all(file.load(name) == f"code for {name}" for name in names) == is_sound
+
+
+@pytest.mark.parametrize("name", ["filtering", "reconstruction", "registration", "comparison", "simulation"])
+def test_whichever_package_is_loaded_saves_one_at_a_time(name: str) -> None:
+    command = f"""
+import monitor.{name}
+from numba.core.caching import IndexDataCacheFile
+assert hasattr(IndexDataCacheFile.save, "__wrapped__")
+"""
+    subprocess.run([sys.executable, "-c", command], check=True)
+
+
+def test_the_command_line_starts_without_numba() -> None:
+    command = "import sys, monitor.cli; assert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", command], check=True)
