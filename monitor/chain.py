@@ -235,7 +235,9 @@ def _reconstruct(
         clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
         agreement = assess_scans(result.surface, clouds)
         sigma_placed = assess_placement(result.surface, clouds, place.get(parts[-1]))
-        strays = None if is_averaged(place, settings.filter) else _strays(place, result.surface, parts, calibrations)
+        strays = None
+        if not is_averaged(place, settings.filter):
+            strays = _strays(place, result.surface, parts, calibrations, agreement.sigma_scan)
         surface = replace(result.surface, sigma_shared=join_shared(agreement.sigma, sigma_placed), stray_share=strays)
         found = {
             "scan_disagreement_m": agreement.sigma_scan,
@@ -251,14 +253,16 @@ def _reconstruct(
     return once_step(place, asked, make)
 
 
-def _strays(place: Place, surface: Surface, parts: tuple[Step, ...], calibrations: list[Step | None]) -> Floats:
+def _strays(
+    place: Place, surface: Surface, parts: tuple[Step, ...], calibrations: list[Step | None], disagreement: float
+) -> Floats:
     """Return the share (n,) of what was measured around each vertex that lies off the surface.
 
     Not asked of repeated scans: their raw points drift from the mean of them all.
     """
     motions = place.get(parts[-1])["T_project_given"]
     found = [calibration_of(place, step) for step in calibrations]
-    return share_of_strays(surface, raw_scans(place, parts[:-1], motions, found))
+    return share_of_strays(surface, raw_scans(place, parts[:-1], motions, found, disagreement))
 
 
 def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify: Notify) -> Step:

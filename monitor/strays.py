@@ -32,23 +32,28 @@ ANY_ANGLE = np.pi / 2  # between normals, which nothing here asks for
 
 
 class RawScan(NamedTuple):
-    """The raw points of a scan, in pieces (n, 3) [m] in the surface's frame, and one sigma of their noise [m]."""
+    """The raw points of a scan, in pieces (n, 3) [m] in the surface's frame, and one sigma [m] of what they may lie off
+    it by: their noise, and what the scans of the epoch disagree by."""
 
-    noise: float
+    sigma: float
     pieces: Iterable[Floats]
 
 
 def raw_scans(
-    place: Place, scans: Sequence[Step], motions: Sequence[Floats], calibrations: Sequence[Calibration | None]
-) -> Iterator[RawScan]:
+    place: Place, scans: Sequence[Step], motions: Sequence[Floats], calibrations: Sequence[Calibration | None],
+    disagreement: float,
+) -> Iterator[RawScan]:  # fmt: skip
     """Yield what each scan of an epoch measured within the object's extent, calibrated and where the adjustment put it.
 
     `scans` are the steps that filtered them, which know their noise; one that was skipped has none, and is left out.
-    `motions` (4, 4) are those of the adjustment, T_project_given.
+    `motions` (4, 4) are those of the adjustment, T_project_given; `disagreement` [m] is what its scans still disagree
+    by, NaN where no two overlap.
     """
+    shared = disagreement if np.isfinite(disagreement) else 0.0
     for k, (step, motion, calibration) in enumerate(zip(scans, motions, calibrations, strict=True)):
-        if np.isfinite(step.automatic.get("noise_before", np.nan)):
-            yield RawScan(float(step.automatic["noise_before"]), _pieces(place, k, motion, calibration))
+        noise = step.automatic.get("noise_before")
+        if noise is not None and np.isfinite(noise):
+            yield RawScan(float(np.hypot(noise, shared)), _pieces(place, k, motion, calibration))
 
 
 def _pieces(place: Place, index: int, motion: Floats, calibration: Calibration | None) -> Iterator[Floats]:
@@ -71,7 +76,7 @@ def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats:
     spacing = float(np.sqrt(np.median(tree.areas[tree.areas > 0.0])))
     n_on, n_off = np.zeros((2, len(surface.vertices)))
     for scan in scans:
-        off = max(OFF_SPACINGS * spacing, OFF_SIGMAS * scan.noise)
+        off = max(OFF_SPACINGS * spacing, OFF_SIGMAS * scan.sigma)
         for points in scan.pieces:
             corners, distances = nearest_vertices(tree, points, max(REACH * spacing, 2.0 * off))
             is_off = distances > off

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from monitor.cli import run as run_monitor
 from monitor.comparison import CompareSettings, compare
 from monitor.simulation.campaign import write_extent
-from monitor.strays import RawScan, share_of_strays
+from monitor.strays import RawScan, raw_scans, share_of_strays
 from projects import Project
 from projects.model import Floats, NotAssessed, Registration, Surface
 
@@ -87,6 +88,14 @@ def test_scans_add_up_each_by_its_own_noise() -> None:
     scans = [RawScan(1e-5, [above(surface, MIDDLE, np.array([0.0, 3.5e-3]))]),
              RawScan(1e-3, [above(surface, MIDDLE, np.array([0.0, 3.5e-3]))])]  # fmt: skip
     assert share_of_strays(surface, scans)[MIDDLE] == pytest.approx(0.25)
+
+
+def test_scans_may_lie_off_by_their_noise_and_by_what_they_disagree_by() -> None:
+    steps = [SimpleNamespace(automatic=known) for known in ({"noise_before": 3e-4}, {}, {"noise_before": None},
+                                                            {"noise_before": float("nan")})]  # fmt: skip
+    for disagreement, sigma in ((4e-4, 5e-4), (np.nan, 3e-4)):
+        found = raw_scans(None, steps, [np.eye(4)] * 4, [None] * 4, disagreement)
+        assert [scan.sigma for scan in found] == pytest.approx([sigma])
 
 
 def known_motion(n: int) -> Registration:
