@@ -246,6 +246,7 @@ def _reconstruct(
             "scan_patch_m": agreement.patch_size,
             "scan_patches": agreement.n_patches,
             "scan_patches_overlapping": agreement.n_overlapping,
+            "stray_share": float("nan") if strays is None else float(np.nanmean(strays)),
         }
         return Made(surface, {**result.automatic, **found}, result.counts)
 
