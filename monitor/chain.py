@@ -235,9 +235,8 @@ def _reconstruct(
         clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
         agreement = assess_scans(result.surface, clouds)
         sigma_placed = assess_placement(result.surface, clouds, place.get(parts[-1]))
-        strays = None
-        if not is_averaged(place, settings.filter):
-            strays = _strays(place, result.surface, parts, calibrations, agreement.sigma_scan)
+        averaged = is_averaged(place, settings.filter)  # whose raw points drift from the mean of them all
+        strays = None if averaged else _strays(place, result.surface, parts, calibrations, agreement.sigma_scan)
         surface = replace(result.surface, sigma_shared=join_shared(agreement.sigma, sigma_placed), stray_share=strays)
         found = {
             "scan_disagreement_m": agreement.sigma_scan,
@@ -257,10 +256,7 @@ def _reconstruct(
 def _strays(
     place: Place, surface: Surface, parts: tuple[Step, ...], calibrations: list[Step | None], disagreement: float
 ) -> Floats:
-    """Return the share (n,) of what was measured around each vertex that lies off the surface.
-
-    Not asked of repeated scans: their raw points drift from the mean of them all.
-    """
+    """Return the share (n,) of what was measured around each vertex that lies off the surface."""
     motions = place.get(parts[-1])["T_project_given"]
     found = [calibration_of(place, step) for step in calibrations]
     return share_of_strays(surface, raw_scans(place, parts[:-1], motions, found, disagreement))
