@@ -118,11 +118,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     T = registration.T_target_source if mode == "relative" else None
     shells = make_shells(reference, compared, (limit, settings.max_normal_angle), T)
     sides = measure_sides(shells, held, left)
-    largest = settings.largest_lod95 or limit
-    sides = map_sides(lambda k: drop_uncertain(sides[k], largest), larger_of(sides))
-    strays = reference.stray_share, compared.stray_share
-    sides = map_sides(lambda k: drop_scattered(sides[k], strays[k], strays[1 - k], settings.max_stray_share),
-                      larger_of(sides))  # fmt: skip
+    sides = leave_out(sides, settings.largest_lod95 or limit, settings.max_stray_share)
     require_common(sides, limit)
     if sights is not None:
         back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
@@ -253,6 +249,15 @@ def measure_sides(shells: tuple[Shell, Shell], registration: Registration, left:
     seen = on_reference.is_assessed & registration.is_stable[on_reference.foot_vertices]
     return (dataclasses.replace(on_reference, is_stable=seen),
             dataclasses.replace(on_compared, is_stable=registration.is_stable))  # fmt: skip
+
+
+def leave_out(sides: tuple[Side, Side], largest: float, most_stray: float) -> tuple[Side, Side]:
+    """Return the sides without the vertices of which nothing sure can be said; see the functions below."""
+    shares = [side.surface.stray_share for side in sides]
+    return map_sides(
+        lambda k: drop_scattered(drop_uncertain(sides[k], largest), shares[k], shares[1 - k], most_stray),
+        larger_of(sides),
+    )
 
 
 def drop_uncertain(side: Side, largest: float) -> Side:

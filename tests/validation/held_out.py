@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from monitor.comparison.detection import CORE_SHARE, level_at
-from monitor.comparison.epochs import drop_uncertain, make_shells, measure_sides
+from monitor.comparison.epochs import CompareSettings, leave_out, make_shells, measure_sides
 from monitor.comparison.evidence import Sights
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.side import Side
@@ -44,15 +44,10 @@ def measure_again(comparison: Comparison) -> tuple[Side, Side]:
     reference, moved = comparison.on_reference.surface, comparison.on_compared.surface
     limit, registration = float(comparison.statistics["search_limit_m"]), comparison.registration
     sides = measure_sides(make_shells(reference, moved, (limit, MAX_NORMAL_ANGLE)), registration)
-    return keep_assessed(sides[0], comparison, 0, limit), keep_assessed(sides[1], comparison, 1, limit)
-
-
-def keep_assessed(side: Side, comparison: Comparison, which: int, limit: float) -> Side:
-    """Return the side, less what is too uncertain; its vertices are those that the comparison assessed."""
-    told = (comparison.on_reference, comparison.on_compared)[which]
-    kept = drop_uncertain(side, limit)
-    if not np.array_equal(kept.is_assessed, told.assessment != Assessment.NOT_ASSESSABLE):
-        raise AssertionError("measured again, other vertices are assessed than in the comparison")
+    kept = leave_out(sides, limit, CompareSettings().max_stray_share)
+    for side, told in zip(kept, (comparison.on_reference, comparison.on_compared), strict=True):
+        if not np.array_equal(side.is_assessed, told.assessment != Assessment.NOT_ASSESSABLE):
+            raise AssertionError("measured again, other vertices are assessed than in the comparison")
     return kept
 
 
