@@ -255,7 +255,7 @@ def _reconstruct(
 
 def _strays(
     place: Place, surface: Surface, parts: tuple[Step, ...], calibrations: list[Step | None], disagreement: float
-) -> Floats:
+) -> Floats | None:
     """Return the share (n,) of what was measured around each vertex that lies off the surface."""
     motions = place.get(parts[-1])["T_project_given"]
     found = [calibration_of(place, step) for step in calibrations]

@@ -13,7 +13,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -63,14 +63,14 @@ def save_one_at_a_time() -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Wait until no other process is in the folder; where a system has no such locks there is no waiting."""
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
-    with (folder / "writing.lock").open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)  # let go when the file is closed, or the process ends
+    """Wait until no other process is in the folder; where a system (Windows) or a file system has no such locks, or the
+    folder is another user's, there is no waiting."""
+    with ExitStack() as held:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            file = held.enter_context((folder / "writing.lock").open("ab"))
+            fcntl.flock(file, fcntl.LOCK_EX)  # let go when the file is closed, or the process ends
         yield
 
 

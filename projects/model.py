@@ -43,7 +43,7 @@ class NotAssessed(IntEnum):
     NOT_SEEN = 5  # one epoch's scanners did not look there
     BEYOND_SEARCH = 6  # no face of the other surface at all within the search limit
     LOOKED_THROUGH = 7  # changed: a scan of the other epoch looked through it; no perpendicular
-    NO_ONE_SURFACE = 8  # most of what was measured around it, or around its foot, lies off the surface
+    NO_ONE_SURFACE = 8  # in both epochs' mean most of what was measured there lies off the surface
 
 
 class Roughness(IntEnum):

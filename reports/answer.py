@@ -39,7 +39,7 @@ WHY_NOT = {
     NotAssessed.NOT_SEEN: "the scanners of one epoch did not look there",
     NotAssessed.BEYOND_SEARCH: "the other epoch has no surface near by",
     NotAssessed.LOOKED_THROUGH: "the other epoch’s scanner looked through it, over less than a region’s area",
-    NotAssessed.NO_ONE_SURFACE: "most of the points measured there lie on no one surface (plants, spray, deep joints)",
+    NotAssessed.NO_ONE_SURFACE: "most of what was measured there lies off any one surface (plants, spray, joints)",
 }
 
 

@@ -62,7 +62,7 @@ class CompareSettings:
     )
     max_stray_share: float = setting(
         0.5, unit="", low=0.0, high=1.0,
-        meaning="not assessable where more of what was measured around a vertex, or its foot, lies off the surface",
+        meaning="not assessable where, in both epochs' mean, more of what was measured there lies off the surface",
     )  # fmt: skip
     seed: int = setting(0, unit="", low=0, meaning="of the sample of vertices that shows how errors correlate")
 
@@ -198,7 +198,13 @@ def require_settled(registration: Registration) -> Registration:
 def require_common(sides: tuple[Side, Side], limit: float) -> None:
     """Raise `ComparisonError` where no vertex of either side (reference, compared) can be assessed."""
     if not any(s.is_assessed.any() for s in sides):
-        reasons = ", ".join(f"{name} {n}" for name, n in count_reasons(sides[1].reasons).items() if n)
+        counts = count_reasons(sides[1].reasons)
+        reasons = ", ".join(f"{name} {n}" for name, n in counts.items() if n)
+        if counts["no_one_surface"] == max(counts.values()):
+            raise ComparisonError(
+                f"nothing of the compared epoch can be assessed ({reasons}): most of what was measured lies off the "
+                "surfaces, as of plants; a larger compare.max_stray_share assesses it all the same"
+            )
         raise ComparisonError(
             f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); "
             "the epochs do not overlap, or not the same side of them: check their poses and units"
@@ -268,17 +274,16 @@ def drop_uncertain(side: Side, largest: float) -> Side:
 
 
 def drop_scattered(side: Side, own: Floats | None, other: Floats | None, most: float) -> Side:
-    """Return the side without the vertices around which, or around whose feet, the points lie on no one surface.
+    """Return the side without the vertices where the points of both epochs lie on no one surface.
 
     `own` (n,) and `other` are the shares of what was measured around the vertices of either surface that lie off it,
-    `most` is the largest that is assessed. Where such shares are not known nothing is left out.
+    `most` is the largest that is assessed, in the mean of both: what is clear in one epoch and rough in the other has
+    changed. Where an epoch does not know its shares nothing is left out.
     """
-    scattered = np.zeros(len(side.areas), dtype=np.bool_)
-    if own is not None:
-        scattered |= own > most
-    if other is not None:
-        scattered |= (side.foot_vertices >= 0) & (other[side.foot_vertices] > most)
-    return side.without(scattered & side.is_assessed, NotAssessed.NO_ONE_SURFACE)
+    if own is None or other is None:
+        return side
+    scattered = side.is_assessed & (own + other[side.foot_vertices] > 2.0 * most)
+    return side.without(scattered, NotAssessed.NO_ONE_SURFACE)
 
 
 def finish_side(side: Side, found: Detection, region: Ints, change_beyond: Floats) -> ComparedSurface:

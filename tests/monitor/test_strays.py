@@ -7,12 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from monitor import strays
 from monitor.cli import run as run_monitor
 from monitor.comparison import CompareSettings, compare
 from monitor.simulation.campaign import write_extent
-from monitor.strays import RawScan, raw_scans, share_of_strays
+from monitor.strays import FINEST, N_STEPS, REACH, RawScan, raw_scans, share_of_strays, usual_sigma
 from projects import Project
-from projects.model import Floats, NotAssessed, Registration, Surface
+from projects.errors import ComparisonError
+from projects.model import Floats, NotAssessed, PointCloud, Registration, Scan, Surface
 
 SIDE, EDGE = 21, 0.01
 MIDDLE = SIDE * SIDE // 2
@@ -38,7 +40,9 @@ def around(vertex: int) -> set[int]:
 
 
 def shares(surface: Surface, points: Floats, noise: float = 1e-5) -> Floats:
-    return share_of_strays(surface, [RawScan(noise, [points])])
+    found = share_of_strays(surface, [RawScan(noise, [points])])
+    assert found is not None
+    return found
 
 
 def test_points_count_where_their_foot_is_and_for_those_two_edges_around() -> None:
@@ -65,6 +69,7 @@ def test_nearer_points_count_more_often() -> None:
     (0.24 * EDGE, 1e-5, 0.0), (0.26 * EDGE, 1e-5, 0.5), (-0.26 * EDGE, 1e-5, 0.5),
     (0.39 * EDGE, 0.1 * EDGE, 0.0), (0.41 * EDGE, 0.1 * EDGE, 0.5),  # four sigmas of noise
     (2.4 * EDGE, 1e-5, 0.5), (2.6 * EDGE, 1e-5, 0.0),  # farther it is of something else
+    (3.1 * EDGE, 0.4 * EDGE, 0.5), (3.3 * EDGE, 0.4 * EDGE, 0.0),  # than twice what is off
 ])  # fmt: skip
 def test_off_is_farther_than_a_quarter_edge_and_four_sigmas_within_reach(
     height: float, noise: float, share: float
@@ -87,7 +92,9 @@ def test_scans_add_up_each_by_its_own_noise() -> None:
     surface = plate()
     scans = [RawScan(1e-5, [above(surface, MIDDLE, np.array([0.0, 3.5e-3]))]),
              RawScan(1e-3, [above(surface, MIDDLE, np.array([0.0, 3.5e-3]))])]  # fmt: skip
-    assert share_of_strays(surface, scans)[MIDDLE] == pytest.approx(0.25)
+    share = share_of_strays(surface, scans)
+    assert share is not None
+    assert share[MIDDLE] == pytest.approx(0.25)
 
 
 def test_scans_may_lie_off_by_their_noise_and_by_what_they_disagree_by() -> None:
@@ -96,6 +103,22 @@ def test_scans_may_lie_off_by_their_noise_and_by_what_they_disagree_by() -> None
     for disagreement, sigma in ((4e-4, 5e-4), (np.nan, 3e-4)):
         found = raw_scans(None, steps, [np.eye(4)] * 4, [None] * 4, disagreement)
         assert [scan.sigma for scan in found] == pytest.approx([sigma])
+
+
+def test_points_are_corrected_in_range_then_posed_then_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    pose, motion = np.eye(4), np.eye(4)
+    pose[:3, :3], pose[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1.0, 2.0, 3.0]
+    motion[:3, :3], motion[:3, 3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [0.1, 0.0, 0.0]
+    scan = Scan("a", PointCloud(np.array([[1.0, 0.0, 0.0]])), pose)
+    twice = lambda scan, _: replace(scan, cloud=replace(scan.cloud, points=2.0 * scan.cloud.points))  # noqa: E731
+    monkeypatch.setattr(strays, "iterate_within", lambda *_: [(1, scan)])
+    monkeypatch.setattr(strays, "correct_range", twice)
+    place = SimpleNamespace(project=None, object_id="", epoch_id="")
+    step = SimpleNamespace(automatic={"noise_before": 3e-4})
+    for calibration, x in ((None, 1.0), ("some", 2.0)):
+        (found,) = raw_scans(place, [step], [motion], [calibration], np.nan)
+        # posed (1, 2 + x, 3); moved: y and z are turned
+        np.testing.assert_allclose(np.vstack(list(found.pieces)), [[1.1, -3.0, 2.0 + x]])
 
 
 def known_motion(n: int) -> Registration:
@@ -119,23 +142,71 @@ def at(vertex: int, share: float) -> Floats:
     return out
 
 
-@pytest.mark.parametrize("which", [0, 1])
-def test_where_most_lies_off_one_surface_neither_side_is_assessed(which: int) -> None:
-    vertex, nothing = MIDDLE + 3, np.zeros(SIDE * SIDE)
-    found = compared(*((at(vertex, 0.51), nothing) if which == 0 else (nothing, at(vertex, 0.51))))
-    for side in (found.on_reference, found.on_compared):
-        assert np.flatnonzero(side.reasons == NotAssessed.NO_ONE_SURFACE).tolist() == [vertex]
-        assert np.isnan(side.distances[vertex])
-        assert side.assessment[vertex] == 0
-    assert found.statistics["not_assessed"]["no_one_surface"] == 1
-
-
-def test_up_to_the_limit_and_where_nothing_was_counted_all_is_assessed() -> None:
+@pytest.mark.parametrize(("own", "other", "most", "is_left_out"), [
+    (0.9, 0.12, 0.5, True), (0.12, 0.9, 0.5, True), (0.9, 0.08, 0.5, False), (0.08, 0.9, 0.5, False),
+    (0.9, 0.9, 1.0, False), (0.9, None, 0.5, False), (None, 0.9, 0.5, False), (0.9, np.nan, 0.5, False),
+])  # fmt: skip
+def test_where_most_lies_off_both_surfaces_neither_side_is_assessed(
+    own: float | None, other: float | None, most: float, is_left_out: bool
+) -> None:
     vertex = MIDDLE + 3
-    for own, most in ((at(vertex, 0.5), 0.5), (at(vertex, 0.9), 1.0), (at(vertex, np.nan), 0.5), (None, 0.5)):
-        found = compared(own, None, most)
-        assert not (found.on_reference.reasons == NotAssessed.NO_ONE_SURFACE).any()
-        assert found.on_reference.assessment[vertex] > 0
+    found = compared(*(None if share is None else at(vertex, share) for share in (own, other)), most)
+    for side in (found.on_reference, found.on_compared):
+        assert np.flatnonzero(side.reasons == NotAssessed.NO_ONE_SURFACE).tolist() == [vertex] * is_left_out
+        assert np.isnan(side.distances[vertex]) == is_left_out
+        assert (side.assessment[vertex] == 0) == is_left_out
+    assert found.statistics["not_assessed"]["no_one_surface"] == is_left_out
+
+
+def test_where_nothing_is_of_one_surface_the_refusal_says_so() -> None:
+    everywhere = np.full(SIDE * SIDE, 0.9)
+    with pytest.raises(ComparisonError, match=r"no_one_surface 289.*compare\.max_stray_share"):
+        compared(everywhere, everywhere)
+
+
+@pytest.mark.parametrize("is_wide", [True, False])
+def test_what_scatters_widely_is_the_materials_own_what_scatters_narrowly_is_not(
+    rng: np.random.Generator, is_wide: bool
+) -> None:
+    side, sigma, each = 120, 0.5 * EDGE, 8
+    surface = plate(side)
+    x, y = surface.vertices[:, :2].T
+    way = np.hypot(x, y)
+    is_dark = x < 0.0 if is_wide else way < 5.0 * EDGE
+    inner = x < -30.0 * EDGE if is_wide else way < 2.0 * EDGE
+    beside = rng.uniform(-0.4, 0.4, (each * side**2, 2)) * EDGE
+    heights = rng.normal(size=each * side**2) * np.repeat(np.where(is_dark, sigma, 0.01 * EDGE), each)
+    share = shares(surface, np.repeat(surface.vertices, each, axis=0) + np.c_[beside, heights])
+    assert np.nanmax(share[(x > 15.0 * EDGE)]) == 0.0
+    if is_wide:
+        assert np.mean(share[inner]) < 1e-3  # beyond four sigmas, as they are there
+    else:
+        assert np.mean(share[inner]) == pytest.approx(0.617, abs=0.03)  # beyond half a sigma, which is a quarter edge
+
+
+def test_what_is_usual_is_told_by_the_median_of_the_blocks_around() -> None:
+    surface = plate(60)
+    x = surface.vertices[:, 0]
+    distances = np.where(x < 0.0, 1e-3, 4e-3)
+    found = usual_sigma(surface.vertices, [(np.arange(len(x)), distances, 0.0)], EDGE)
+    step = (2.0 * REACH / FINEST) ** (1.0 / (N_STEPS - 1))  # its distances are told in steps
+    assert np.all(found[x < -0.15] >= 1.4826e-3)
+    assert np.all(found[x < -0.15] <= 1.4826e-3 * step)
+    assert np.all(found[x > 0.15] >= 4 * 1.4826e-3)
+    assert np.all(found[x > 0.15] <= 4 * 1.4826e-3 * step)
+
+
+def test_feet_on_invented_faces_do_not_count() -> None:
+    surface = plate()
+    points = above(surface, MIDDLE, np.array([0.0, 8e-3]))
+    is_invented = np.zeros(len(surface.faces), bool)
+    is_invented[(surface.faces == MIDDLE).any(axis=1)] = True
+    assert np.isfinite(shares(surface, points)).any()
+    assert not np.isfinite(shares(replace(surface, face_invented=is_invented), points)).any()
+
+
+def test_without_a_scan_nothing_is_known() -> None:
+    assert share_of_strays(plate(), []) is None
 
 
 def wall_with_ivy(rng: np.random.Generator, *, is_level: bool = False) -> Floats:
