@@ -68,7 +68,7 @@ def _pieces(place: Place, index: int, motion: Floats, calibration: Calibration |
 
 def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats | None:
     """Return the share (n,) float32 of the points around each vertex that lie off the surface; NaN where no point is,
-    None without a scan.
+    None where none is anywhere.
 
     Points count at the vertex next to their foot, and for those one and two edges from it: twice summed over each
     vertex and its neighbours, so that nearer ones count more often. Few points a vertex show little by themselves.
@@ -76,7 +76,8 @@ def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats | None
 
     Off is what is farther than a quarter of the spacing of the vertices (root of the median area of one; finer shapes
     the surface cannot hold), than four sigmas of its scan, and than four sigmas of all points within some 24 spacings,
-    by their median distance: dark material, far parts and fine relief scatter more, but over more than a joint.
+    by their median distance: dark material, far parts and fine relief scatter more, but over more than a joint. So
+    plants that make up most of such a block (wider than some 40 spacings) pass for material, too.
     """
     low, high = box_of(surface.vertices)
     tree = build_tree(surface, 0.5 * (low + high), ANY_ANGLE)
@@ -88,7 +89,8 @@ def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats | None
         for points in scan.pieces:
             corners, distances = nearest_vertices(tree, points, max(REACH * spacing, 2.0 * off), is_invented)
             known = corners >= 0
-            pieces.append((corners[known], distances[known], off))
+            if known.any():
+                pieces.append((corners[known], distances[known], off))
     if not pieces:
         return None
     usual = OFF_SIGMAS * usual_sigma(surface.vertices, pieces, spacing)

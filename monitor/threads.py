@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from monitor.kernel_cache import save_one_at_a_time
 
-save_one_at_a_time()  # here, where each package that has kernels comes by, and numba is loaded anyway
+save_one_at_a_time()  # numba is loaded here anyway; packages with kernels that do not come by call it themselves
 
 Given = ParamSpec("Given")
 Made = TypeVar("Made")

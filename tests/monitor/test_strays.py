@@ -202,11 +202,12 @@ def test_feet_on_invented_faces_do_not_count() -> None:
     is_invented = np.zeros(len(surface.faces), bool)
     is_invented[(surface.faces == MIDDLE).any(axis=1)] = True
     assert np.isfinite(shares(surface, points)).any()
-    assert not np.isfinite(shares(replace(surface, face_invented=is_invented), points)).any()
+    assert share_of_strays(replace(surface, face_invented=is_invented), [RawScan(1e-5, [points])]) is None
 
 
 def test_without_a_scan_nothing_is_known() -> None:
     assert share_of_strays(plate(), []) is None
+    assert share_of_strays(plate(), [RawScan(1e-5, [np.array([[0.0, 0.0, 1.0]])])]) is None  # a metre away
 
 
 def wall_with_ivy(rng: np.random.Generator, *, is_level: bool = False) -> Floats:
