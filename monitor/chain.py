@@ -30,7 +30,7 @@ from monitor.repeats import filter_repeats, is_averaged
 from monitor.same_survey import require_own_scans
 from monitor.scan_network import adjust_epoch, frames_between
 from monitor.scans import read_within
-from monitor.second_opinion import ask_m3c2, gather_sights
+from monitor.second_opinion import ask_m3c2, filtered, gather_sights, points_of
 from monitor.settings import Settings, as_mapping
 from monitor.setups import join_setups
 from monitor.strays import raw_scans, share_of_strays
@@ -105,14 +105,15 @@ def compare_epochs(
         notify(f"{compared_id}: comparing with {reference_id}")
         sights = gather_sights(earlier), gather_sights(place)
         frames = tied.about(motion.centre) if tied is not None else None
-        found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames)
+        found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames,
+                        points=lambda: (points_of(filtered(earlier)), points_of(filtered(place))))  # fmt: skip
         if len(found.regions):  # what moved as a whole shows as regions of change
             parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.region > 0)
             found = tell_moved(found, parts, compared.vertices)
-        clouds = [p.project.latest(p.object_id, p.epoch_id, "filtered") for p in (earlier, place)]
-        if clouds[0] is None or clouds[1] is None:  # a finished mesh has no points
+        clouds = filtered(earlier), filtered(place)
+        if clouds[0] is None or clouds[1] is None:
             return Made(found, start)
-        return Made(found, {**start, "m3c2": ask_m3c2(found, earlier.get(clouds[0]), place.get(clouds[1]))})
+        return Made(found, {**start, "m3c2": ask_m3c2(found, clouds[0], clouds[1])})
 
     asked = Asked(comparison_product(reference_id), "comparison", parameters, (before, after))
     return once_step(place, asked, make)

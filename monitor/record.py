@@ -26,7 +26,7 @@ METHOD = {
     "surface": 21,
     "mesh": 6,
     "quality": 2,
-    "comparison": 25,
+    "comparison": 26,
     "series": 1,
 }
 

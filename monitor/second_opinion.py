@@ -46,6 +46,17 @@ def _points(place: Place, index: int, pose: Floats) -> Iterator[Floats]:
         yield apply(pose, chunk.cloud.points)
 
 
+def filtered(place: Place) -> PointCloud | None:
+    """Return the points that an epoch's surface was made of, in the epoch's coordinates; None for a finished mesh."""
+    step = place.project.latest(place.object_id, place.epoch_id, "filtered")
+    return None if step is None else place.get(step)
+
+
+def points_of(cloud: PointCloud | None) -> Floats | None:
+    """Return the points (n, 3) [m] of a cloud, where there is one."""
+    return None if cloud is None else cloud.points
+
+
 def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud) -> dict[str, Any]:
     """Return what M3C2 says of the filtered points of both epochs, each in its own coordinates, at some vertices.
 

@@ -39,7 +39,7 @@ class NotAssessed(IntEnum):
     NO_FACE = 1  # the other surface comes within the search limit, but no face of it there looks the same way
     FREE_EDGE = 2  # the foot of the perpendicular falls on a boundary of the other surface
     SHEET_BETWEEN = 3  # the perpendicular crosses another sheet first
-    TOO_UNCERTAIN = 4  # the level of detection cannot be stated or exceeds its limit
+    TOO_UNCERTAIN = 4  # no level of detection, one above its limit, or the points do not bear the difference out
     NOT_SEEN = 5  # one epoch's scanners did not look there
     BEYOND_SEARCH = 6  # no face of the other surface at all within the search limit
     LOOKED_THROUGH = 7  # changed: a scan of the other epoch looked through it; no perpendicular

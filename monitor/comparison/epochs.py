@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.boxes import box_of
+from monitor.comparison.borne_out import Points, keep_borne_out
 from monitor.comparison.detection import Detection, detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import look_beyond
 from monitor.comparison.evidence import Sights, look_through
 from monitor.comparison.region_shapes import describe_shapes
-from monitor.comparison.regions import find_regions, least_beyond
+from monitor.comparison.regions import area_looked_through, find_regions, least_area, least_beyond
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
@@ -35,7 +36,7 @@ from projects.model import (
     Registration,
     Surface,
 )
-from projects.transforms import require_rigid
+from projects.transforms import apply, require_rigid
 
 MODES = ("relative", "absolute")
 
@@ -72,7 +73,8 @@ class CompareSettings:
 
 def compare(reference: Surface, compared: Surface, registration: Registration | None = None,
             settings: CompareSettings | None = None, mode: str = "relative", tolerance: float | None = None,
-            sights: Sights | None = None, *, frames: Floats | None = None) -> Comparison:  # fmt: skip
+            sights: Sights | None = None, *, frames: Floats | None = None,
+            points: Points | None = None) -> Comparison:  # fmt: skip
     """Compare two epochs of an object and say what has changed, how much and how sure.
 
     Parameters
@@ -89,6 +91,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         them a missing surface is a loss only where a scan of the compared epoch looked through it, and not seen
         elsewhere; left out, only what has a counterpart is changed. They also tell how steeply each place was seen,
         which its level of detection knows where the stations of both epochs are known.
+    points : returns the points (n, 3) m that the reference and the compared surface were made of, each in its own
+        epoch's coordinates, None for a finished mesh; asked where regions were found. With them a region is one only
+        where what was measured shows it, in both epochs, and not what a surface makes up between its points.
 
     Returns
     -------
@@ -116,7 +121,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     left = registration if mode == "absolute" else None
     registration, held = hold_frames(registration, frames, mode)
     T = registration.T_target_source if mode == "relative" else None
-    shells = make_shells(reference, compared, (limit, settings.max_normal_angle), T)
+    limits = limit, settings.max_normal_angle
+    shells = make_shells(reference, compared, limits, T)
     sides = measure_sides(shells, held, left)
     sides = leave_out(sides, settings.largest_lod95 or limit, settings.max_stray_share)
     require_common(sides, limit)
@@ -129,6 +135,11 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
     regions, numbers = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
+    if points is not None and len(regions):
+        gone = area_looked_through(sides, beyond, numbers, len(regions) + 1)[1:] >= least_area(sides, found)
+        before, after = points()
+        clouds = before, after if after is None or T is None else apply(T, after)
+        regions, numbers, sides = keep_borne_out(regions, numbers, sides, clouds, limits, gone)
     on_reference, on_compared = map_sides(
         lambda k: finish_side(sides[k], found.sides[k], numbers[k], beyond.change[k]), larger_of(sides)
     )

@@ -87,7 +87,11 @@ def keep_significant(table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tup
     """
     assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
     n_places = np.maximum(assessed / table["area_m2"].to_numpy(dtype=float), 1.0)
-    kept = np.flatnonzero(is_gone | ~(2.0 * norm.sf(z) * n_places > level))
+    return keep_regions(table, regions, np.flatnonzero(is_gone | ~(2.0 * norm.sf(z) * n_places > level)))
+
+
+def keep_regions(table: pd.DataFrame, regions: tuple[Ints, Ints], kept: Ints) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:
+    """Return the rows `kept` of the table, numbered anew, and the region of each vertex of both sides."""
     number = np.zeros(len(table) + 1, dtype=np.int32)
     number[kept + 1] = np.arange(1, len(kept) + 1)
     table = table.iloc[kept].reset_index(drop=True)

@@ -1,0 +1,173 @@
+"""Regions that the measured points bear out: between its points a surface is a guess, and a guess is no change.
+
+In: regions found on two surfaces, and the points that these were made of. Out: the regions whose change the points of
+both epochs show. Where points are sparse and hold relief between them, fits carry a surface past it that no vertex
+knows to be wrong; the points around the gap lie on the other epoch's surface all the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import cKDTree
+
+from monitor.boxes import box_of
+from monitor.comparison.distances import distances_to_shell
+from monitor.comparison.enclosure import SIGNS
+from monitor.comparison.regions import keep_regions
+from monitor.comparison.shell import make_shell
+from monitor.comparison.side import Side
+from monitor.comparison.stars import Neighbours
+from monitor.reconstruction.bow import bow_at
+from projects.model import Bools, Floats, Ints, NotAssessed, Surface
+
+Points = Callable[[], tuple[Floats | None, Floats | None]]  # (n, 3) m of each epoch, in its own coordinates
+LEAST_SHOWN = 0.5  # of the change told at the vertices: points that show less lie nearer to no change at all
+RINGS = 3  # of vertices around those that are asked for, so that no foot lies at the end of what was cut out
+NEAREST = 2.0  # spacings of the vertices: a point farther from all of a region's vertices is not of it
+
+
+def keep_borne_out(
+    table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tuple[Side, Side],
+    points: tuple[Floats | None, Floats | None], limits: tuple[float, float], is_gone: Bools,
+) -> tuple[pd.DataFrame, tuple[Ints, Ints], tuple[Side, Side]]:  # fmt: skip
+    """Return the regions that the points of both epochs bear out, and the sides without the vertices of the others.
+
+    Parameters
+    ----------
+    table, regions : of r regions, as `find_regions` returns them.
+    points : (n, 3) m of the reference and of the compared epoch, in the reference's coordinates. An epoch that has
+        none, as a finished mesh, is not asked.
+    limits : m and rad, the search limit and the largest angle between normals.
+    is_gone : (r,) what was looked through, which needs no surface to be told.
+    """
+    is_borne_out = np.ones(len(table) + 1, dtype=np.bool_)
+    for k in (0, 1):
+        own = points[k]
+        if own is not None:
+            is_borne_out &= points_show(sides, regions, k, own, limits, len(table))
+    is_borne_out[1:] |= is_gone
+    if is_borne_out.all():
+        return table, regions, sides
+    a, b = (s.without(s.is_assessed & ~is_borne_out[r], NotAssessed.TOO_UNCERTAIN)
+            for s, r in zip(sides, regions, strict=True))  # fmt: skip
+    return *keep_regions(table, regions, np.flatnonzero(is_borne_out[1:])), (a, b)
+
+
+def points_show(
+    sides: tuple[Side, Side], regions: tuple[Ints, Ints], k: int, points: Floats, limits: tuple[float, float], n: int
+) -> Bools:
+    """Return which of the regions 1 to `n` the points (m, 3) m of side `k` show; entry 0, of no region, is true.
+
+    Each point's own change m, its perpendicular distance to the other side, is held against the change c told of the
+    vertex next to it: the points show the share b of it that makes sum |m - b c| least, the median of m / c weighted by
+    |c|, which a stray point does not move. A region that holds no point of this epoch is not shown; of one whose points
+    have no foot, or that has no vertex here, this epoch says nothing.
+    """
+    side, other = sides[k], sides[1 - k]
+    label, claim = told_at(side, other, regions[k], regions[1 - k])
+    out = np.ones(n + 1, dtype=np.bool_)
+    which, vertex = points_next_to(side, label, points)
+    is_told, has_points = (np.bincount(numbers, minlength=n + 1) > 0 for numbers in (label, label[vertex]))
+    out[1:] = ~is_told[1:] | has_points[1:]
+    if not len(which):
+        return out
+    around = spread_rings(other.neighbours, _asked_of(side, label, regions[1 - k]), RINGS)
+    change = SIGNS[k] * distances_to_part(points[which], side.normals[vertex], other.surface, around, limits)
+    out &= ~(shares_shown(change, claim[vertex], label[vertex], n + 1) < LEAST_SHOWN)
+    return out
+
+
+def shares_shown(change: Floats, told: Floats, label: Ints, n: int) -> Floats:
+    """Return which share (n,) of the change `told` (m,) [m] the `change` (m,) of points with each label comes to; NaN
+    where none has both."""
+    out, known = np.full(n, np.nan), np.isfinite(change) & (told != 0.0)
+    ratio, weight, label = change[known] / told[known], np.abs(told[known]), label[known]
+    order = np.lexsort((ratio, label))
+    ratio, weight, label = ratio[order], weight[order], label[order]
+    for here in np.split(np.arange(len(label)), np.flatnonzero(np.diff(label)) + 1):
+        if len(here):
+            below = np.cumsum(weight[here])
+            out[label[here[0]]] = ratio[here[np.searchsorted(below, 0.5 * below[-1])]]
+    return out
+
+
+def told_at(side: Side, other: Side, own: Ints, others: Ints) -> tuple[Ints, Floats]:
+    """Return the region (n,) that each vertex of a side is told to lie in, 0 for none, and the change (n,) [m] told.
+
+    Of a vertex in no region on its own side it is what the other side tells, whose foot is next to it.
+    """
+    label, claim = np.zeros(len(own), dtype=np.int64), np.zeros(len(own))
+    there = np.flatnonzero((others > 0) & other.is_assessed & (other.foot_vertices >= 0))
+    label[other.foot_vertices[there]], claim[other.foot_vertices[there]] = others[there], other.distances[there]
+    here = np.flatnonzero((own > 0) & side.is_assessed)
+    label[here], claim[here] = own[here], side.distances[here]
+    return label, claim
+
+
+def points_next_to(side: Side, label: Ints, points: Floats) -> tuple[Ints, Ints]:
+    """Return which of the points (m, 3) lie next to a labelled vertex, nearer than to any other, and to which one."""
+    is_near = spread_rings(side.neighbours, label > 0, 1)
+    near = np.flatnonzero(is_near)
+    nothing = np.empty(0, dtype=np.int64)
+    if not len(near):
+        return nothing, nothing
+    vertices, reach = side.surface.vertices[near], NEAREST * float(np.sqrt(np.median(side.areas)))
+    low, high = vertices.min(axis=0) - reach, vertices.max(axis=0) + reach
+    inside = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    _, nearest = cKDTree(vertices).query(points[inside], distance_upper_bound=reach, workers=2)
+    found = nearest < len(near)
+    which, vertex = inside[found], near[nearest[found]]
+    is_told = label[vertex] > 0
+    return which[is_told], vertex[is_told]
+
+
+def _asked_of(side: Side, label: Ints, others: Ints) -> Bools:
+    """Return which vertices of the other side lie in a region or under a vertex that is labelled here."""
+    out = others > 0
+    feet = side.foot_vertices[label > 0]
+    out[feet[feet >= 0]] = True
+    return np.asarray(out)
+
+
+def spread_rings(neighbours: Neighbours, marked: Bools, n_rings: int) -> Bools:
+    """Return the marked vertices (n,) and those up to `n_rings` edges away from one."""
+    degrees = np.diff(neighbours.starts)
+    for _ in range(n_rings):
+        beside = np.repeat(marked, degrees)
+        marked = marked.copy()
+        marked[neighbours.vertices[beside]] = True
+    return marked
+
+
+def distances_to_part(
+    points: Floats, normals: Floats, surface: Surface, part: Bools, limits: tuple[float, float]
+) -> Floats:
+    """Return the perpendicular distance (m,) [m] of points to the part of a surface whose vertices are in `part` (n,);
+    NaN where it has no foot there. The surface bends as its normals say, as where sides are measured."""
+    cut = cut_out(surface, part)
+    if not len(cut.faces):
+        return np.full(len(points), np.nan)
+    low, high = box_of(cut.vertices)
+    shell = make_shell(cut, 0.5 * (low + high), limits)
+    feet = distances_to_shell(Surface(vertices=points, faces=np.empty((0, 3), dtype=np.int32)), normals, shell)
+    distances = feet.distances - bow_at(cut, feet.faces, feet.weights)
+    return np.where(feet.reasons == NotAssessed.ASSESSED, distances, np.nan)
+
+
+def cut_out(surface: Surface, part: Bools) -> Surface:
+    """Return the faces of a surface whose three vertices are in `part` (n,), with what their shape is told by."""
+    is_in = part[surface.faces].all(axis=1)
+    used, faces = np.unique(surface.faces[is_in], return_inverse=True)
+
+    def of(values: Any, which: Any) -> Any:
+        return None if values is None else values[which]
+
+    return Surface(
+        vertices=surface.vertices[used], faces=faces.reshape(-1, 3), normals=of(surface.normals, used),
+        sigma=of(surface.sigma, used), is_crest=of(surface.is_crest, used),
+        face_invented=of(surface.face_invented, is_in),
+    )  # fmt: skip

@@ -1,0 +1,118 @@
+"""A region is one where the measured points show it: bumps of which the points of either epoch know, or do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from monitor.comparison import compare
+from monitor.comparison.borne_out import shares_shown
+from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
+
+SIDE, EDGE, HIGH, WIDE = 91, 2e-3, 2e-3, 0.016  # m: of the sheets; of the bump, its height and its radius
+MIDDLE = 0.5 * (SIDE - 1) * EDGE
+
+
+def bump(places: np.ndarray) -> np.ndarray:
+    r2 = np.sum((places[:, :2] - MIDDLE) ** 2, axis=1) / WIDE**2
+    return HIGH * np.clip(1.0 - r2, 0.0, None)
+
+
+def grid(n: int, edge: float) -> np.ndarray:
+    x, y = np.divmod(np.arange(n * n), n)
+    return np.c_[edge * x, edge * y, np.zeros(n * n)]
+
+
+def sheet(rng: np.random.Generator, height: float) -> Surface:
+    """Return a sheet with a bump of so many times `HIGH`."""
+    i = np.arange((SIDE - 1) * SIDE).reshape(SIDE - 1, SIDE)[:, :-1].ravel()
+    vertices = grid(SIDE, EDGE)
+    vertices[:, 2] = height * bump(vertices) + rng.normal(0.0, 5e-5, len(vertices))
+    faces = np.vstack([np.c_[i, i + SIDE, i + 1], np.c_[i + 1, i + SIDE, i + SIDE + 1]])
+    return Surface(vertices, faces, sigma=np.full(len(vertices), 5e-5))
+
+
+def points(rng: np.random.Generator, height: float, sigma: float = 2e-4, hole: float = 0.0) -> np.ndarray:
+    """Return what was measured, a point a square of 2.8 mm, none within `hole` (m) of the middle."""
+    out = grid(64, 2.8e-3) + rng.normal(0.0, 3e-4, (64 * 64, 3)) * [1, 1, 0]
+    out[:, 2] = height * bump(out) + rng.normal(0.0, sigma, len(out))
+    return out[np.linalg.norm(out[:, :2] - MIDDLE, axis=1) >= hole]
+
+
+MOTION = np.array([[1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, -0.2], [0.0, 0.0, 1.0, 0.3], [0.0, 0.0, 0.0, 1.0]])
+
+
+def compared_with(rng: np.random.Generator, clouds: tuple[np.ndarray | None, np.ndarray | None]) -> Comparison:
+    """Compare a flat sheet with one that has a bump 2 mm high; the latter and its points lie elsewhere."""
+    flat, bumpy = sheet(rng, 0.0), sheet(rng, 1.0)
+    away = Surface(bumpy.vertices - MOTION[:3, 3], bumpy.faces, sigma=bumpy.sigma)
+    known = Registration(MOTION, np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                         is_stable=np.ones(len(flat.vertices), dtype=bool))  # fmt: skip
+    before, after = clouds
+    after = None if after is None else after - MOTION[:3, 3]
+    return compare(flat, away, known, points=lambda: (before, after))
+
+
+def test_a_bump_that_the_points_of_both_epochs_show_is_a_region(rng: np.random.Generator) -> None:
+    found = compared_with(rng, (points(rng, 0.0), points(rng, 1.0)))
+    assert list(found.regions["kind"]) == ["added"]
+    truth = np.pi * WIDE**2 * HIGH / 2.0
+    assert found.regions["volume_m3"][0] == pytest.approx(truth, rel=0.05)
+
+
+@pytest.mark.parametrize(("case", "clouds"), [
+    ("the points around lie on the reference", (0.0, 0.0, 0.0)),
+    ("they show a third of it", (0.0, 1.0 / 3.0, 0.0)),
+    ("no point of the later epoch lies there", (0.0, 1.0, 1.1 * WIDE)),
+    ("the earlier epoch's points show the bump too", (1.0, 1.0, 0.0)),
+])  # fmt: skip
+def test_a_bump_that_the_points_do_not_show_is_no_region_and_not_assessed(
+    rng: np.random.Generator, case: str, clouds: tuple[float, float, float]
+) -> None:
+    before, after, hole = clouds
+    found = compared_with(rng, (points(rng, before), points(rng, after, hole=hole)))
+    assert not len(found.regions), case
+    for side in (found.on_reference, found.on_compared):
+        there = np.linalg.norm(side.surface.vertices[:, :2] - MIDDLE, axis=1) < 0.7 * WIDE
+        assert (side.assessment[there] == Assessment.NOT_ASSESSABLE).all()
+        assert (side.reasons[there] == NotAssessed.TOO_UNCERTAIN).all()
+        assert np.isnan(side.distances[there]).all()
+        assert not side.region.any()
+        assert (side.assessment == Assessment.UNCHANGED).mean() > 0.88
+    assert found.statistics["n_changed"] == 0
+
+
+def test_two_thirds_of_a_bump_bear_it_out(rng: np.random.Generator) -> None:
+    assert len(compared_with(rng, (points(rng, 0.0), points(rng, 2.0 / 3.0))).regions) == 1
+
+
+def test_an_epoch_without_points_is_not_asked(rng: np.random.Generator) -> None:
+    assert len(compared_with(rng, (None, points(rng, 1.0))).regions) == 1
+    assert len(compared_with(rng, (None, None)).regions) == 1
+    assert not len(compared_with(rng, (None, points(rng, 0.0))).regions)
+
+
+def test_stray_points_do_not_decide(rng: np.random.Generator) -> None:
+    after = points(rng, 1.0)
+    inside = np.flatnonzero(np.linalg.norm(after[:, :2] - MIDDLE, axis=1) < WIDE)
+    strays = rng.choice(inside, len(inside) // 5, replace=False)
+    after[strays, 2] -= 3e-3
+    assert len(compared_with(rng, (points(rng, 0.0), after)).regions) == 1
+
+
+def test_points_are_not_asked_for_where_nothing_has_changed(rng: np.random.Generator) -> None:
+    def ask() -> tuple[None, None]:
+        raise AssertionError("asked")
+
+    known = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0)
+    found = compare(sheet(rng, 0.0), sheet(rng, 0.0), known, points=ask)
+    assert not len(found.regions)
+
+
+def test_the_share_shown_is_the_weighted_median_of_each_region() -> None:
+    told = np.array([1.0, 2.0, 3.0, -2.0, -2.0, 0.0, 1.0])
+    change = np.array([1.0, 0.2, 2.4, -1.0, np.nan, 5.0, 9.0])  # ratios 1, 0.1, 0.8; 0.5; none
+    label = np.array([2, 2, 2, 1, 1, 1, 4])
+    shares = shares_shown(change, told, label, 6)
+    assert shares[[1, 2, 4]] == pytest.approx([0.5, 0.8, 9.0])  # half of the weight 6 lies below 0.8 and above
+    assert np.isnan(shares[[0, 3, 5]]).all()
