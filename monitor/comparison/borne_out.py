@@ -27,7 +27,7 @@ from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 Points = Callable[[], tuple[Floats | None, Floats | None]]  # (n, 3) m of each epoch, in its own coordinates
 LEAST_SHOWN = 0.5  # of the change told at the vertices: points that show less lie nearer to no change at all
 RINGS = 3  # of vertices around those that are asked for, so that no foot lies at the end of what was cut out
-NEAREST = 2.0  # spacings of the vertices: a point farther from all of a region's vertices is not of it
+FARTHEST_BESIDE = 2.0  # spacings of the vertices: a point farther along the surface from its vertex is beside it
 
 
 def keep_borne_out(
@@ -70,7 +70,7 @@ def points_show(
     side, other = sides[k], sides[1 - k]
     label, claim = told_at(side, other, regions[k], regions[1 - k])
     out = np.ones(n + 1, dtype=np.bool_)
-    which, vertex = points_next_to(side, label, points)
+    which, vertex = points_next_to(side, label, points, limits[0])
     is_told, has_points = (np.bincount(numbers, minlength=n + 1) > 0 for numbers in (label, label[vertex]))
     out[1:] = ~is_told[1:] | has_points[1:]
     if not len(which):
@@ -108,21 +108,30 @@ def told_at(side: Side, other: Side, own: Ints, others: Ints) -> tuple[Ints, Flo
     return label, claim
 
 
-def points_next_to(side: Side, label: Ints, points: Floats) -> tuple[Ints, Ints]:
-    """Return which of the points (m, 3) lie next to a labelled vertex, nearer than to any other, and to which one."""
-    is_near = spread_rings(side.neighbours, label > 0, 1)
-    near = np.flatnonzero(is_near)
+def points_next_to(side: Side, label: Ints, points: Floats, limit: float) -> tuple[Ints, Ints]:
+    """Return which of the points (m, 3) lie over a labelled vertex, nearer to it than to any other, and over which.
+
+    Over it is what lies within `limit` [m] of it, and not beside the surface, which may end there.
+    """
+    is_told, vertices = label > 0, side.surface.vertices
+    low, high = (f(vertices[is_told], axis=0, initial=i) for f, i in ((np.min, np.inf), (np.max, -np.inf)))
+    near = np.flatnonzero(is_within(vertices, low - 2.0 * limit, high + 2.0 * limit))
+    which = np.flatnonzero(is_within(points, low - limit, high + limit))
     nothing = np.empty(0, dtype=np.int64)
-    if not len(near):
+    if not (len(near) and len(which)):
         return nothing, nothing
-    vertices, reach = side.surface.vertices[near], NEAREST * float(np.sqrt(np.median(side.areas)))
-    low, high = vertices.min(axis=0) - reach, vertices.max(axis=0) + reach
-    inside = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
-    _, nearest = cKDTree(vertices).query(points[inside], distance_upper_bound=reach, workers=2)
+    _, nearest = cKDTree(vertices[near]).query(points[which], distance_upper_bound=limit, workers=2)
     found = nearest < len(near)
-    which, vertex = inside[found], near[nearest[found]]
-    is_told = label[vertex] > 0
-    return which[is_told], vertex[is_told]
+    which, vertex = which[found], near[nearest[found]]
+    away, normal = points[which] - vertices[vertex], side.normals[vertex]
+    beside = np.linalg.norm(away - np.einsum("ij,ij->i", away, normal)[:, None] * normal, axis=1)
+    is_over = is_told[vertex] & (beside < FARTHEST_BESIDE * np.sqrt(np.median(side.areas)))
+    return which[is_over], vertex[is_over]
+
+
+def is_within(points: Floats, low: Floats, high: Floats) -> Bools:
+    """Return which points (n, 3) lie in a box."""
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
 def _asked_of(side: Side, label: Ints, others: Ints) -> Bools:

@@ -10,6 +10,7 @@ from monitor.comparison.borne_out import shares_shown
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
 SIDE, EDGE, HIGH, WIDE = 91, 2e-3, 2e-3, 0.016  # m: of the sheets; of the bump, its height and its radius
+THICK = 5e-3  # m, of a plate
 MIDDLE = 0.5 * (SIDE - 1) * EDGE
 
 
@@ -98,6 +99,19 @@ def test_stray_points_do_not_decide(rng: np.random.Generator) -> None:
     strays = rng.choice(inside, len(inside) // 5, replace=False)
     after[strays, 2] -= 3e-3
     assert len(compared_with(rng, (points(rng, 0.0), after)).regions) == 1
+
+
+def test_points_of_the_back_of_a_plate_say_nothing_of_its_front(rng: np.random.Generator) -> None:
+    def both(surface: Surface) -> Surface:
+        back = surface.vertices * [1, 1, 0] - [0, 0, THICK]
+        faces = np.vstack([surface.faces, surface.faces[:, ::-1] + SIDE**2])
+        return Surface(np.vstack([surface.vertices, back]), faces, sigma=np.full(2 * SIDE**2, 5e-5))
+
+    before, after, on_back = points(rng, 0.0), points(rng, 1.0), grid(150, 1.2e-3) - [0, 0, THICK]
+    known = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0)
+    clouds = tuple(np.vstack([cloud, on_back]) for cloud in (before, after))
+    found = compare(both(sheet(rng, 0.0)), both(sheet(rng, 1.0)), known, points=lambda: (clouds[0], clouds[1]))
+    assert list(found.regions["kind"]) == ["added"]
 
 
 def test_points_are_not_asked_for_where_nothing_has_changed(rng: np.random.Generator) -> None:
