@@ -13,6 +13,7 @@ from typing import Any
 
 from projects.errors import MonitorError, StoreError
 from projects.model import Step
+from projects.products import GIVEN
 from projects.provenance import step_id, versions
 from projects.store import Project
 
@@ -77,6 +78,12 @@ def latest_step(place: Place, product: str) -> Step:
     """Return the present step of a product, or say what to do."""
     place.project.epoch(place.object_id, place.epoch_id)
     step = place.project.latest(place.object_id, place.epoch_id, product)
+    if step is None and product in GIVEN:
+        raise StoreError(
+            f"what was added as epoch {place.epoch_id} of object {place.object_id} is missing or was cut off; "
+            f"monitor verify {place.project.path} names the file: restore it from a copy, or remove the epoch and add "
+            "it again from its files"
+        )
     if step is None:
         raise StoreError(
             f"epoch {place.epoch_id} of object {place.object_id} has no {product} yet; run: "

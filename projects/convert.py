@@ -149,7 +149,7 @@ def surface_from_pyvista(mesh: pyvista.PolyData) -> Surface:
     """Return a surface from a `pyvista.PolyData` (metres); polygons are triangulated, known point data goes along."""
     triangles = mesh if mesh.is_all_triangles else mesh.triangulate()
     return Surface(
-        vertices=np.array(triangles.points, dtype=np.float64), faces=np.array(triangles.regular_faces),
+        vertices=np.array(triangles.points, dtype=np.float64), faces=np.array(triangles.regular_faces).reshape(-1, 3),
         **_point_data(triangles, Surface),
     )  # fmt: skip
 

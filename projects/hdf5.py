@@ -5,9 +5,11 @@ Every array is chunked, shuffled, deflated (gzip, which every HDF5 program reads
 
 from __future__ import annotations
 
+import io
 import os
+import re
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +24,48 @@ LIBRARY_BOUNDS = ("v110", "v110")  # checksummed metadata; readable by every HDF
 FILTERS = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
 
 
+class NewFile(io.FileIO):
+    """A file as HDF5 writes it. Its first `error` is kept, and what comes after it is taken for written.
+
+    HDF5 cannot stand an error of the disk: its handles stay open, and the process crashes as it ends.
+    """
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of the data, or keep why not; return how many bytes they are."""
+        left = memoryview(data).cast("B")
+        n_bytes = len(left)
+        try:
+            while self.error is None and len(left):
+                left = left[super().write(left) :]
+        except OSError as error:
+            self.error = error
+        return n_bytes
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cut or extend the file, or keep why not; return its size."""
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+            return size or 0
+
+
 @contextmanager
 def create_file(path: Path, userblock_size: int = 0) -> Iterator[h5py.File]:
     """Yield a new HDF5 file to write, closed afterwards; raises `OSError` where the disk is full or fails."""
-    file = h5py.File(path, "w", libver=LIBRARY_BOUNDS, locking=False, userblock_size=userblock_size)
-    try:
-        yield file
-        file.flush()
-        file.close()
-    except BaseException as error:
-        with suppress(OSError, RuntimeError):  # what could not be written cannot be flushed either
-            file.close()
-        if type(error) is RuntimeError:  # HDF5 says so where a file cannot be extended
+    with NewFile(path, "w+") as disk:
+        try:
+            with h5py.File(disk, "w", libver=LIBRARY_BOUNDS, userblock_size=userblock_size) as file:
+                yield file
+        except RuntimeError as error:  # HDF5 says so where it cannot read what the disk did not take
+            if type(error) is not RuntimeError:
+                raise
             raise OSError(in_one_line(error)) from error
-        raise
+        finally:
+            if disk.error is not None:
+                raise disk.error
 
 
 @contextmanager
@@ -58,6 +88,9 @@ def in_one_line(error: BaseException) -> str:
     """Return why a file could not be read or written, without HDF5's own lines of addresses and times."""
     if isinstance(error, OSError) and error.errno:
         return os.strerror(error.errno)
+    told = re.search(r"errno = (\d+)", str(error))
+    if told:
+        return os.strerror(int(told[1]))
     return (str(error).splitlines() or [type(error).__name__])[0][:200]
 
 

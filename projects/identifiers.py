@@ -90,11 +90,19 @@ def product_file(object_id: str, epoch_id: str, product: str, step_id: str) -> P
 
     Every part is checked here, whoever called: none can hold a separator or a leading dot, so the path stays inside.
     """
-    require_id(object_id, "object")
-    require_id(epoch_id, "epoch")
     split_product(product)
     require_step_id(step_id)
-    return object_folder(object_id) / _folder(epoch_id) / f"{product}-{step_id}.h5"
+    return epoch_folder(object_id, epoch_id) / f"{product}-{step_id}.h5"
+
+
+def product_of_file(name: str) -> tuple[str, str | None]:
+    """Return (kind, reference id or None) of the product that a file of this name holds."""
+    return split_product(name.removesuffix(".h5").rpartition("-")[0])
+
+
+def epoch_folder(object_id: str, epoch_id: str) -> PurePosixPath:
+    """Return the folder of an epoch relative to the project folder."""
+    return object_folder(object_id) / _folder(require_id(epoch_id, "epoch"))
 
 
 def object_folder(object_id: str) -> PurePosixPath:

@@ -5,6 +5,7 @@ The lock is a file because shared folders know files; a lock whose process is go
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import socket
@@ -23,6 +24,7 @@ from projects.provenance import now
 
 LOCK_NAME = "project.lock"
 CLOCK_TOLERANCE = 5.0  # s; a process's start is computed from the boot time, which a clock correction moves
+UNFINISHED = 60.0  # s, after which a lock that is still empty is of a process that ended while it made it
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,15 @@ def is_stale(owner: Owner) -> bool:
         return False
 
 
+def is_unfinished(path: Path) -> bool:
+    """Return whether a lock has long been empty: its process ended between making and writing it."""
+    try:
+        found = path.stat()
+    except OSError:
+        return False
+    return found.st_size == 0 and time.time() - found.st_mtime > UNFINISHED
+
+
 class Lock:
     """The lock of one open project: re-entrant for its thread, waiting a little for another."""
 
@@ -113,7 +124,7 @@ class Lock:
             if self._place(me):
                 return me
             found = read_owner(self.path)
-            if found is not None and is_stale(found):
+            if found is not None and (is_stale(found) or is_unfinished(self.path)):
                 self._remove_stale(found)
             elif found is not None and time.monotonic() >= deadline:
                 raise StoreError(
@@ -127,7 +138,7 @@ class Lock:
         """Return whether the lock file could be made; it appears whole, by a hard link, where links exist."""
         draft = self.path.with_name(f"{LOCK_NAME}.{me.token}")
         try:
-            draft.write_text(json.dumps(asdict(me)), encoding="utf-8")
+            self._write(draft, me)
             os.link(draft, self.path)
         except FileExistsError:
             return False
@@ -135,24 +146,33 @@ class Lock:
             if self.path.parent.is_dir():
                 return False
             raise StoreError(f"{self.path.parent}: the project folder is gone") from None
-        except OSError as error:
-            return self._place_without_links(me, error)
+        except OSError:
+            return self._place_without_links(me)
         finally:
             with suppress(OSError):
                 draft.unlink(missing_ok=True)
         return True
 
-    def _place_without_links(self, me: Owner, error: OSError) -> bool:
+    def _place_without_links(self, me: Owner) -> bool:
         try:
-            with open(self.path, "x", encoding="utf-8") as stream:
-                stream.write(json.dumps(asdict(me)))
+            self._write(self.path, me)
         except FileExistsError:
             return False
-        except OSError:
-            raise StoreError(
-                f"{self.path.parent} cannot be written ({error.strerror}); check its permissions"
-            ) from error
         return True
+
+    def _write(self, path: Path, me: Owner) -> None:
+        """Write who holds the lock to a new file; none is left, and `StoreError` raised, where that is not possible."""
+        try:
+            with open(path, "x", encoding="utf-8") as stream:
+                stream.write(json.dumps(asdict(me)))
+        except (FileExistsError, FileNotFoundError):
+            raise
+        except OSError as error:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+            is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+            advice = "make room on its disk" if is_full else "check its permissions"
+            raise StoreError(f"{path.parent} cannot be written ({error.strerror}); {advice}") from error
 
     def _remove_stale(self, stale: Owner) -> None:
         """Remove the lock of a process that is gone, unless another has replaced it in the meantime."""

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from projects.errors import ShapeError
+from projects.errors import ParameterError, ShapeError
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
@@ -54,16 +54,44 @@ class Roughness(IntEnum):
     ROUGH = 2
 
 
+REQUIRED = ("points", "vertices", "faces")
+
+
+def require_noun(value: Any, what: str, *nouns: type) -> None:
+    """Raise `ParameterError` where the value, which stands for `what`, is none of the nouns."""
+    if not isinstance(value, nouns):
+        names = " or ".join(noun.__name__ for noun in nouns)
+        raise ParameterError(f"{what} is a {type(value).__name__}; a {names} is needed")
+
+
 def _array(value: ArrayLike | None, name: str, shape: tuple[int | None, ...], kind: Any) -> Any:
     """Return `value` as an array of `shape` (None: any length) and dtype `kind`, or raise `ShapeError`."""
+    if value is None and name in REQUIRED:
+        raise ShapeError(f"{name} is None; an array is needed")
     if value is None:
         return None
-    array = np.asarray(value, dtype=kind)
+    array = _numbers(value, name, np.dtype(kind))
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
     if not fits:
         wanted = "(" + ", ".join("n" if s is None else str(s) for s in shape) + ")"
         raise ShapeError(f"{name} has shape {array.shape}; {wanted} is needed")
     return array
+
+
+def _numbers(value: ArrayLike, name: str, kind: np.dtype[Any]) -> Any:
+    """Return `value` as an array of `kind`; raise `ShapeError` where it is no numbers or would not be the same ones."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "biufO" and given.size:
+            raise TypeError
+        if kind.kind in "iu" and given.dtype != kind and given.size:
+            limits, numbers = np.iinfo(kind), np.asarray(given, dtype=None if given.dtype.kind in "biuf" else float)
+            is_whole = numbers.dtype.kind != "f" or bool((numbers == np.floor(numbers)).all())
+            if not is_whole or numbers.min() < limits.min or numbers.max() > limits.max:
+                raise ShapeError(f"{name} holds other than whole numbers from {limits.min} to {limits.max}")
+        return np.asarray(given, dtype=kind)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ShapeError(f"{name} is not an array of numbers") from error
 
 
 @dataclass(frozen=True)

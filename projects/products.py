@@ -23,6 +23,7 @@ from projects.records import from_json, to_json
 
 FORMAT = "heritage-monitor product"
 CONTENT = "content"
+GIVEN = ("raw", "mesh")  # products that nothing makes anew: what was measured, or given as a finished mesh
 
 
 def write_product(root: Path, epoch: EpochRecord, write: Callable[[h5py.File], Step]) -> ProductEntry:
@@ -96,13 +97,11 @@ def require_file(root: Path, entry: ProductEntry, what: str) -> Path:
     if not path.resolve().is_relative_to(root.resolve()):
         raise StoreError(f"{what}: {entry.file} leads out of the project; it is refused")
     if not path.is_file():
-        raise StoreError(
-            f"{what}: the file {path} is missing; restore it from a copy, or make it anew with: monitor process"
-        )
+        raise StoreError(f"{what}: the file {path} is missing; {_advice(entry, False)}")
     if path.stat().st_size != entry.n_bytes:
         raise StoreError(
             f"{what}: {path} has {path.stat().st_size} bytes instead of {entry.n_bytes}; it was cut off or changed: "
-            "restore it from a copy, or make it anew with: monitor process"
+            f"{_advice(entry, False)}"
         )
     return path
 
@@ -111,7 +110,11 @@ def require_bytes(root: Path, entry: ProductEntry, what: str) -> None:
     """Raise `StoreError` where the file's SHA-256 is not the one that the index holds."""
     path = require_file(root, entry, what)
     if hash_file(path) != entry.sha256:
-        raise StoreError(
-            f"{what}: the bytes of {path} were changed; restore it from a copy, or delete it and make it anew with: "
-            "monitor process"
-        )
+        raise StoreError(f"{what}: the bytes of {path} were changed; {_advice(entry, True)}")
+
+
+def _advice(entry: ProductEntry, has_its_size: bool) -> str:
+    """Return what to do about a product's file that is not as it was written; one of its size passes for whole."""
+    if entry.step.product in GIVEN:
+        return "restore it from a copy, or take the epoch out and add it again from its files: monitor remove-epoch"
+    return f"restore it from a copy, or {'delete it and ' if has_its_size else ''}make it anew with: monitor process"

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import h5py
@@ -19,12 +19,13 @@ from projects.atomic import PARTIAL, clear_partial, draft, make_folder, place
 from projects.elements import read_element, write_element
 from projects.errors import ParameterError, StoreError
 from projects.extent import Extent
-from projects.identifiers import require_new_id, require_step_id, split_product
+from projects.identifiers import epoch_folder, product_of_file, require_new_id, require_step_id, split_product
 from projects.index import (
     EpochEntry,
     Index,
     ObjectEntry,
     ProductEntry,
+    all_products,
     find_epoch,
     find_object,
     find_product,
@@ -154,8 +155,11 @@ class Project:
                 clear_partial(self.path)
             yield
 
-    def _commit(self, index: Index) -> None:
-        """Replace the index, atomically and durably: the one instant at which a change happens."""
+    def _commit(self, index: Index, made: ProductEntry | None = None) -> None:
+        """Replace the index, atomically and durably: the one instant at which a change happens.
+
+        Where the disk does not take it the file of the product that was to be entered is taken back.
+        """
         try:
             with draft(self.path) as path:
                 write_index(path, index)
@@ -164,6 +168,9 @@ class Project:
                 place(path, self.path / INDEX_NAME)
             self._index = (_seen(self.path / INDEX_NAME), written)
         except OSError as error:
+            if made is not None and made.file not in {entry.file for _, entry in all_products(self.index())}:
+                with suppress(OSError):
+                    (self.path / made.file).unlink()
             why = hdf5.in_one_line(error)
             raise StoreError(f"{self.path}: the index could not be written ({why}); nothing was entered") from error
 
@@ -197,15 +204,32 @@ class Project:
                 entry = write_product(self.path, record, lambda f: _write_content(f, step, mesh))
                 record = replace(record, is_mesh=True)
             epoch = EpochEntry(record, {entry.step.product: entry})
-            self._commit(with_epoch(self.index(), epoch))
+            self._commit(with_epoch(self.index(), epoch), entry)
         return record
 
     def remove_epoch(self, object_id: str, epoch_id: str, *, purge: bool = False) -> None:
-        """Take an epoch out of the index, with the comparisons made from it; `purge` also deletes its files."""
+        """Take an epoch out of the index, with the comparisons made from it; `purge` also deletes its files.
+
+        An epoch that was taken out before can still be purged. What other epochs left on disk stays there.
+        """
         with self.writing():
-            self._commit(without_epoch(self.index(), self.epoch(object_id, epoch_id)))
+            before = self.index()
+            if not (purge and self._has_left(object_id, epoch_id)):
+                self._commit(without_epoch(before, self.epoch(object_id, epoch_id)))
             if purge:
-                self.purge(object_id)
+                taken_out = {entry.file for _, entry in all_products(before)}  # those that are named now are kept
+                own = epoch_folder(object_id, epoch_id)
+
+                def is_of_it(name: str) -> bool:
+                    path = PurePosixPath(name)
+                    return name in taken_out or path.parent == own or product_of_file(path.name)[1] == epoch_id
+
+                delete_unnamed(self.path, self.index(), object_id, is_of_it)
+
+    def _has_left(self, object_id: str, epoch_id: str) -> bool:
+        """Return whether an epoch is out of the index and its files are still there."""
+        is_known = epoch_id in find_object(self.index(), object_id).epochs
+        return not is_known and any((self.path / epoch_folder(object_id, epoch_id)).glob("*.h5"))
 
     def purge(self, object_id: str | None = None) -> list[Path]:
         """Delete the product files that the index does not name, of one object or of all; return what was deleted."""
@@ -234,7 +258,7 @@ class Project:
                 # its file is about to be replaced: first no longer claim the old bytes
                 self._commit(without_product(self.index(), epoch.record, step.product))
             entry = write_product(self.path, epoch.record, lambda f: _write_content(f, step, noun))
-            self._commit(with_product(self.index(), epoch.record, entry))
+            self._commit(with_product(self.index(), epoch.record, entry), entry)
         return entry.step
 
     # contents

@@ -12,7 +12,7 @@ from projects.errors import MonitorError
 from projects.identifiers import PRODUCT_FILE_PATTERN, object_folder
 from projects.index import Index, all_products
 from projects.index_file import INDEX_NAME, read_index
-from projects.lock import LOCK_NAME, is_stale, read_owner
+from projects.lock import LOCK_NAME, is_stale, is_unfinished, read_owner
 from projects.products import open_product, require_bytes, stored_step
 from projects.records import to_json
 
@@ -48,7 +48,7 @@ def verify_project(path: Path, progress: Callable[[str, int], None] | None = Non
     try:
         index = read_index(path / INDEX_NAME)
     except MonitorError as error:
-        return VerifyReport((Finding(ERROR, INDEX_NAME, str(error)),), 0, 0)
+        return VerifyReport((Finding(ERROR, INDEX_NAME, str(error)),), 1, 0)
     findings: list[Finding] = []
     products = all_products(index)
     for epoch, entry in products:
@@ -79,13 +79,13 @@ def _unnamed(root: Path, index: Index) -> Iterator[Finding]:
 def _judge(path: Path, name: str) -> Finding:
     if name == LOCK_NAME:
         owner = read_owner(path)
-        if owner is not None and is_stale(owner):
+        if owner is not None and (is_stale(owner) or is_unfinished(path)):
             return Finding(WARNING, name, "was left by a process that is gone; the next writer removes it")
         return Finding(NOTE, name, "the project is being written now")
     if name.startswith((f"{PARTIAL}/", f"{LOCK_NAME}.")):
         return Finding(WARNING, name, "was left by an interrupted writer; the next writer removes it")
     if _is_product_file(name):
-        return Finding(NOTE, name, "is of a removed epoch or was made anew since; purge deletes it")
+        return Finding(NOTE, name, "is of a removed epoch (remove-epoch --purge deletes it) or was made anew since")
     return Finding(WARNING, name, "is not part of the project")
 
 
@@ -94,17 +94,21 @@ def _is_product_file(name: str) -> bool:
     return len(parts) == 4 and parts[0] == "objects" and bool(PRODUCT_FILE_PATTERN.fullmatch(parts[3]))
 
 
-def delete_unnamed(root: Path, index: Index, object_id: str | None) -> list[Path]:
+def delete_unnamed(
+    root: Path, index: Index, object_id: str | None, is_meant: Callable[[str], bool] = lambda name: True
+) -> list[Path]:
     """Delete product files that the index does not name, and folders that are empty then; return the files.
 
-    Only what this program wrote goes: files of other names, and links, are left where they are.
+    Of an object or of all, those whose names, relative to the project, are meant. Only what this program wrote goes:
+    files of other names, and links, are left where they are.
     """
     named = {entry.file for _, entry in all_products(index)}
     folder = root / "objects" if object_id is None else root / object_folder(object_id)
     deleted = []
     for path in sorted(folder.rglob("*.h5")):
         name = path.relative_to(root).as_posix()
-        if name not in named and _is_product_file(name) and not path.is_symlink() and _is_inside(path, root):
+        is_ours = _is_product_file(name) and not path.is_symlink() and _is_inside(path, root)
+        if is_ours and name not in named and is_meant(name):
             path.unlink()
             deleted.append(path)
     for path in sorted(folder.rglob("*"), reverse=True):

@@ -5,12 +5,16 @@ Exit codes: 0, 2 for a user's error (one clear line on stderr), 1 for ours, 130 
 
 from __future__ import annotations
 
+import errno
 import sys
 import warnings
 from collections.abc import Sequence
 
 from monitor.cli.app import app
 from projects.errors import MonitorError
+
+INTERRUPTED = 130
+FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -27,8 +31,7 @@ def run(arguments: list[str], debug: bool = False) -> int:
     try:
         code = app(arguments, prog_name="monitor", standalone_mode=False)
     except KeyboardInterrupt:
-        _complain("interrupted; what was finished is kept, and the same command goes on from there")
-        return 130
+        code = INTERRUPTED
     except MonitorError as error:
         if debug:
             raise
@@ -36,6 +39,8 @@ def run(arguments: list[str], debug: bool = False) -> int:
         return 2
     except Exception as error:  # noqa: BLE001 - the last place that can turn it into one line
         return _usage_or_ours(error, debug)
+    if code == INTERRUPTED:  # which typer makes of it, too
+        _complain("interrupted; what was finished is kept, and the same command goes on from there")
     return code if isinstance(code, int) else 0
 
 
@@ -52,6 +57,9 @@ def _usage_or_ours(error: Exception, debug: bool) -> int:
         return 2
     if debug:
         raise error
+    if isinstance(error, OSError) and error.errno in FULL:
+        _complain(f"{error.strerror}: make room on the disk; what was finished is kept, and the same command goes on")
+        return 2
     _complain(f"an error of ours, not yours: {type(error).__name__}: {error}; run again with --debug and report it")
     return 1
 

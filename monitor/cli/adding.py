@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -89,9 +90,11 @@ def _record(request: EpochRequest, unit: UnitCheck) -> EpochRecord:
 def _date(text: str) -> datetime.date:
     """Return the date of a survey."""
     try:
-        return datetime.datetime.strptime(text, "%Y-%m-%d").date()
-    except ValueError as error:
-        raise ParameterError(f"--date {text}: a date like 2026-05-31 is needed") from error
+        if re.fullmatch(r"[1-9]\d{3}-\d{2}-\d{2}", text, re.ASCII):
+            return datetime.date.fromisoformat(text)
+    except ValueError:
+        pass
+    raise ParameterError(f"--date {text}: a date like 2026-05-31 is needed")
 
 
 def _scanner(preset: str | None) -> str | None:
@@ -141,11 +144,20 @@ def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit
     return project.add_epoch(dataclasses.replace(record, sources=(source,)), (), mesh=mesh)
 
 
+def _copies(project: Project, record: EpochRecord) -> list[str]:
+    """Return what says that the epoch holds another one's scans; that it cannot be told undoes nothing."""
+    try:
+        return describe_copies(Place(project, record.object_id, record.epoch_id))
+    except StoreError as error:
+        typer.echo(f"mind: whether another epoch holds the same scans is not known: {error}", err=True)
+        return []
+
+
 def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:
     """Say what was kept, what was dropped, of how many scans the pose was found by what, what is a copy, and a date
     that has not come yet."""
     headers = project.scan_headers(record.object_id, record.epoch_id)
-    copies = describe_copies(Place(project, record.object_id, record.epoch_id))
+    copies = _copies(project, record)
     dropped: dict[str, int] = {}
     for header in headers:
         for reason, n in header.dropped.items():

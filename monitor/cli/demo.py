@@ -9,7 +9,7 @@ import typer
 from monitor.cli.adding import EpochRequest, add_epoch_to_project
 from monitor.cli.keeping import add_object_to_project, init_project
 from monitor.cli.progress import show_progress
-from monitor.cli.results import export_results, write_reports
+from monitor.cli.results import export_results, make_folder, write_reports
 from monitor.cli.working import compare_object, process_project
 from monitor.simulation import DemoCampaign, write_demo_campaign
 from projects.errors import ParameterError
@@ -24,9 +24,13 @@ def run_demo(out: Path) -> Path:
     A demo that was interrupted goes on where it stopped; one that is complete is only reported again.
     """
     _require_own_folder(out)
+    make_folder(out / "scans")
     with show_progress() as notify:
         notify("scanning a carved figure in two epochs (simulated)")
-        campaign = write_demo_campaign(out / "scans")
+        try:
+            campaign = write_demo_campaign(out / "scans")
+        except OSError as error:
+            raise ParameterError(f"--out {out}: the scans cannot be written ({error.strerror})") from error
     project = out / "project"
     _fill_project(project, campaign)
     process_project(project, None, None, None, (None, None), False)

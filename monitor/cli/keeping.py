@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from monitor.cli.units import metres_from_millimetres
-from projects.errors import StoreError
+from projects.errors import ParameterError, StoreError
 from projects.extent import read_extent
 from projects.index_file import INDEX_NAME
 from projects.model import EpochRecord, ObjectRecord
 from projects.store import Project
 from projects.verify import verify_project as verify_project_folder
 
+UNCUT = 1000  # characters a line
+
 
 def init_project(path: Path, name: str, crs: str, description: str) -> None:
     """Start a project."""
+    if crs and not re.fullmatch(r"EPSG:[0-9]+", crs, re.ASCII):
+        raise ParameterError(f"--crs {crs}: a number of the EPSG register is needed, like EPSG:31256")
     project = Project.create(path, name=name, crs=crs, description=description)
     typer.echo(f"project {project.name or path.name} started in {path}")
 
@@ -74,8 +80,12 @@ def show_status(path: Path, as_json: bool) -> None:
     if not facts:
         typer.echo(f"{path}: no object yet; add one: monitor add-object {path} OBJECT")
     console = Console()
+    if not console.is_terminal:
+        console.width = UNCUT  # a program or a file has no width to cut ids for
     for fact in facts:
-        console.print(_status_table(fact))
+        title = f"{fact['object']}  {fact['name']}" if fact["name"] else fact["object"]
+        console.print(Text(title, style="bold"))  # not markup: brackets are the user's own
+        console.print(_status_table(fact["epochs"]))
 
 
 def _object_status(project: Project, record: ObjectRecord) -> dict[str, Any]:
@@ -96,24 +106,24 @@ def _epoch_status(project: Project, epoch: EpochRecord) -> dict[str, Any]:
         "n_scans": len(headers),
         "n_points": sum(header.n_points for header in headers),
         "is_mesh": epoch.is_mesh,
-        "processed": "surface" in products,
+        "processed": project.latest(epoch.object_id, epoch.epoch_id, "surface") is not None,
         "compared_with": sorted(p.removeprefix(prefix) for p in products if p.startswith(prefix)),
     }
 
 
-def _status_table(fact: dict[str, Any]) -> Table:
+def _status_table(epochs: list[dict[str, Any]]) -> Table:
     """Return one object's epochs as a table."""
-    title = f"{fact['object']}  {fact['name']}" if fact["name"] else fact["object"]
-    table = Table(title=title, title_justify="left", title_style="bold")
+    table = Table()
     for heading in ("epoch", "date", "label"):
-        table.add_column(heading)
+        table.add_column(heading, overflow="fold")
     table.add_column("scans", justify="right")
     table.add_column("points", justify="right")
     table.add_column("surface")
-    table.add_column("compared with")
-    for e in fact["epochs"]:
+    table.add_column("compared with", overflow="fold")
+    for e in epochs:
         scans = "mesh" if e["is_mesh"] else str(e["n_scans"])
         points = "" if e["is_mesh"] else f"{e['n_points']:,}".replace(",", " ")
         surface = "made" if e["processed"] else "to do"
-        table.add_row(e["epoch"], e["date"], e["label"], scans, points, surface, ", ".join(e["compared_with"]))
+        cells = e["epoch"], e["date"], e["label"], scans, points, surface, ", ".join(e["compared_with"])
+        table.add_row(*map(Text, cells))
     return table

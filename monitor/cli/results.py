@@ -31,13 +31,13 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
         raise ParameterError(
             f"--format {formats}: {SCREEN} is the light model of one epoch; of a comparison take {', '.join(FORMATS)}"
         )
+    surfaces = [latest_step(Place(project, object_id, epoch_id), "surface") for epoch_id in epochs]
     make_folder(out)
     written: list[Path] = []
     with show_progress() as notify:
-        for epoch_id in epochs:
+        for epoch_id, made in zip(epochs, surfaces, strict=True):
             notify(f"{epoch_id}: writing the surface")
-            place = Place(project, object_id, epoch_id)
-            surface = place.get(latest_step(place, "surface"))
+            surface = project.get(object_id, epoch_id, "surface", made.step_id)
             plain = tuple(f for f in wanted if f != SCREEN)
             written += export_surface(out, object_id, epoch_id, surface, plain)
             if SCREEN in wanted:
@@ -46,6 +46,7 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
         for reference_id, compared_id in comparisons:
             notify(f"{compared_id}: writing the comparison with {reference_id}")
             step = require_comparison(project, object_id, reference_id, compared_id)
+            _mind_outdated(project, object_id, (reference_id, compared_id), step)
             comparison = project.get(object_id, compared_id, step.product, step.step_id)
             ids = (object_id, reference_id, compared_id)
             plain = tuple(f for f in wanted if f != SCREEN)
@@ -54,6 +55,18 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
     for file in written:
         typer.echo(str(file))
     return written
+
+
+def _mind_outdated(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> None:
+    """Say so where an epoch was processed again after a comparison of it."""
+    made_of = [project.latest(object_id, epoch_id, "surface") for epoch_id in pair]
+    for epoch_id, surface in zip(pair, made_of, strict=True):
+        if surface is not None and surface.step_id not in step.inputs:
+            typer.echo(
+                f"mind: {epoch_id} was processed again after {pair[0]} and {pair[1]} were compared, and the files of "
+                f"the comparison are of before; bring it up to date: monitor compare {project.path} {object_id} "
+                f"{pair[0]} {pair[1]}", err=True,
+            )  # fmt: skip
 
 
 def _export_screen(path: Path, surface: Surface) -> Path:
@@ -98,7 +111,7 @@ def _what_to_export(project: Project, object_id: str, pair: Pair) -> tuple[list[
         return [], [(project.epoch(object_id, reference).epoch_id, project.epoch(object_id, compared).epoch_id)]
     if reference:
         return [project.epoch(object_id, reference).epoch_id], []
-    epochs = [e for e in known if project.latest(object_id, e, "surface") is not None]
+    epochs = [e for e in known if "surface" in {step.product for step in project.steps(object_id, e)}]
     if not epochs:
         raise StoreError(
             f"object {object_id} has nothing to export yet; run: monitor process {project.path} {object_id}"

@@ -35,6 +35,7 @@ from projects.model import (
     NotAssessed,
     Registration,
     Surface,
+    require_noun,
 )
 from projects.transforms import apply, require_rigid
 
@@ -46,7 +47,7 @@ class CompareSettings:
     """Comparison of two surfaces in one frame."""
 
     search_limit: float | None = setting(
-        None, unit="m", low=0.0, meaning="largest change looked for; a twentieth of the smaller surface's diagonal"
+        None, unit="m", low=1e-6, meaning="largest change looked for; a twentieth of the smaller surface's diagonal"
     )
     max_normal_angle: float = setting(
         math.radians(60.0),
@@ -59,7 +60,10 @@ class CompareSettings:
         0.05, unit="", low=1e-9, high=0.5, meaning="expected share of false ones among the patches called changed"
     )
     largest_lod95: float | None = setting(
-        None, unit="m", low=0.0, meaning="a vertex with a larger level of detection is not assessable; the search limit"
+        None,
+        unit="m",
+        low=1e-6,
+        meaning="a vertex with a larger level of detection is not assessable; the search limit",
     )
     max_stray_share: float = setting(
         0.5, unit="", low=0.0, high=1.0,
@@ -112,6 +116,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if mode not in MODES:
         raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")
     require_sound(reference, compared)
+    if registration is not None:
+        require_noun(registration, "the registration", Registration)
     require_tolerance(tolerance)
     limit = settings.search_limit or search_limit(reference, compared, 0.05)
     if registration is None:
@@ -151,10 +157,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
 def require_sound(reference: Surface, compared: Surface) -> None:
     """Raise `ComparisonError` where a surface has no faces or vertices that are not finite."""
     for surface, name in ((reference, "reference"), (compared, "compared")):
-        if not isinstance(surface, Surface):
-            raise ParameterError(
-                f"the {name} surface is a {type(surface).__name__}; a Surface is needed: reconstruct(cloud)"
-            )
+        require_noun(surface, f"the {name} surface", Surface)
         if not len(surface.faces):
             raise ComparisonError(f"the {name} surface has no faces; give a sound mesh")
         if not np.isfinite(surface.vertices).all():

@@ -28,7 +28,7 @@ from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.soundness import MIN_POINTS, require_points
 from monitor.filtering.tangents import OUTLIER, fit_tangents
 from projects.errors import ParameterError
-from projects.model import Bools, Floats, Ints, PointCloud
+from projects.model import Bools, Floats, Ints, PointCloud, require_noun
 
 BLOCK = 32_768  # points whose neighbours are in memory at once; a multiple of LEAF
 N_SIZES = 14
@@ -230,6 +230,7 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
     ParameterError
         If there are fewer than 8 points, or a coordinate is not finite.
     """
+    require_noun(cloud, "what normals are estimated of", PointCloud)
     settings = settings or NormalSettings()
     require_points(cloud.points)
     order = canonical_order(cloud.points)

@@ -30,7 +30,7 @@ from monitor.filtering.silhouettes import (
 from monitor.filtering.soundness import MIN_POINTS, require_scan, without_zero_ranges
 from monitor.filtering.thinning import ThinnedPoints, ThinningSettings, target_spacings, thin
 from monitor.filtering.voxel_median import take_medians
-from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan
+from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan, require_noun
 from projects.transforms import apply, rotate
 
 
@@ -88,6 +88,7 @@ def filter_scan_with_record(
     ParameterError
         If a coordinate is not finite, or the pose is no rigid motion.
     """
+    require_noun(scan, "what is filtered", Scan)
     settings = settings or FilterSettings()
     require_scan(scan)
     is_known = bool(np.isfinite(scan.origin).all())

@@ -47,7 +47,7 @@ from monitor.reconstruction.sides import Raw, fit_own_sides
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from monitor.reconstruction.usable import mark_usable
 from projects.errors import ReconstructionError
-from projects.model import Bools, Floats, Ints, PointCloud, Surface
+from projects.model import Bools, Floats, Ints, PointCloud, Surface, require_noun
 
 FEWEST_POINTS = 50
 SLIVER = 1e-3  # of a cell: edges and heights below it are welded or dropped
@@ -137,6 +137,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     ReconstructionError
         Where the cloud has too few usable points, or no surface comes of them.
     """
+    require_noun(cloud, "what a surface is made of", PointCloud)
     settings = settings or SurfaceSettings()
     cloud = usable_samples(with_normals(cloud))
     low, high = box_of(cloud.points)

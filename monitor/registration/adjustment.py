@@ -65,7 +65,7 @@ class AdjustmentSettings:
     enabled: bool = setting(True, unit="", meaning="fit the scans of an epoch onto each other before merging them")
     n_samples: int = setting(5000, unit="", low=200, meaning="points of each scan that are matched with the others")
     search_radius: float | None = setting(
-        None, unit="m", low=0.0, meaning="how far apart scans may lie as given; ten spacings of the points"
+        None, unit="m", low=1e-6, meaning="how far apart scans may lie as given; ten spacings of the points"
     )
     max_iterations: int = setting(30, unit="", low=1, meaning="steps of the adjustment")
     seed: int = setting(0, unit="", low=0, meaning="of the samples that are matched")

@@ -15,7 +15,7 @@ from monitor.registration.matching import Matches, MatchLimits, Samples, compare
 from monitor.registration.partners import Partners
 from monitor.registration.sampling import motion_rows
 from monitor.registration.sides import Side
-from monitor.registration.weights import huber_weights, residual_sigma, tukey_weights
+from monitor.registration.weights import huber_weights, residual_sigma, rounding_of, tukey_weights
 from projects.model import Bools, Floats
 from projects.transforms import apply, perturb
 
@@ -61,7 +61,7 @@ class AlignmentRules:
 def weigh(matches: Matches, is_kept: Bools, fine: bool) -> tuple[Floats, Floats]:
     """Return robust weights (n,) and sigma (n,) [m] of the pairs; the scale is that of the pairs kept alone."""
     kept = is_kept[matches.source]
-    sigma = residual_sigma(matches.residuals, matches.causes, kept)
+    sigma = residual_sigma(matches.residuals, matches.causes, kept, rounding_of(matches.points))
     u = matches.residuals / sigma
     return np.where(kept, tukey_weights(u) if fine else huber_weights(u), 0.0), sigma
 

@@ -28,7 +28,7 @@ from monitor.registration.sides import Side, prepare_side
 from monitor.registration.stable_areas import doubt_stable, find_stable
 from monitor.threads import with_one_blas_thread
 from projects.errors import ParameterError
-from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
+from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface, require_noun
 from projects.transforms import apply, perturb
 
 N_ROUNDS_STABLE = 5
@@ -47,7 +47,7 @@ class IcpSettings:
     """Fine registration of two surfaces that lie near each other."""
 
     search_radius: float | None = setting(
-        None, unit="m", low=0.0,
+        None, unit="m", low=1e-6,
         meaning="farthest partner of a point; from the distances as given, at most a tenth of the object's diagonal",
     )  # fmt: skip
     normal_limit: float = setting(math.radians(60.0), unit="rad", low=0.01, high=math.pi / 2,
@@ -92,6 +92,8 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     ----------
     Rusinkiewicz 2019, A symmetric objective function for ICP; Chen & Medioni 1992; `papers/002`.
     """
+    require_noun(source, "the source of a registration", Surface, PointCloud)
+    require_noun(target, "the target of a registration", Surface, PointCloud)
     settings = IcpSettings() if settings is None else settings
     shift = find_centre(target)
     sides = prepare_side(source, shift), prepare_side(target, shift)

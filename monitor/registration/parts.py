@@ -52,7 +52,7 @@ class PartSettings:
     """Parts that moved rigidly."""
 
     search_radius: float | None = setting(
-        None, unit="m", low=0.0, meaning="farthest that a part is looked for; auto: a fiftieth of the object's diagonal"
+        None, unit="m", low=1e-6, meaning="farthest that a part is looked for; auto: 0.02 of the object's diagonal"
     )  # fmt: skip
     n_samples: int = setting(100_000, unit="points", low=1000, meaning="points of the source that are looked at")
 

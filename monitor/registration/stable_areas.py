@@ -13,13 +13,14 @@ import numpy as np
 
 from monitor.registration.matching import Matches
 from monitor.registration.sampling import motion_rows
-from monitor.registration.weights import residual_sigma, robust_scale
+from monitor.registration.weights import residual_sigma, robust_scale, rounding_of
 from projects.model import Bools, Floats, Ints
 
 N_TRIALS = 600
 N_PATCHES_PER_TRIAL = 8  # 0.6**8 = 1.7 %: ten of 600 trials are free of change where 40 % of the surface changed
 KEEP_SIGMAS = 3.0
 KEEP_SCATTER = 2.5  # a patch that scatters so many times more than the others has changed without moving as a whole
+LEAST_SCATTER = 0.5 * np.sqrt(2.0 / np.pi)  # of patches whose points scatter by what is stated of them: rounding
 N_ROUNDS = 20
 N_HALVINGS = 20
 MEAN_OF_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
@@ -56,7 +57,7 @@ def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
     mean = np.bincount(member, matches.residuals, n) / count
     # by deviations within patches alone, in which no motion of a patch is
     deviation = (matches.residuals - mean[member]) * np.sqrt(count / np.maximum(count - 1.0, 1.0))[member]
-    sigma = residual_sigma(deviation, matches.causes, count[member] > 1)
+    sigma = residual_sigma(deviation, matches.causes, count[member] > 1, rounding_of(matches.points))
     weighted = rows / sigma[:, None] ** 2
     one, other = np.triu_indices(6)
     information = np.empty((n, 6, 6))
@@ -152,7 +153,7 @@ def follows(patches: Patches, motion: Floats, keep: Bools) -> Bools:
     among = keep if keep.any() else np.abs(left) <= weighted_median(np.abs(left), patches.count)
     # what patches scatter beyond the noise of their points: correlated errors of the surface, common to a patch
     common2 = common_variance(left[among], patches.noise2[among])
-    usual = max(float(np.median(patches.scatter[among])), 1e-300)
+    usual = max(float(np.median(patches.scatter[among])), LEAST_SCATTER)
     stated = MEAN_OF_ABSOLUTE * np.sqrt(patches.shared2 / (patches.noise2 * patches.count))
     quiet = patches.scatter < KEEP_SCATTER * np.hypot(usual, stated)
     sigma = np.sqrt(patches.noise2 + np.maximum(common2, patches.shared2))
@@ -183,7 +184,8 @@ def doubt_stable(stable: Matches, numbers: Ints, on_faces: Bools) -> str:
     than one of them. Nor is one of a few large faces, whose points err by what their corners do, stated or not.
     """
     patches = sum_patches(stable, numbers, np.zeros(3))
-    noise2 = robust_scale(stable.residuals - patches.mean[patches.member]) ** 2
+    noise = max(robust_scale(stable.residuals - patches.mean[patches.member]), rounding_of(stable.points))
+    noise2 = noise**2
     single2 = np.maximum(stable.sigma**2, np.where(on_faces, noise2, 0.0))
     single2 = np.bincount(patches.member, single2, len(patches.count)) / patches.count
     stated2 = noise2 / patches.count + np.where(patches.shared2 > 0.0, patches.shared2, single2)

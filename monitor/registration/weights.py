@@ -16,6 +16,7 @@ HUBER = 1.345  # 95 % efficiency under normal noise
 TUKEY = 4.685  # 95 % efficiency under normal noise
 N_PER_CLASS, MOST_CLASSES = 50, 20  # residuals that tell a scale to 12 %; classes that tell how it rises
 MOST_TELLING = 10_000
+ROUNDING = 2.0**-22  # of the size of an object: twice what numbers of 32 bits are rounded to, which files hold
 LEAST_SIGMA = 0.1  # of the scale of all: one point must not outweigh a hundred
 
 
@@ -24,7 +25,7 @@ def robust_scale(residuals: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else float("nan")
 
 
-def residual_sigma(residuals: Floats, causes: Sequence[Floats], is_kept: Bools) -> Floats:
+def residual_sigma(residuals: Floats, causes: Sequence[Floats], is_kept: Bools, least: float = 1e-15) -> Floats:
     """Return one sigma (n,) [m] of each residual: what causes of uncertainty predict, by as much as residuals show.
 
     Parameters
@@ -32,6 +33,8 @@ def residual_sigma(residuals: Floats, causes: Sequence[Floats], is_kept: Bools) 
     residuals : (n,) m, about zero.
     causes : (n,) each, in any unit: the more of it, the less certain is a residual, if it matters at all.
     is_kept : (n,), the residuals that tell.
+    least : m, what no residual is known better than. Surfaces that are copies of each other miss each other by what
+        their numbers are rounded to, which is no noise: large here and nothing there.
 
     Notes
     -----
@@ -46,7 +49,12 @@ def residual_sigma(residuals: Floats, causes: Sequence[Floats], is_kept: Bools) 
     for cause in causes:
         sigma = sigma * _rise(np.abs(residuals[telling] / sigma[telling]), cause[telling], cause)
     sigma = np.maximum(sigma, LEAST_SIGMA * scale)
-    return np.asarray(sigma * max(robust_scale(residuals[is_kept] / sigma[is_kept]), 1e-6))
+    return np.maximum(sigma * max(robust_scale(residuals[is_kept] / sigma[is_kept]), 1e-6), least)
+
+
+def rounding_of(points: Floats) -> float:
+    """Return what points (n, 3) [m] of an object may be off by the rounding of their numbers [m]."""
+    return ROUNDING * float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
 
 
 def _rise(u: Floats, known: Floats, cause: Floats) -> Floats:

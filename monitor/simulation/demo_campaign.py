@@ -95,14 +95,14 @@ def write_demo_campaign(
         scene = demo_scene(carved_figure(epoch, cell=cell), T_project_figure=np.eye(4) if epoch == 1 else motion())
         stations = demo_stations(seed=seed + epoch, spacing=spacing, heading=0.15 * (epoch - 1))
         epochs.append(SurveyedEpoch(scene, stations, date))
+    truth = describe_truth(motion(), true_changes())
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    (Path(folder) / "truth.json").write_text(json.dumps(truth, indent=2) + "\n")  # first: it names the folder as ours
     written = write_campaign(folder, epochs, INSTRUMENTS[preset], box=EXTENT, seed=seed)
-    campaign = DemoCampaign(
+    return DemoCampaign(
         (written.epochs[0], written.epochs[1]), written.extent, dates, ("before the winter", "after the restoration"),
         _texts(INSTRUMENTS[preset].name), preset, motion(), true_changes(),
     )  # fmt: skip
-    truth = describe_truth(campaign.T_second_first, campaign.changes)
-    (written.extent.parent / "truth.json").write_text(json.dumps(truth, indent=2) + "\n")
-    return campaign
 
 
 def _texts(instrument: str) -> dict[str, str]:

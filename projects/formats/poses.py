@@ -86,7 +86,9 @@ def _split(text: str, where: str) -> tuple[str, list[str]]:
 def _pose_line(words: list[str], unit: float, where: str) -> PoseLine:
     """Return the pose in 16 or 19 words."""
     if bad := next((word for word in words if not is_number(word)), ""):
-        raise FormatError(f"{where}: {bad[:40]!r} is no number; decimals have a point")
+        raise FormatError(
+            f"{where}: {bad[:40]!r} is no number; decimals have a point, names with blanks stand in double quotes"
+        )
     if len(words) not in (16, 19):
         raise FormatError(
             f"{where}: {len(words)} numbers after the name; 16 are needed, or 19 with the scanner's place"

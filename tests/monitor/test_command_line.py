@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from monitor.cli import results, run
 from projects import Project
@@ -193,6 +194,11 @@ def test_verify_finds_a_changed_byte(made: Path, tmp_path: Path, capsys: pytest.
         (["process", "{project}", "--settings", "{tmp}/none.toml"], "none.toml"),
         (["process", "{project}", "--workers", "0"], "at least 1"),
         (["paint", "{project}"], "No such command"),
+        (["init", "{tmp}/new", "--crs", "nonsense"], "like EPSG:31256"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "2026-5-1", "{scan0}"], "2026-05-31"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "\uff12026-05-01", "{scan0}"], "2026-05-31"),
+        (["add-epoch", "{project}", "relief", "e3", "--date", "0001-01-01", "{scan0}"], "2026-05-31"),
+        (["demo", "--out", "{scan0}/below"], "cannot be made a folder"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_changes_nothing(
@@ -296,3 +302,95 @@ def test_a_removed_epoch_is_gone_and_its_comparison_with_it(made: Path, tmp_path
     kept = Project.open(project)
     assert [e.epoch_id for e in kept.epochs("relief")] == ["e2"]
     assert kept.latest("relief", "e2", "comparison-e1") is None
+
+
+def test_names_are_shown_as_they_are_given_whatever_brackets_they_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project, name, long = str(tmp_path / "p"), "Kopf [kopie von 1890] [/] Ende", "a" * 64
+    assert run(["init", project]) == 0
+    assert run(["add-object", project, long, "--name", name]) == 0
+    capsys.readouterr()
+    assert run(["status", project]) == 0
+    assert f"{long}  {name}" in capsys.readouterr().out  # uncut, too
+
+
+def test_an_epoch_that_is_entered_is_told_though_others_are_damaged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = tmp_path / "p"
+    assert run(["init", str(project)]) == 0
+    assert run(["add-object", str(project), "ball"]) == 0
+    for k in (1, 2):
+        file = tmp_path / f"e{k}.ply"
+        trimesh.creation.icosphere(subdivisions=3, radius=0.1 + 0.001 * k).export(file)
+        assert run(["add-epoch", str(project), "ball", f"e{k}", "--date", f"202{k}-05-01", "--mesh", str(file)]) == 0
+        if k == 1:
+            (mesh,) = (project / "objects" / "ball" / "e1").glob("mesh-*.h5")
+            with open(mesh, "r+b") as damaged:
+                damaged.seek(mesh.stat().st_size // 2)
+                damaged.write(b"damaged")
+    said = capsys.readouterr()
+    assert "epoch e2 added" in said.out
+    assert "mind: whether another epoch holds the same scans is not known" in said.err
+    assert run(["verify", str(project)]) == 2
+    said = capsys.readouterr()
+    assert "take the epoch out and add it again from its files" in said.err
+    assert "monitor process" not in said.out + said.err
+
+
+def test_what_can_no_longer_be_read_is_not_left_out_of_an_export(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = tmp_path / "copy"
+    shutil.copytree(made / "project", project)
+    (surface,) = (project / "objects" / "relief" / "e1").glob("surface-*.h5")
+    surface.unlink()
+    assert run(["export", str(project), "relief", "--out", str(tmp_path / "out")]) == 2
+    assert "epoch e1 of object relief has no surface" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert run(["status", str(project), "--json"]) == 0
+    epochs = json.loads(capsys.readouterr().out)["objects"][0]["epochs"]
+    assert [e["processed"] for e in epochs] == [False, True]
+
+
+def test_a_comparison_of_before_an_epoch_was_processed_again_is_told_so(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project, settings = tmp_path / "copy", tmp_path / "s.toml"
+    shutil.copytree(made / "project", project)
+    assert run(["export", str(project), "relief", "e1", "e2", "--out", str(tmp_path / "out")]) == 0
+    assert "mind:" not in capsys.readouterr().err
+    settings.write_text("\ufeff[surface]\ncrumb_cells = 4.0\n", encoding="utf-8")  # as some editors begin a file
+    assert run(["process", str(project), "relief", "e1", "--settings", str(settings)]) == 0
+    assert run(["export", str(project), "relief", "e1", "e2", "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().err
+    assert "mind: e1 was processed again after e1 and e2 were compared" in said
+    assert "mind: e2" not in said
+
+
+def test_epochs_are_purged_one_by_one_and_afterwards_too(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = tmp_path / "copy"
+    shutil.copytree(made / "project", project)
+    folder = project / "objects" / "relief"
+    assert run(["remove-epoch", str(project), "relief", "e1"]) == 0
+    kept = sorted(p.name for p in (folder / "e1").iterdir())
+    assert run(["remove-epoch", str(project), "relief", "e2", "--purge"]) == 0
+    assert not (folder / "e2").exists()
+    assert sorted(p.name for p in (folder / "e1").iterdir()) == kept  # it was not named
+    assert run(["remove-epoch", str(project), "relief", "e1", "--purge"]) == 0
+    assert not list(folder.iterdir())
+    capsys.readouterr()
+    assert run(["remove-epoch", str(project), "relief", "e1", "--purge"]) == 2
+    assert "no epoch" in capsys.readouterr().err
+
+
+def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupt(path: Path, as_json: bool) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("monitor.cli.keeping.show_status", interrupt)
+    assert run(["status", "anywhere"]) == 130
+    assert "interrupted; what was finished is kept" in capsys.readouterr().err

@@ -1,9 +1,11 @@
 """The demo's answer against the truth, which no survey knows: what changed, where, how much, and the motion."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from monitor.cli import demo
+from monitor.cli import demo, run
 from monitor.cli.working import compare_object, process_project
 from monitor.simulation import DemoCampaign, TrueChange, write_demo_campaign
 from projects import Comparison, Project
@@ -66,3 +68,14 @@ def test_little_of_the_unchanged_surface_is_called_changed(answer: tuple[DemoCam
     print(f"\n{called:.3%} of the unchanged surface called changed; "
           f"{unknown:.1%} not assessable; lod95 {1e3 * np.nanmedian(side.lod95):.2f} mm")  # fmt: skip
     assert called < 0.01
+
+
+def test_a_demo_that_was_interrupted_while_it_scanned_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("monitor.simulation.demo_campaign.write_campaign", interrupt)
+    for _ in range(2):
+        assert run(["demo", "--out", str(tmp_path / "demo")]) == 130
+    (tmp_path / "mine" / "scans").mkdir(parents=True)
+    assert run(["demo", "--out", str(tmp_path / "mine")]) == 2

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 from bumpy_body import NOISE, move, noisy_cloud, unit
 
 from monitor.registration import IcpSettings, register
@@ -168,3 +169,30 @@ def test_a_copy_of_itself_is_registered_with_a_covariance_that_can_be_used(rng: 
     assert np.abs(found.T_target_source - np.eye(4)).max() < 1e-9
     assert np.isfinite(found.covariance).all()
     assert np.linalg.eigvalsh(found.covariance).min() >= 0.0
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+@pytest.mark.parametrize("subdivisions", [4, 6])
+def test_a_mesh_put_elsewhere_is_registered_though_it_misses_itself_by_nothing(
+    subdivisions: int, kind: type[np.floating]
+) -> None:
+    """What copies miss each other by is what their numbers are rounded to: large here, nothing there, and no noise."""
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.1)
+    v = ball.vertices
+    v = v * (1 + 0.2 * np.sin(30 * v[:, 0]) * np.cos(25 * v[:, 1]) + v[:, 2])[:, None]
+    away = apply(M, v)
+    there = [Surface(x.astype(kind).astype(float), ball.faces) for x in (v, away)]
+    registration = register(there[1], there[0])
+    assert registration.converged, registration.reason
+    assert not registration.doubt
+    assert registration.stable_share > 0.99
+    assert np.abs(apply(registration.T_target_source, away) - v).max() < 1e-6
+    assert np.isfinite(registration.covariance).all()
+
+
+def test_what_is_no_surface_and_no_cloud_is_refused_by_name() -> None:
+    cloud = PointCloud(np.zeros((20, 3)))
+    with pytest.raises(ParameterError, match="the target of a registration is a NoneType; a Surface or PointCloud is"):
+        register(cloud, None)
+    with pytest.raises(ParameterError, match="the source of a registration is a ndarray"):
+        register(np.zeros((20, 3)), cloud)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import errno
+import io
 import json
 import multiprocessing
 import os
 import shutil
 import socket
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -466,6 +471,92 @@ def test_epoch_of_the_same_scans_keeps_what_was_made_from_them(project, tmp_path
     project.remove_epoch("stove", "twin1", purge=True)
     assert project.get("stove", "twin2", "cloud")["x"].tolist() == [0, 1, 2]
     assert project.verify().findings == ()
+
+
+def test_purge_takes_what_was_made_from_the_epoch_and_nothing_else(project, tmp_path, rng):
+    for key in ("E2", "E3"):
+        project.add_epoch(epoch(key), [example_stream(tmp_path, rng, name=key)])
+    for compared, reference in (("E2", "E1"), ("E3", "E1"), ("E3", "E2")):
+        project.put("stove", compared, example_step(f"comparison-{reference}"), {"x": np.arange(3)})
+    project.remove_epoch("stove", "E2")
+    project.remove_epoch("stove", "E1", purge=True)
+    left = sorted(str(p.relative_to(project.path / "objects/stove")) for p in project.path.glob("objects/stove/*/*.h5"))
+    assert [name.rpartition("-")[0] for name in left] == ["E2/raw", "E3/comparison-E2", "E3/raw"]
+    project.remove_epoch("stove", "E2", purge=True)
+    assert [p.parent.name for p in project.path.glob("objects/stove/*/*.h5")] == ["E3"]
+    assert findings(project) == []
+    with pytest.raises(StoreError, match="has no epoch 'E2'"):
+        project.remove_epoch("stove", "E2", purge=True)
+
+
+# full disks
+
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from projects import hdf5
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+for n in (30_000, 15_000, 6_000):
+    try:
+        with hdf5.create_file(Path(sys.argv[1])) as file:
+            hdf5.write_array(file, "a", np.random.default_rng(0).random(n))
+            hdf5.write_array(file, "b", np.arange(5))
+    except OSError as error:
+        print(n, hdf5.in_one_line(error))
+    else:
+        print(n, "written")
+"""
+
+
+def test_a_full_disk_is_an_error_and_no_crash(tmp_path):
+    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "x.h5")]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert found.stdout.splitlines() == ["30000 File too large", "15000 File too large", "6000 written"]
+
+
+def test_a_product_is_taken_back_where_the_index_cannot_be_written(project, rng, monkeypatch):
+    before = snapshot(project.path)
+
+    def full(path, index):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("projects.store.write_index", full)
+    with pytest.raises(StoreError, match=r"index could not be written \(No space left on device\)"):
+        project.put("stove", "E1", example_step(), example_surface(rng))
+    assert snapshot(project.path) == before
+
+
+def test_a_full_disk_leaves_no_lock(project, monkeypatch):
+    class Full(io.StringIO):
+        def write(self, text):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def open_full(path, mode, encoding):
+        Path(path).touch(exist_ok=False)
+        return Full()
+
+    monkeypatch.setattr("projects.lock.open", open_full, raising=False)
+    with pytest.raises(StoreError, match=r"No space left on device.*make room"), project.writing():
+        pass
+    monkeypatch.undo()
+    assert not list(project.path.glob(f"{LOCK_NAME}*"))
+    with project.writing():
+        pass
+
+
+def test_an_empty_lock_is_taken_over_once_it_is_old(project, monkeypatch):
+    lock = project.path / LOCK_NAME
+    lock.touch()
+    monkeypatch.setattr("projects.store.LOCK_WAIT", 0.1)
+    with pytest.raises(StoreError, match="is being written"), project.writing():
+        pass
+    os.utime(lock, (time.time() - 100.0,) * 2)
+    assert {(f.severity, f.path) for f in project.verify().findings} == {("warning", LOCK_NAME)}
+    with project.writing():
+        pass
+    assert not lock.exists()
 
 
 # two writers
