@@ -24,7 +24,7 @@ METHOD = {
     "targets": 1,
     "network": 14,
     "filtered": 6,
-    "surface": 21,
+    "surface": 22,
     "mesh": 6,
     "quality": 2,
     "comparison": 26,

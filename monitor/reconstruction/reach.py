@@ -224,7 +224,6 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     misfit2 = np.where(is_fourth, FOURTH_LEFT2 * misfit2, misfit2)
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     misfit = np.sqrt(np.where(is_flat, flat_misfit2, misfit2))
-    second2 = np.nan_to_num(second2)
     third2 = np.where(np.isfinite(third2), third2, second2 / ladder.radii[curved] ** 2)
     whole, second, third = np.sqrt(whole2), np.sqrt(second2), np.sqrt(third2)
     reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), whole, second, third)

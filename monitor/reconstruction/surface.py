@@ -6,9 +6,10 @@ each vertex. After Nothegger, "Improving completeness of geometric models from t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -171,10 +172,11 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     if settings.method == "localized":
         automatic["screening_cells"] = screening
     counts = {"points_used": len(cloud), "faces_raw": len(faces)}
-    faces = trim(vertices, faces, finest, settings.trim_cells * cell_used)
+    near = partial(trim, samples=finest, farthest=settings.trim_cells * cell_used)
+    faces = near(vertices, faces)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
     stated = None if cloud.sigma is None else Stated(samples, cloud.sigma)
-    settled = settle(vertices, faces, (summed_up, ladder, stated), cell_used, settings, counts, automatic)
+    settled = settle(vertices, faces, (summed_up, ladder, stated), cell_used, settings, near, counts, automatic)
     n_measured = len(settled.faces)
     projection, faces = invent(settled.projection, settled.faces, ALONG_HOLES * cell_used, settings, counts)
     marks = {
@@ -239,9 +241,12 @@ class Settled(NamedTuple):
 
 def settle(
     vertices: Floats, faces: Ints, measured: tuple[Samples, Ladder, Stated | None], cell: float,
-    settings: SurfaceSettings, counts: dict[str, int], automatic: dict[str, Any],
+    settings: SurfaceSettings, near: Callable[[Floats, Ints], Ints], counts: dict[str, int], automatic: dict[str, Any],
 ) -> Settled:  # fmt: skip
-    """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties."""
+    """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties.
+
+    `near` returns the faces that end near enough to the samples, which vertices may leave on their way.
+    """
     faces = weld(vertices, faces, SLIVER * cell)
     used, faces = compact(len(vertices), faces)
     vertices = vertices.take(used, axis=0)
@@ -255,6 +260,9 @@ def settle(
     beside[faces[between]] = True
     faces = keep_faces(faces, ~between)
     projection, doubtful = hold_back(vertices, projection, faces, counts)
+    before = len(faces)
+    faces = near(projection.vertices, faces)
+    counts["faces_untouched_by_samples"] += before - len(faces)
     doubtful[short_edges(projection.vertices, faces, SLIVER * cell)] = True  # faces that welding changes
     before = len(faces)
     faces = clean(projection.vertices, faces, cell, settings.crumb_cells)
