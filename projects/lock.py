@@ -162,14 +162,17 @@ class Lock:
 
     def _write(self, path: Path, me: Owner) -> None:
         """Write who holds the lock to a new file; none is left, and `StoreError` raised, where that is not possible."""
+        is_ours = False
         try:
             with open(path, "x", encoding="utf-8") as stream:
+                is_ours = True
                 stream.write(json.dumps(asdict(me)))
         except (FileExistsError, FileNotFoundError):
             raise
         except OSError as error:
             with suppress(OSError):
-                path.unlink(missing_ok=True)
+                if is_ours:
+                    path.unlink()
             is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             advice = "make room on its disk" if is_full else "check its permissions"
             raise StoreError(f"{path.parent} cannot be written ({error.strerror}); {advice}") from error
@@ -178,7 +181,7 @@ class Lock:
         """Remove the lock of a process that is gone, unless another has replaced it in the meantime."""
         aside = self.path.with_name(f"{LOCK_NAME}.{uuid.uuid4().hex}")
         with suppress(FileNotFoundError, PermissionError), _alone(self.path.parent):
-            if read_owner(self.path) == stale:
+            if read_owner(self.path) == stale and (is_stale(stale) or is_unfinished(self.path)):
                 os.replace(self.path, aside)
                 aside.unlink()
 

@@ -82,12 +82,12 @@ def _numbers(value: ArrayLike, name: str, kind: np.dtype[Any]) -> Any:
     """Return `value` as an array of `kind`; raise `ShapeError` where it is no numbers or would not be the same ones."""
     try:
         given = np.asarray(value)
-        if given.dtype.kind not in "biufO" and given.size:
+        if given.dtype.kind not in "biuf" and given.size:
             raise TypeError
         if kind.kind in "iu" and given.dtype != kind and given.size:
-            limits, numbers = np.iinfo(kind), np.asarray(given, dtype=None if given.dtype.kind in "biuf" else float)
-            is_whole = numbers.dtype.kind != "f" or bool((numbers == np.floor(numbers)).all())
-            if not is_whole or numbers.min() < limits.min or numbers.max() > limits.max:
+            limits = np.iinfo(kind)
+            is_whole = given.dtype.kind != "f" or bool((given == np.floor(given)).all())
+            if not is_whole or given.min() < limits.min or given.max() > limits.max:
                 raise ShapeError(f"{name} holds other than whole numbers from {limits.min} to {limits.max}")
         return np.asarray(given, dtype=kind)
     except (TypeError, ValueError, OverflowError) as error:

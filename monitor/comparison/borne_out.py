@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from monitor.boxes import box_of
 from monitor.comparison.distances import distances_to_shell
 from monitor.comparison.enclosure import SIGNS
+from monitor.comparison.moved import name_moved
 from monitor.comparison.regions import keep_regions
 from monitor.comparison.shell import make_shell
 from monitor.comparison.side import Side
@@ -25,7 +26,8 @@ from monitor.reconstruction.bow import bow_at
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
 Points = Callable[[], tuple[Floats | None, Floats | None]]  # (n, 3) m of each epoch, in its own coordinates
-LEAST_SHOWN = 0.5  # of the change told at the vertices: points that show less lie nearer to no change at all
+LEAST_SHOWN = 0.5  # of the change told of the vertices: points that show less lie nearer to no change at all
+MOVED = "moved"
 RINGS = 3  # of vertices around those that are asked for, so that no foot lies at the end of what was cut out
 FARTHEST_BESIDE = 2.0  # spacings of the vertices: a point farther along the surface from its vertex is beside it
 
@@ -36,6 +38,10 @@ def keep_borne_out(
 ) -> tuple[pd.DataFrame, tuple[Ints, Ints], tuple[Side, Side]]:  # fmt: skip
     """Return the regions that the points of both epochs bear out, and the sides without the vertices of the others.
 
+    Where surfaces change by c, and the points of both lie b off their own (pits, grains and joints are not even about
+    a surface), those of the one epoch show 1 + b / c of it, those of the other 1 - b / c. The sum of both shares, less
+    1, is the change from points to points: at least `LEAST_SHOWN` of what is told.
+
     Parameters
     ----------
     table, regions : of r regions, as `find_regions` returns them.
@@ -44,65 +50,84 @@ def keep_borne_out(
     limits : m and rad, the search limit and the largest angle between normals.
     is_gone : (r,) what was looked through, which needs no surface to be told.
     """
-    is_borne_out = np.ones(len(table) + 1, dtype=np.bool_)
-    for k in (0, 1):
-        own = points[k]
+    shown = np.ones(len(table) + 1)
+    for k, own in enumerate(points):
         if own is not None:
-            is_borne_out &= points_show(sides, regions, k, own, limits, len(table))
+            shown += shares_shown(sides, regions, k, own, limits, len(table)) - 1.0
+    is_borne_out = ~(shown < LEAST_SHOWN)
     is_borne_out[1:] |= is_gone
     if is_borne_out.all():
         return table, regions, sides
     a, b = (s.without(s.is_assessed & ~is_borne_out[r], NotAssessed.TOO_UNCERTAIN)
             for s, r in zip(sides, regions, strict=True))  # fmt: skip
-    return *keep_regions(table, regions, np.flatnonzero(is_borne_out[1:])), (a, b)
+    table, regions = keep_regions(table, regions, np.flatnonzero(is_borne_out[1:]))
+    return name_anew(table, (a, b), regions), regions, (a, b)
 
 
-def points_show(
+def name_anew(table: pd.DataFrame, sides: tuple[Side, Side], regions: tuple[Ints, Ints]) -> pd.DataFrame:
+    """Return the table in which what was named moved is lost or added where its counterpart is gone."""
+    if not (table["kind"] == MOVED).any():
+        return table
+    by_sign = np.where(table["mean_m"] < 0.0, "lost", "added")
+    table = table.assign(kind=np.where(table["kind"] == MOVED, by_sign, table["kind"]))
+    return table.assign(kind=name_moved(table, sides, regions))
+
+
+def shares_shown(
     sides: tuple[Side, Side], regions: tuple[Ints, Ints], k: int, points: Floats, limits: tuple[float, float], n: int
-) -> Bools:
-    """Return which of the regions 1 to `n` the points (m, 3) m of side `k` show; entry 0, of no region, is true.
+) -> Floats:
+    """Return which share (n + 1,) of the change told of the regions 1 to `n` the points (m, 3) m of side `k` show.
 
     Each point's own change m, its perpendicular distance to the other side, is held against the change c told of the
-    vertex next to it: the points show the share b of it that makes sum |m - b c| least, the median of m / c weighted by
-    |c|, which a stray point does not move. A region that holds no point of this epoch is not shown; of one whose points
-    have no foot, or that has no vertex here, this epoch says nothing.
+    vertex next to it; m / c speaks for the vertices that it is nearest to. The share is the mean over the region's
+    vertices, weighted by area and |c|, strays drawn in: neither these nor where points are dense move it. 0 where a
+    region holds no point of this epoch; 1 where it has no vertex or no foot here, and for entry 0, of no region: this
+    epoch says nothing then.
     """
     side, other = sides[k], sides[1 - k]
     label, claim = told_at(side, other, regions[k], regions[1 - k])
-    out = np.ones(n + 1, dtype=np.bool_)
+    out, told = np.ones(n + 1), np.flatnonzero(label > 0)
     which, vertex = points_next_to(side, label, points, limits[0])
-    is_told, has_points = (np.bincount(numbers, minlength=n + 1) > 0 for numbers in (label, label[vertex]))
-    out[1:] = ~is_told[1:] | has_points[1:]
+    has_points = np.bincount(label[vertex], minlength=n + 1) > 0
+    out[label[told][~has_points[label[told]]]] = 0.0
     if not len(which):
         return out
     around = spread_rings(other.neighbours, _asked_of(side, label, regions[1 - k]), RINGS)
     change = SIGNS[k] * distances_to_part(points[which], side.normals[vertex], other.surface, around, limits)
-    out &= ~(shares_shown(change, claim[vertex], label[vertex], n + 1) < LEAST_SHOWN)
+    known = np.flatnonzero(np.isfinite(change) & (claim[vertex] != 0.0))
+    places, ratio, numbers = points[which[known]], change[known] / claim[vertex[known]], label[vertex[known]]
+    weight = np.abs(claim) * side.areas
+    for number in np.unique(numbers):
+        here, own = told[label[told] == number], numbers == number
+        _, nearest = cKDTree(places[own]).query(side.surface.vertices[here], workers=2)
+        out[number] = winsorized_mean(ratio[own][nearest], weight[here])
     return out
 
 
-def shares_shown(change: Floats, told: Floats, label: Ints, n: int) -> Floats:
-    """Return which share (n,) of the change `told` (m,) [m] the `change` (m,) of points with each label comes to; NaN
-    where none has both."""
-    out, known = np.full(n, np.nan), np.isfinite(change) & (told != 0.0)
-    ratio, weight, label = change[known] / told[known], np.abs(told[known]), label[known]
-    order = np.lexsort((ratio, label))
-    ratio, weight, label = ratio[order], weight[order], label[order]
-    for here in np.split(np.arange(len(label)), np.flatnonzero(np.diff(label)) + 1):
-        if len(here):
-            below = np.cumsum(weight[here])
-            out[label[here[0]]] = ratio[here[np.searchsorted(below, 0.5 * below[-1])]]
-    return out
+def winsorized_mean(values: Floats, weights: Floats) -> float:
+    """Return the weighted mean of values, those beyond three robust sigmas of their median drawn in to there."""
+    middle = weighted_median(values, weights)
+    away = 3.0 * 1.4826 * weighted_median(np.abs(values - middle), weights)
+    return float(np.average(np.clip(values, middle - away, middle + away), weights=weights))
+
+
+def weighted_median(values: Floats, weights: Floats) -> float:
+    """Return the value at half of the weights."""
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
 
 
 def told_at(side: Side, other: Side, own: Ints, others: Ints) -> tuple[Ints, Floats]:
     """Return the region (n,) that each vertex of a side is told to lie in, 0 for none, and the change (n,) [m] told.
 
-    Of a vertex in no region on its own side it is what the other side tells, whose foot is next to it.
+    Of a vertex in no region on its own side it is the mean of what the other side tells, whose feet are next to it.
     """
-    label, claim = np.zeros(len(own), dtype=np.int64), np.zeros(len(own))
+    label = np.zeros(len(own), dtype=np.int64)
     there = np.flatnonzero((others > 0) & other.is_assessed & (other.foot_vertices >= 0))
-    label[other.foot_vertices[there]], claim[other.foot_vertices[there]] = others[there], other.distances[there]
+    feet = other.foot_vertices[there]
+    label[feet] = others[there]
+    claim = np.bincount(feet, other.distances[there], len(own)) / np.maximum(np.bincount(feet, minlength=len(own)), 1)
     here = np.flatnonzero((own > 0) & side.is_assessed)
     label[here], claim[here] = own[here], side.distances[here]
     return label, claim

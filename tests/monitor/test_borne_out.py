@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor.comparison import compare
-from monitor.comparison.borne_out import shares_shown
+from monitor.comparison.borne_out import weighted_median, winsorized_mean
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
 SIDE, EDGE, HIGH, WIDE = 91, 2e-3, 2e-3, 0.016  # m: of the sheets; of the bump, its height and its radius
@@ -123,10 +123,27 @@ def test_points_are_not_asked_for_where_nothing_has_changed(rng: np.random.Gener
     assert not len(found.regions)
 
 
-def test_the_share_shown_is_the_weighted_median_of_each_region() -> None:
-    told = np.array([1.0, 2.0, 3.0, -2.0, -2.0, 0.0, 1.0])
-    change = np.array([1.0, 0.2, 2.4, -1.0, np.nan, 5.0, 9.0])  # ratios 1, 0.1, 0.8; 0.5; none
-    label = np.array([2, 2, 2, 1, 1, 1, 4])
-    shares = shares_shown(change, told, label, 6)
-    assert shares[[1, 2, 4]] == pytest.approx([0.5, 0.8, 9.0])  # half of the weight 6 lies below 0.8 and above
-    assert np.isnan(shares[[0, 3, 5]]).all()
+def test_points_that_lie_off_their_own_surface_alike_in_both_epochs_hide_nothing(rng: np.random.Generator) -> None:
+    for off in (-1e-3, 1e-3):  # as much as the bump changes on average: pits, or grains
+        before, after = (points(rng, height) + np.array([0.0, 0.0, off]) for height in (0.0, 1.0))
+        found = compared_with(rng, (before, after))
+        assert len(found.regions) == 1, off
+
+
+def test_where_points_are_dense_does_not_decide(rng: np.random.Generator) -> None:
+    before, after = points(rng, 0.0), points(rng, 1.0)
+    dense = MIDDLE + rng.uniform(-4e-3, 4e-3, (4000, 2)) + [0.6 * WIDE, 0.0]  # on a third of the bump, and flat there
+    more = np.c_[dense, rng.normal(0.0, 2e-4, len(dense))]
+    away = np.linalg.norm(after[:, :2] - MIDDLE - [0.6 * WIDE, 0.0], axis=1) > 6e-3
+    assert len(compared_with(rng, (before, np.vstack([after[away], more]))).regions) == 1
+
+
+def test_strays_are_drawn_in_to_three_sigmas() -> None:
+    values = np.array([0.9, 1.0, 1.0, 1.1, 9.0])
+    assert winsorized_mean(values, np.ones(5)) == pytest.approx((4.0 + 1.0 + 3.0 * 1.4826 * 0.1) / 5.0)
+    assert winsorized_mean(np.array([1.0, 2.0]), np.array([3.0, 1.0])) == 1.0  # no scatter is known
+
+
+def test_half_of_the_weight_lies_below_the_median() -> None:
+    assert weighted_median(np.array([1.0, 0.1, 0.8]), np.array([1.0, 2.0, 3.0])) == 0.8
+    assert weighted_median(np.array([1.0, 0.1, 0.8]), np.array([1.0, 9.0, 3.0])) == 0.1

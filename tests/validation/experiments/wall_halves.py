@@ -119,5 +119,5 @@ def rows_of(what: str, compared: Sequence[Comparison]) -> list[Row]:
 
 NOTES = (
     "Stretches of 4 m of the wall. Points of a half lie some 20 mm apart, of three in ten of it 40 mm, among stones "
-    "whose joints are no wider: between points so sparse the surface is a guess, and what it guesses is no region."
+    "whose joints are no wider: between points so sparse the surface is a guess, which the points then bear out or not."
 )
