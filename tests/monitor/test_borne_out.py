@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from monitor.comparison import compare
+from monitor.comparison import borne_out, compare
 from monitor.comparison.borne_out import weighted_median, winsorized_mean
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
@@ -136,6 +137,13 @@ def test_where_points_are_dense_does_not_decide(rng: np.random.Generator) -> Non
     more = np.c_[dense, rng.normal(0.0, 2e-4, len(dense))]
     away = np.linalg.norm(after[:, :2] - MIDDLE - [0.6 * WIDE, 0.0], axis=1) > 6e-3
     assert len(compared_with(rng, (before, np.vstack([after[away], more]))).regions) == 1
+
+
+def test_a_part_whose_counterpart_is_gone_was_lost_or_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(borne_out, "name_moved", lambda table, sides, regions: list(table["kind"]))
+    table = pd.DataFrame({"kind": ["moved", "cleaned", "moved"], "mean_m": [-1e-3, -1e-3, 1e-3]})
+    named = borne_out.name_anew(table, (None, None), (None, None))  # type: ignore[arg-type]
+    assert list(named["kind"]) == ["lost", "cleaned", "added"]
 
 
 def test_strays_are_drawn_in_to_three_sigmas() -> None:

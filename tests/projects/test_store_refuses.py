@@ -24,7 +24,7 @@ from store_examples import example_project, example_step, example_stream, exampl
 from projects import hdf5, index_file
 from projects.errors import MonitorError, ParameterError, StoreError
 from projects.identifiers import PRODUCT_FILE_PATTERN, product_file, require_id, split_product, suggest_id
-from projects.lock import LOCK_NAME, this_process
+from projects.lock import LOCK_NAME, Lock, read_owner, this_process
 from projects.model import EpochRecord, ObjectRecord, PointCloud
 from projects.store import Project
 
@@ -544,6 +544,26 @@ def test_a_full_disk_leaves_no_lock(project, monkeypatch):
     assert not list(project.path.glob(f"{LOCK_NAME}*"))
     with project.writing():
         pass
+
+
+def test_the_lock_of_another_stays_where_ours_cannot_be_made(project, monkeypatch):
+    lock = project.path / LOCK_NAME
+    lock.touch()
+
+    def refuse(path, mode, encoding):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr("projects.lock.open", refuse, raising=False)
+    with pytest.raises(StoreError, match="Too many open files"):
+        Lock(project.path)._place_without_links(this_process())
+    assert lock.exists()
+    monkeypatch.undo()
+    os.utime(lock, (time.time() - 100.0,) * 2)
+    stale = read_owner(lock)
+    lock.unlink()
+    lock.touch()  # another writer took it over meanwhile, and is about to write it
+    Lock(project.path)._remove_stale(stale)
+    assert lock.exists()
 
 
 def test_an_empty_lock_is_taken_over_once_it_is_old(project, monkeypatch):
