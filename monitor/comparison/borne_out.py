@@ -23,6 +23,7 @@ from monitor.comparison.shell import make_shell
 from monitor.comparison.side import Side
 from monitor.comparison.stars import Neighbours
 from monitor.reconstruction.bow import bow_at
+from monitor.registration.weights import winsorized_mean
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
 Points = Callable[[], tuple[Floats | None, Floats | None]]  # (n, 3) m of each epoch, in its own coordinates
@@ -102,20 +103,6 @@ def shares_shown(
         _, nearest = cKDTree(places[own]).query(side.surface.vertices[here], workers=2)
         out[number] = winsorized_mean(ratio[own][nearest], weight[here])
     return out
-
-
-def winsorized_mean(values: Floats, weights: Floats) -> float:
-    """Return the weighted mean of values, those beyond three robust sigmas of their median drawn in to there."""
-    middle = weighted_median(values, weights)
-    away = 3.0 * 1.4826 * weighted_median(np.abs(values - middle), weights)
-    return float(np.average(np.clip(values, middle - away, middle + away), weights=weights))
-
-
-def weighted_median(values: Floats, weights: Floats) -> float:
-    """Return the value at half of the weights."""
-    order = np.argsort(values, kind="stable")
-    below = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
 
 
 def told_at(side: Side, other: Side, own: Ints, others: Ints) -> tuple[Ints, Floats]:

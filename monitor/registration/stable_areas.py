@@ -13,17 +13,17 @@ import numpy as np
 
 from monitor.registration.matching import Matches
 from monitor.registration.sampling import motion_rows
-from monitor.registration.weights import residual_sigma, robust_scale, rounding_of
+from monitor.registration.weights import residual_sigma, robust_scale, rounding_of, weighted_median
 from projects.model import Bools, Floats, Ints
 
 N_TRIALS = 600
 N_PATCHES_PER_TRIAL = 8  # 0.6**8 = 1.7 %: ten of 600 trials are free of change where 40 % of the surface changed
 KEEP_SIGMAS = 3.0
 KEEP_SCATTER = 2.5  # a patch that scatters so many times more than the others has changed without moving as a whole
-LEAST_SCATTER = 0.5 * np.sqrt(2.0 / np.pi)  # of patches whose points scatter by what is stated of them: rounding
 N_ROUNDS = 20
 N_HALVINGS = 20
 MEAN_OF_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
+LEAST_SCATTER = 0.5 * MEAN_OF_ABSOLUTE  # usual of patches; they have less only where nothing but rounding is left
 DOUBTFUL = 3.0  # times what is stated of patches: so far off each other, what is taken for stable moved
 
 
@@ -134,13 +134,6 @@ def least_median(values: Floats, weights: Floats) -> int:
         if weights @ (values[number] < least) >= half:
             best, least = number, weighted_median(values[number], weights)
     return best
-
-
-def weighted_median(values: Floats, weights: Floats) -> float:
-    """Return the value at half of the weights."""
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
 def follows(patches: Patches, motion: Floats, keep: Bools) -> Bools:

@@ -1,4 +1,4 @@
-"""Robust weights of residuals: scale, Huber and Tukey, and the variance of each residual.
+"""Robust weights of residuals: scale, median and mean, Huber and Tukey, and the variance of each residual.
 
 In: residuals [m] and what is stated of their sigma. Out: numbers without unit.
 """
@@ -23,6 +23,20 @@ LEAST_SIGMA = 0.1  # of the scale of all: one point must not outweigh a hundred
 def robust_scale(residuals: Floats) -> float:
     """Return 1.4826 median |r| about zero, the sigma of normal residuals; NaN without residuals."""
     return 1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else float("nan")
+
+
+def weighted_median(values: Floats, weights: Floats) -> float:
+    """Return the value at half of the weights."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+
+
+def winsorized_mean(values: Floats, weights: Floats) -> float:
+    """Return the weighted mean of values, those beyond three robust sigmas of their median drawn in to there."""
+    middle = weighted_median(values, weights)
+    away = 3.0 * 1.4826 * weighted_median(np.abs(values - middle), weights)
+    return float(np.average(np.clip(values, middle - away, middle + away), weights=weights))
 
 
 def residual_sigma(residuals: Floats, causes: Sequence[Floats], is_kept: Bools, least: float = 1e-15) -> Floats:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from monitor.comparison import borne_out, compare
-from monitor.comparison.borne_out import weighted_median, winsorized_mean
+from monitor.registration.weights import weighted_median, winsorized_mean
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
 SIDE, EDGE, HIGH, WIDE = 91, 2e-3, 2e-3, 0.016  # m: of the sheets; of the bump, its height and its radius
