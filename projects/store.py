@@ -217,14 +217,17 @@ class Project:
             if not (purge and self._has_left(object_id, epoch_id)):
                 self._commit(without_epoch(before, self.epoch(object_id, epoch_id)))
             if purge:
-                taken_out = {entry.file for _, entry in all_products(before)}  # those that are named now are kept
-                own = epoch_folder(object_id, epoch_id)
+                self._purge_epoch(object_id, epoch_id, {entry.file for _, entry in all_products(before)})
 
-                def is_of_it(name: str) -> bool:
-                    path = PurePosixPath(name)
-                    return name in taken_out or path.parent == own or product_of_file(path.name)[1] == epoch_id
+    def _purge_epoch(self, object_id: str, epoch_id: str, named_before: set[str]) -> None:
+        """Delete what the index does not name, or no longer: in the folder of an epoch, and what was made from it."""
+        own = epoch_folder(object_id, epoch_id)
 
-                delete_unnamed(self.path, self.index(), object_id, is_of_it)
+        def is_of_it(name: str) -> bool:
+            path = PurePosixPath(name)
+            return name in named_before or path.parent == own or product_of_file(path.name)[1] == epoch_id
+
+        delete_unnamed(self.path, self.index(), object_id, is_of_it)
 
     def _has_left(self, object_id: str, epoch_id: str) -> bool:
         """Return whether an epoch is out of the index and its files are still there."""

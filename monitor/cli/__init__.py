@@ -40,15 +40,14 @@ def run(arguments: list[str], debug: bool = False) -> int:
     except Exception as error:  # noqa: BLE001 - the last place that can turn it into one line
         return _usage_or_ours(error, debug)
     if code == INTERRUPTED:  # which typer makes of it, too
-        _complain("interrupted; what was finished is kept, and the same command goes on from there")
+        return _interrupted()
     return code if isinstance(code, int) else 0
 
 
 def _usage_or_ours(error: Exception, debug: bool) -> int:
     """Return 2 for a wrong command line, 1 for an error of ours."""
     if type(error).__name__ == "Abort":
-        _complain("interrupted; what was finished is kept, and the same command goes on from there")
-        return 130
+        return _interrupted()
     if type(error).__name__ == "NoArgsIsHelpError":
         return 2
     if hasattr(error, "format_message"):
@@ -62,6 +61,12 @@ def _usage_or_ours(error: Exception, debug: bool) -> int:
         return 2
     _complain(f"an error of ours, not yours: {type(error).__name__}: {error}; run again with --debug and report it")
     return 1
+
+
+def _interrupted() -> int:
+    """Say that the command was interrupted, and return its code."""
+    _complain("interrupted; what was finished is kept, and the same command goes on from there")
+    return INTERRUPTED
 
 
 def _complain(message: str) -> None:

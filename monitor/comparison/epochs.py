@@ -143,9 +143,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     regions, numbers = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
     if points is not None and len(regions):
         gone = area_looked_through(sides, beyond, numbers, len(regions) + 1)[1:] >= least_area(sides, found)
-        before, after = points()
-        clouds = before, after if after is None or T is None else apply(T, after)
-        regions, numbers, sides = keep_borne_out(regions, numbers, sides, clouds, limits, gone)
+        regions, numbers, sides = keep_borne_out(regions, numbers, sides, in_one_frame(points(), T), limits, gone)
     on_reference, on_compared = map_sides(
         lambda k: finish_side(sides[k], found.sides[k], numbers[k], beyond.change[k]), larger_of(sides)
     )
@@ -298,6 +296,13 @@ def drop_scattered(side: Side, own: Floats | None, other: Floats | None, most: f
         return side
     scattered = side.is_assessed & (own + other[side.foot_vertices] > 2.0 * most)
     return side.without(scattered, NotAssessed.NO_ONE_SURFACE)
+
+
+def in_one_frame(points: tuple[Floats | None, Floats | None], T_reference_compared: Floats | None,
+                 ) -> tuple[Floats | None, Floats | None]:  # fmt: skip
+    """Return the points (n, 3) [m] of both epochs, where known, in the reference's coordinates; None: no motion."""
+    before, after = points
+    return before, after if after is None or T_reference_compared is None else apply(T_reference_compared, after)
 
 
 def finish_side(side: Side, found: Detection, region: Ints, change_beyond: Floats) -> ComparedSurface:
