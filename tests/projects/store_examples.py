@@ -110,3 +110,18 @@ def example_project(folder: Path, rng: np.random.Generator) -> Project:
 def example_step(product: str = "surface", **parameters: object) -> Step:
     """Return a step of the given product."""
     return Step(step_id(product, parameters, ["raw"]), product, parameters=parameters, inputs=("raw",))
+
+
+def later_epoch(key: str = "E2") -> EpochRecord:
+    """Return the record of another epoch of the object of `example_project`."""
+    return EpochRecord("stove", key, datetime.date(2025, 1, 1))
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of every file of a folder."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def findings(project: Project) -> list[tuple[str, str]]:
+    """Return the severity and the words of all that a check of the project finds."""
+    return [(f.severity, f.message) for f in project.verify().findings]

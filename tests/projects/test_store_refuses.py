@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import errno
-import io
-import json
-import multiprocessing
 import os
 import shutil
-import socket
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from store_examples import example_project, example_step, example_stream, example_surface
+from store_examples import (
+    example_project,
+    example_step,
+    example_stream,
+    example_surface,
+    findings,
+    later_epoch,
+    snapshot,
+)
 
 from projects import hdf5, index_file
 from projects.errors import MonitorError, ParameterError, StoreError
 from projects.identifiers import PRODUCT_FILE_PATTERN, product_file, require_id, split_product, suggest_id
-from projects.lock import LOCK_NAME, Lock, read_owner, this_process
-from projects.model import EpochRecord, ObjectRecord, PointCloud
+from projects.model import ObjectRecord, PointCloud
 from projects.store import Project
 
 NAMES = {
@@ -58,14 +57,6 @@ def project(tmp_path, rng):
     return example_project(tmp_path, rng)
 
 
-def snapshot(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
-
-
-def epoch(key: str = "E2") -> EpochRecord:
-    return EpochRecord("stove", key, datetime.date(2025, 1, 1))
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_name_that_is_no_id_is_refused_with_a_suggestion_and_nothing_changes(project, tmp_path, rng, name):
     stream = example_stream(tmp_path, rng)
@@ -78,7 +69,7 @@ def test_name_that_is_no_id_is_refused_with_a_suggestion_and_nothing_changes(pro
     assert message.isprintable()
     assert len(message) < 400
     with pytest.raises(ParameterError, match="epoch id"):
-        project.add_epoch(epoch(name), [stream])
+        project.add_epoch(later_epoch(name), [stream])
     assert snapshot(tmp_path) == before
 
 
@@ -97,7 +88,7 @@ def test_ids_that_differ_only_in_case_are_refused(project, tmp_path, rng):
     with pytest.raises(StoreError, match="differs only in upper and lower case from the existing 'stove'"):
         project.add_object(ObjectRecord("Stove"))
     with pytest.raises(StoreError, match="existing 'E1'"):
-        project.add_epoch(epoch("e1"), [example_stream(tmp_path, rng)])
+        project.add_epoch(later_epoch("e1"), [example_stream(tmp_path, rng)])
     with pytest.raises(StoreError, match="exists already"):
         project.add_object(ObjectRecord("stove"))
 
@@ -221,10 +212,6 @@ def hdf5_read(file: h5py.File) -> object:
 def surface_file(project: Project, rng: np.random.Generator) -> Path:
     project.put("stove", "E1", example_step(), example_surface(rng))
     return project.path / project.index().objects["stove"].epochs["E1"].products["surface"].file
-
-
-def findings(project: Project) -> list[tuple[str, str]]:
-    return [(f.severity, f.message) for f in project.verify().findings]
 
 
 def test_cut_off_changed_or_missing_products_are_found_and_can_be_made_anew(project, rng):
@@ -361,7 +348,7 @@ def test_failing_reader_leaves_the_project_as_it_was(project, tmp_path, rng):
     bad.fails_after = 3
     before = snapshot(project.path)
     with pytest.raises(StoreError, match="the scanner file ends here"):
-        project.add_epoch(epoch(), [good, bad])
+        project.add_epoch(later_epoch(), [good, bad])
     assert snapshot(project.path) == before
 
 
@@ -381,9 +368,9 @@ def test_scans_that_cannot_be_kept_are_refused(project, tmp_path, rng, spoil, me
     spoil(stream)
     before = snapshot(project.path)
     with pytest.raises(MonitorError, match=message):
-        project.add_epoch(epoch(), [stream])
+        project.add_epoch(later_epoch(), [stream])
     with pytest.raises(StoreError, match="has no scans"):
-        project.add_epoch(epoch(), [])
+        project.add_epoch(later_epoch(), [])
     assert snapshot(project.path) == before
 
 
@@ -401,7 +388,7 @@ def test_records_that_could_not_be_read_again_are_never_entered(project, tmp_pat
     stream = example_stream(tmp_path, rng)
     before = repr(project.index())
     with pytest.raises(MonitorError, match=message):
-        project.add_epoch(dataclasses.replace(epoch(), **change), [stream])
+        project.add_epoch(dataclasses.replace(later_epoch(), **change), [stream])
     with pytest.raises(MonitorError, match="polygon has at least three corners"):
         project.add_object(ObjectRecord("later", extent={"polygon": [[0, 0]]}))
     assert repr(Project.open(project.path).index()) == before
@@ -421,31 +408,12 @@ def test_nouns_that_cannot_be_kept_are_refused(project):
     assert snapshot(project.path) == before
 
 
-@pytest.mark.skipif(os.name == "nt", reason="needs limits on the size of files")
-def test_full_disk_loses_nothing(project, tmp_path, rng):
-    import resource
-
-    stream = example_stream(tmp_path, rng, n=200_000)
-    stream.step = 50_000
-    before = snapshot(project.path)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
-    try:
-        with pytest.raises(StoreError, match=r"could not be written \(File too large\); nothing was entered$"):
-            project.add_epoch(epoch(), [stream])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert snapshot(project.path) == before
-    project.add_epoch(epoch(), [stream])
-    assert project.verify().findings == ()
-
-
 # removal
 
 
 def test_removed_epoch_takes_the_comparisons_made_from_it_along(project, tmp_path, rng):
     for key in ("E2", "E3"):
-        project.add_epoch(epoch(key), [example_stream(tmp_path, rng, name=key)])
+        project.add_epoch(later_epoch(key), [example_stream(tmp_path, rng, name=key)])
     for compared, reference in (("E2", "E1"), ("E3", "E1"), ("E3", "E2")):
         project.put("stove", compared, example_step(f"comparison-{reference}"), {"x": np.arange(3)})
     surface = project.put("stove", "E1", example_step(), example_surface(rng))
@@ -464,7 +432,7 @@ def test_removed_epoch_takes_the_comparisons_made_from_it_along(project, tmp_pat
 def test_epoch_of_the_same_scans_keeps_what_was_made_from_them(project, tmp_path, rng):
     stream = example_stream(tmp_path, rng)
     for key in ("twin1", "twin2"):
-        project.add_epoch(epoch(key), [stream])
+        project.add_epoch(later_epoch(key), [stream])
     made = example_step("cloud")
     object.__setattr__(made, "inputs", (project.latest("stove", "twin1", "raw").step_id,))
     project.put("stove", "twin2", made, {"x": np.arange(3)})
@@ -475,7 +443,7 @@ def test_epoch_of_the_same_scans_keeps_what_was_made_from_them(project, tmp_path
 
 def test_purge_takes_what_was_made_from_the_epoch_and_nothing_else(project, tmp_path, rng):
     for key in ("E2", "E3"):
-        project.add_epoch(epoch(key), [example_stream(tmp_path, rng, name=key)])
+        project.add_epoch(later_epoch(key), [example_stream(tmp_path, rng, name=key)])
     for compared, reference in (("E2", "E1"), ("E3", "E1"), ("E3", "E2")):
         project.put("stove", compared, example_step(f"comparison-{reference}"), {"x": np.arange(3)})
     project.remove_epoch("stove", "E2")
@@ -487,183 +455,3 @@ def test_purge_takes_what_was_made_from_the_epoch_and_nothing_else(project, tmp_
     assert findings(project) == []
     with pytest.raises(StoreError, match="has no epoch 'E2'"):
         project.remove_epoch("stove", "E2", purge=True)
-
-
-# full disks
-
-FULL_DISK = """
-import resource, sys
-from pathlib import Path
-import numpy as np
-from projects import hdf5
-resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-for n in (30_000, 15_000, 6_000):
-    try:
-        with hdf5.create_file(Path(sys.argv[1])) as file:
-            hdf5.write_array(file, "a", np.random.default_rng(0).random(n))
-            hdf5.write_array(file, "b", np.arange(5))
-    except OSError as error:
-        print(n, hdf5.in_one_line(error))
-    else:
-        print(n, "written")
-"""
-
-
-def test_a_full_disk_is_an_error_and_no_crash(tmp_path):
-    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "x.h5")]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (found.returncode, found.stderr) == (0, "")
-    assert found.stdout.splitlines() == ["30000 File too large", "15000 File too large", "6000 written"]
-
-
-def test_a_product_is_taken_back_where_the_index_cannot_be_written(project, rng, monkeypatch):
-    before = snapshot(project.path)
-
-    def full(path, index):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("projects.store.write_index", full)
-    with pytest.raises(StoreError, match=r"index could not be written \(No space left on device\)"):
-        project.put("stove", "E1", example_step(), example_surface(rng))
-    assert snapshot(project.path) == before
-
-
-def test_a_full_disk_leaves_no_lock(project, monkeypatch):
-    class Full(io.StringIO):
-        def write(self, text):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    def open_full(path, mode, encoding):
-        Path(path).touch(exist_ok=False)
-        return Full()
-
-    monkeypatch.setattr("projects.lock.open", open_full, raising=False)
-    with pytest.raises(StoreError, match=r"No space left on device.*make room"), project.writing():
-        pass
-    monkeypatch.undo()
-    assert not list(project.path.glob(f"{LOCK_NAME}*"))
-    with project.writing():
-        pass
-
-
-def test_the_lock_of_another_stays_where_ours_cannot_be_made(project, monkeypatch):
-    lock = project.path / LOCK_NAME
-    lock.touch()
-
-    def refuse(path, mode, encoding):
-        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
-
-    monkeypatch.setattr("projects.lock.open", refuse, raising=False)
-    with pytest.raises(StoreError, match="Too many open files"):
-        Lock(project.path)._place_without_links(this_process())
-    assert lock.exists()
-    monkeypatch.undo()
-    os.utime(lock, (time.time() - 100.0,) * 2)
-    stale = read_owner(lock)
-    lock.unlink()
-    lock.touch()  # another writer took it over meanwhile, and is about to write it
-    Lock(project.path)._remove_stale(stale)
-    assert lock.exists()
-
-
-def test_an_empty_lock_is_taken_over_once_it_is_old(project, monkeypatch):
-    lock = project.path / LOCK_NAME
-    lock.touch()
-    monkeypatch.setattr("projects.store.LOCK_WAIT", 0.1)
-    with pytest.raises(StoreError, match="is being written"), project.writing():
-        pass
-    os.utime(lock, (time.time() - 100.0,) * 2)
-    assert {(f.severity, f.path) for f in project.verify().findings} == {("warning", LOCK_NAME)}
-    with project.writing():
-        pass
-    assert not lock.exists()
-
-
-# two writers
-
-
-def hold_lock(path: str, ready: multiprocessing.Event, done: multiprocessing.Event) -> None:
-    with Project.open(path).writing():
-        ready.set()
-        done.wait(60)
-
-
-def test_second_writer_is_refused_with_the_owner_and_readers_go_on(project, rng):
-    context = multiprocessing.get_context("fork")
-    ready, done = context.Event(), context.Event()
-    writer = context.Process(target=hold_lock, args=(str(project.path), ready, done))
-    writer.start()
-    assert ready.wait(60)
-    with (
-        pytest.raises(StoreError, match=rf"process {writer.pid} on {socket.gethostname()} since 20\d\d"),
-        project.writing(wait=0.05),
-    ):
-        pass
-    assert Project.open(project.path).object("stove").object_id == "stove"
-    done.set()
-    writer.join()
-    project.put("stove", "E1", example_step(), example_surface(rng))
-
-
-def test_lock_of_another_host_is_respected_and_that_of_a_dead_process_taken_over(project):
-    path = project.path / LOCK_NAME
-    owner = this_process().__dict__
-    for lock, message in (
-        ({**owner, "host": "archive-server[4026531836]", "pid": 1}, "process 1 on archive-server since"),
-        ("", "on unknown since unknown"),
-        ([1], "on unknown since unknown"),
-        ({**owner, "pid": "x"}, "on unknown since unknown"),
-        ({**owner, "pid": 2**70}, "on unknown since unknown"),
-    ):
-        path.write_text(json.dumps(lock) if lock else "")
-        with pytest.raises(StoreError, match=message) as caught, project.writing(wait=0):
-            pass
-        assert "remove project.lock" in str(caught.value)
-        path.unlink()
-    for lock in ({**owner, "pid": 2**22 + 1}, {**owner, "started": owner["started"] - 3600}):
-        path.write_text(json.dumps(lock))
-        assert any("is gone" in message for _, message in findings(project))
-        project.add_object(ObjectRecord(f"later-{lock['pid']}"))
-        assert not path.exists()
-
-
-def test_lock_is_reentrant_and_released_after_an_error(project):
-    def add_twice() -> None:
-        with project.writing():
-            project.add_object(ObjectRecord("later"))
-            assert (project.path / LOCK_NAME).exists()
-            project.add_object(ObjectRecord("later"))
-
-    with pytest.raises(StoreError, match="exists already"):
-        add_twice()
-    assert not (project.path / LOCK_NAME).exists()
-    project.add_object(ObjectRecord("last"))
-
-
-def test_writer_whose_lock_was_taken_enters_nothing(project):
-    before = repr(project.index())
-    with project.writing():
-        (project.path / LOCK_NAME).write_text(json.dumps({**this_process().__dict__, "pid": 7}))
-        with pytest.raises(StoreError, match="was taken by process 7"):
-            project.add_object(ObjectRecord("later"))
-    assert repr(Project.open(project.path).index()) == before
-    assert (project.path / LOCK_NAME).exists(), "the other's lock is not ours to remove"
-
-
-def add_objects(path: str, names: list[str]) -> None:
-    for name in names:
-        Project.open(path).add_object(ObjectRecord(name))
-
-
-def test_many_writers_at_once_lose_no_change(project):
-    context = multiprocessing.get_context("fork")
-    names = [[f"w{k}.{i}" for i in range(8)] for k in range(4)]
-    writers = [context.Process(target=add_objects, args=(str(project.path), n)) for n in names]
-    for writer in writers:
-        writer.start()
-    for writer in writers:
-        writer.join()
-        assert writer.exitcode == 0
-    found = {o.object_id for o in Project.open(project.path).objects()}
-    assert found == {"stove", *(n for several in names for n in several)}
-    assert project.verify().findings == ()

@@ -1,0 +1,143 @@
+"""One writer at a time: others wait or are refused with its name, and what a dead one left is taken over."""
+
+from __future__ import annotations
+
+import errno
+import json
+import multiprocessing
+import os
+import socket
+import time
+
+import pytest
+from store_examples import example_project, example_step, example_surface, findings
+
+from projects.errors import StoreError
+from projects.lock import LOCK_NAME, Lock, read_owner, this_process
+from projects.model import ObjectRecord
+from projects.store import Project
+
+
+@pytest.fixture
+def project(tmp_path, rng):
+    return example_project(tmp_path, rng)
+
+
+def hold_lock(path: str, ready: multiprocessing.Event, done: multiprocessing.Event) -> None:
+    with Project.open(path).writing():
+        ready.set()
+        done.wait(60)
+
+
+def test_second_writer_is_refused_with_the_owner_and_readers_go_on(project, rng):
+    context = multiprocessing.get_context("fork")
+    ready, done = context.Event(), context.Event()
+    writer = context.Process(target=hold_lock, args=(str(project.path), ready, done))
+    writer.start()
+    assert ready.wait(60)
+    with (
+        pytest.raises(StoreError, match=rf"process {writer.pid} on {socket.gethostname()} since 20\d\d"),
+        project.writing(wait=0.05),
+    ):
+        pass
+    assert Project.open(project.path).object("stove").object_id == "stove"
+    done.set()
+    writer.join()
+    project.put("stove", "E1", example_step(), example_surface(rng))
+
+
+def test_lock_of_another_host_is_respected_and_that_of_a_dead_process_taken_over(project):
+    path = project.path / LOCK_NAME
+    owner = this_process().__dict__
+    for lock, message in (
+        ({**owner, "host": "archive-server[4026531836]", "pid": 1}, "process 1 on archive-server since"),
+        ("", "on unknown since unknown"),
+        ([1], "on unknown since unknown"),
+        ({**owner, "pid": "x"}, "on unknown since unknown"),
+        ({**owner, "pid": 2**70}, "on unknown since unknown"),
+    ):
+        path.write_text(json.dumps(lock) if lock else "")
+        with pytest.raises(StoreError, match=message) as caught, project.writing(wait=0):
+            pass
+        assert "remove project.lock" in str(caught.value)
+        path.unlink()
+    for lock in ({**owner, "pid": 2**22 + 1}, {**owner, "started": owner["started"] - 3600}):
+        path.write_text(json.dumps(lock))
+        assert any("is gone" in message for _, message in findings(project))
+        project.add_object(ObjectRecord(f"later-{lock['pid']}"))
+        assert not path.exists()
+
+
+def test_lock_is_reentrant_and_released_after_an_error(project):
+    def add_twice() -> None:
+        with project.writing():
+            project.add_object(ObjectRecord("later"))
+            assert (project.path / LOCK_NAME).exists()
+            project.add_object(ObjectRecord("later"))
+
+    with pytest.raises(StoreError, match="exists already"):
+        add_twice()
+    assert not (project.path / LOCK_NAME).exists()
+    project.add_object(ObjectRecord("last"))
+
+
+def test_writer_whose_lock_was_taken_enters_nothing(project):
+    before = repr(project.index())
+    with project.writing():
+        (project.path / LOCK_NAME).write_text(json.dumps({**this_process().__dict__, "pid": 7}))
+        with pytest.raises(StoreError, match="was taken by process 7"):
+            project.add_object(ObjectRecord("later"))
+    assert repr(Project.open(project.path).index()) == before
+    assert (project.path / LOCK_NAME).exists(), "the other's lock is not ours to remove"
+
+
+def add_objects(path: str, names: list[str]) -> None:
+    for name in names:
+        Project.open(path).add_object(ObjectRecord(name))
+
+
+def test_many_writers_at_once_lose_no_change(project):
+    context = multiprocessing.get_context("fork")
+    names = [[f"w{k}.{i}" for i in range(8)] for k in range(4)]
+    writers = [context.Process(target=add_objects, args=(str(project.path), n)) for n in names]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+        assert writer.exitcode == 0
+    found = {o.object_id for o in Project.open(project.path).objects()}
+    assert found == {"stove", *(n for several in names for n in several)}
+    assert project.verify().findings == ()
+
+
+def test_the_lock_of_another_stays_where_ours_cannot_be_made(project, monkeypatch):
+    lock = project.path / LOCK_NAME
+    lock.touch()
+
+    def refuse(path, mode, encoding):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr("projects.lock.open", refuse, raising=False)
+    with pytest.raises(StoreError, match="Too many open files"):
+        Lock(project.path)._place_without_links(this_process())
+    assert lock.exists()
+    monkeypatch.undo()
+    os.utime(lock, (time.time() - 100.0,) * 2)
+    stale = read_owner(lock)
+    lock.unlink()
+    lock.touch()  # another writer took it over meanwhile, and is about to write it
+    Lock(project.path)._remove_stale(stale)
+    assert lock.exists()
+
+
+def test_an_empty_lock_is_taken_over_once_it_is_old(project, monkeypatch):
+    lock = project.path / LOCK_NAME
+    lock.touch()
+    monkeypatch.setattr("projects.store.LOCK_WAIT", 0.1)
+    with pytest.raises(StoreError, match="is being written"), project.writing():
+        pass
+    os.utime(lock, (time.time() - 100.0,) * 2)
+    assert {(f.severity, f.path) for f in project.verify().findings} == {("warning", LOCK_NAME)}
+    with project.writing():
+        pass
+    assert not lock.exists()
