@@ -150,10 +150,9 @@ def to_count(thin: Callable[[float], Floats], n_wanted: int, first: float, n_ste
 
 
 def thin_ours(scans: list[Scan], spacing: float | None) -> Floats:
-    """Return our thinned points: each scan, then merged."""
+    """Return our thinned points: each scan, then merged, as `monitor process` does."""
     settings = FilterSettings(thinning=ThinningSettings(target_spacing=spacing))
-    clouds = [filter_scan(scan, settings) for scan in scans]
-    return (merge_scans(clouds, settings).cloud if len(clouds) > 1 else clouds[0]).points
+    return merge_scans([filter_scan(scan, settings) for scan in scans], settings).cloud.points
 
 
 def as_smooth(thin: Callable[[float], Floats], noise: float, low: float, high: float, n_steps: int = 5) -> Floats:
