@@ -27,8 +27,8 @@ METHOD = {
     "surface": 22,
     "mesh": 6,
     "quality": 2,
-    "comparison": 26,
-    "series": 1,
+    "comparison": 27,
+    "series": 2,
 }
 
 

@@ -9,9 +9,9 @@ from collections import Counter
 
 import numpy as np
 
-from projects.model import Assessment, Comparison, NotAssessed
+from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
-from reports.quantities import NBSP, NOT_KNOWN, in_words, listed, millimetres, percent
+from reports.quantities import CM2, MM, NBSP, NOT_KNOWN, in_words, listed, millimetres, percent, plain
 from reports.wholemotion import describe_motion
 
 NAN = float("nan")
@@ -52,13 +52,13 @@ def state_answer(
         _how_small(comparison, bool(regions)),
         *_beyond_tolerance(comparison),
         _whole(comparison, has_control),
-        _not_assessed(comparison),
+        _not_assessed(comparison, (before, after)),
     )
-    return Answer(_headline(comparison, regions), changed, sure, _figures(comparison, regions, after))
+    return Answer(_headline(comparison, regions), changed, sure, _figures(comparison, regions, before, after))
 
 
 def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
-    n, unknown = len(regions), share_not_assessed(comparison)
+    n, unknown = len(regions), max(shares_not_assessed(comparison))
     if n == 0 and not comparison.on_compared.assessment.any():
         return "Nothing could be assessed."
     if n == 0 and unknown > MOSTLY:
@@ -93,7 +93,7 @@ def _square(area: float) -> str:
     """Return an area [m2] in words."""
     if not np.isfinite(area):
         return "an area that is not known"
-    return f"{area * 1e4:.3g}\u00a0cm²" if area < 1.0 else f"{area:.3g}\u00a0m²"
+    return plain(area, CM2, "cm²", digits=3) if area < 1.0 else plain(area, 1.0, "m²", digits=3)
 
 
 def _tell(region: RegionFacts) -> str:
@@ -119,7 +119,12 @@ def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:
     if tolerance is None:
         return ()
     share = percent(comparison.statistics.get("share_beyond_tolerance", NAN))
-    return (f"{share} of the assessed surface differs by more than the tolerance of {millimetres(tolerance)}.",)
+    return (f"{share} of the assessed surface differs by more than the tolerance of {tolerance_in_words(tolerance)}.",)
+
+
+def tolerance_in_words(tolerance: float) -> str:
+    """Return the client's limit [m] as it was given: a number of a contract is not rounded."""
+    return f"{tolerance * MM:.12g}{NBSP}mm"
 
 
 def _whole(comparison: Comparison, has_control: bool) -> str:
@@ -138,33 +143,44 @@ def _whole(comparison: Comparison, has_control: bool) -> str:
     return moved if has_control else f"{moved} {NO_CONTROL}"
 
 
-def share_not_assessed(comparison: Comparison) -> float:
-    """Return the share of the compared surface that could not be assessed: of its area, else of its vertices."""
-    assessed = comparison.statistics.get("assessed_area_share", NAN)
-    if np.isfinite(assessed):
-        return float(1.0 - assessed)
-    state = comparison.on_compared.assessment
-    return float(np.mean(state == Assessment.NOT_ASSESSABLE)) if len(state) else NAN
+def shares_not_assessed(comparison: Comparison) -> tuple[float, float]:
+    """Return the shares of the reference and of the compared surface that could not be assessed: of their areas, else
+    of their vertices."""
+
+    def share(name: str, side: ComparedSurface) -> float:
+        assessed = comparison.statistics.get(name, NAN)
+        if np.isfinite(assessed):
+            return float(1.0 - assessed)
+        return float(np.mean(side.assessment == Assessment.NOT_ASSESSABLE)) if len(side.assessment) else NAN
+
+    return (
+        share("assessed_area_share_reference", comparison.on_reference),
+        share("assessed_area_share", comparison.on_compared),
+    )
 
 
-def _not_assessed(comparison: Comparison) -> str:
-    """Return the share that could not be assessed, with its main reason."""
-    share = share_not_assessed(comparison)
-    reasons = Counter(comparison.on_compared.reasons[comparison.on_compared.assessment == 0].tolist())
+def _not_assessed(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts]) -> str:
+    """Return the shares that could not be assessed, of both surfaces, and the main reason on the one with more."""
+    shares = [percent(s) for s in shares_not_assessed(comparison)]
+    k = int(np.nanargmax((*shares_not_assessed(comparison), 0.0))) % 2
+    side, here, there = (comparison.on_reference, comparison.on_compared)[k], epochs[k], epochs[1 - k]
+    reasons = Counter(side.reasons[side.assessment == Assessment.NOT_ASSESSABLE].tolist())
     known = {NotAssessed(r): n for r, n in reasons.items() if r}
-    if not known:
-        return f"{percent(share)} of the surface could not be assessed."
-    main = WHY_NOT[max(known, key=lambda r: known[r])]
-    return f"{percent(share)} of the surface could not be assessed, mostly because {main}."
+    said = f"{shares[k]} of the {here.order} epoch’s surface could not be assessed"
+    if known:
+        said += f", mostly because {WHY_NOT[max(known, key=lambda r: known[r])]}"
+    return f"{said}; of the {there.order} epoch’s it is {shares[1 - k]}."
 
 
-def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...], after: EpochFacts) -> tuple[KeyFigure, ...]:
+def _figures(
+    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts
+) -> tuple[KeyFigure, ...]:
     """Return the four figures to remember."""
-    statistics = comparison.statistics
+    statistics, unknown = comparison.statistics, [percent(s) for s in shares_not_assessed(comparison)]
     motion = describe_motion(comparison.registration)
     significance = statistics.get("motion_significance", NAN)
     moved = "significant" if statistics.get("motion_is_significant") else "not significant"
-    told = f"{moved} ({print_significance(significance)})" if np.isfinite(significance) else NOT_KNOWN
+    told = f"{moved} (confidence {print_significance(significance)})" if np.isfinite(significance) else NOT_KNOWN
     sure = f"turned by {motion.angle.text}; {told}"
     kinds = ", ".join(f"{n}\u00a0{kind}" for kind, n in Counter(r.kind for r in regions).items())
     return (
@@ -173,12 +189,12 @@ def _figures(comparison: Comparison, regions: tuple[RegionFacts, ...], after: Ep
             "Smallest detectable change", millimetres(statistics.get("lod95_median_m", NAN)), "95\u00a0%, median"
         ),
         KeyFigure("Object as a whole", motion.displacement.text, sure),
-        KeyFigure("Not assessable", percent(share_not_assessed(comparison)), f"of the {after.order} epoch’s surface"),
+        KeyFigure("Not assessable", unknown[1], f"of the {after.order} epoch’s surface; {unknown[0]} of the other’s"),
     )
 
 
 def print_significance(significance: float) -> str:
-    """Return the probability that the object did move, in per cent."""
+    """Return the confidence 1 - p that the object did move, in per cent."""
     if not np.isfinite(significance):
         return NOT_KNOWN
     return "above 99.9\u00a0%" if significance > 0.999 else percent(significance)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from projects.model import Assessment, Comparison, NotAssessed, Step
-from reports.answer import NAN, WHY_NOT, print_significance, share_not_assessed
+from reports.answer import NAN, WHY_NOT, print_significance, shares_not_assessed, tolerance_in_words
 from reports.control import control_table
 from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, count, estimate, millimetres, percent, print_number
@@ -28,7 +28,7 @@ def state_certainty(
         registration_table(comparison),
         motion_table(comparison, *epochs),
         detection_table(comparison, false_discovery_rate),
-        not_assessed_table(comparison, epochs[1]),
+        not_assessed_table(comparison, *epochs),
         agreement_table(steps),
         control_table(steps),
     ]
@@ -42,12 +42,12 @@ def registration_table(comparison: Comparison) -> Table:
     rows: tuple[tuple[str, str], ...] = (
         ("Object as a whole displaced by", motion.displacement.text),
         ("turned by", motion.angle.text),
-        ("significance of this motion", print_significance(statistics.get("motion_significance", NAN))),
+        ("confidence that it moved (1 − p)", print_significance(statistics.get("motion_significance", NAN))),
         (
             "in the differences",
             "taken out (relative mode)" if comparison.mode == "relative" else "kept (absolute mode)",
         ),
-        ("surface held to be stable", percent(registration.stable_share)),
+        ("of the surface matched, held to be stable", percent(registration.stable_share)),
         ("overlap of the epochs", percent(registration.overlap)),
         ("correspondences used", f"{count(registration.n_inliers)} of {count(registration.n_correspondences)}"),
         ("scatter of the stable surface (one sigma)", millimetres(registration.sigma)),
@@ -99,7 +99,7 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     if "correlation_length_m" in statistics:
         rows.append(("errors of neighbours agree over", millimetres(statistics["correlation_length_m"])))
     if "tolerance_m" in statistics:
-        rows.append(("the client’s tolerance", millimetres(statistics["tolerance_m"])))
+        rows.append(("the client’s tolerance", tolerance_in_words(statistics["tolerance_m"])))
         rows.append(("assessed surface beyond it", percent(statistics.get("share_beyond_tolerance", NAN))))
     note = (
         "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
@@ -110,7 +110,7 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     return Table("What can be seen", ("", ""), tuple(rows), note)
 
 
-def not_assessed_table(comparison: Comparison, second: EpochFacts) -> Table:
+def not_assessed_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -> Table:
     """Return how much of the compared surface was assessed, and why the rest was not."""
     side = comparison.on_compared
     n = max(len(side.assessment), 1)
@@ -124,9 +124,10 @@ def not_assessed_table(comparison: Comparison, second: EpochFacts) -> Table:
     other = int((side.reasons[unassessed] == NotAssessed.ASSESSED).sum())
     if other:
         rows.append(_share_row("Not assessable: reason not recorded", other, n))
+    before, after = (percent(s) for s in shares_not_assessed(comparison))
     note = (
-        f"Vertices of the {second.order} surface; of its area {percent(share_not_assessed(comparison))} could not be "
-        "assessed."
+        f"Vertices of the {second.order} surface; of its area {after} could not be assessed, of that of the "
+        f"{first.order} surface {before}."
     )
     return Table("What could be assessed", ("", "vertices", "share"), tuple(rows), note)
 

@@ -17,11 +17,18 @@ from projects.model import Floats, Series
 from reports.colours import change_ramp
 from reports.drawing import INK, MM, SOFT, drawing, plain_number, write_svg
 from reports.facts import CourseFacts, SeriesFacts, Table
-from reports.quantities import CM2, DEGREES, day, estimate, in_words
+from reports.quantities import CM2, DEGREES, Estimate, day, estimate, in_words
 
 CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
 Z95, SIGNIFICANT = 1.96, 0.05
+GOES_ON = ("steady", "accelerating")  # at a rate
+COURSES = {
+    "steady": "goes on steadily",
+    "none": "no trend is significant",
+    "irregular": "irregular, no steady course or single jump fits",
+    "single": "measured in one epoch only, which tells no course",
+}
 
 
 def tell_series(series: Series) -> SeriesFacts:
@@ -57,7 +64,7 @@ def tell_motions(series: Series) -> Table | None:
 
 def _say_followed(n: int, going: int) -> str:
     """Return how many regions are followed and how many of them go on changing, in words."""
-    where = "measured over its whole footprint in every epoch"
+    where = "measured over its whole footprint in every epoch that shows most of it"
     if n == 1:
         return f"One region is followed, {where}; {'it goes' if going else 'nothing says that it goes'} on changing."
     rest = f"{in_words(going)} of them {'goes' if going == 1 else 'go'}" if going else "none goes"
@@ -68,6 +75,7 @@ def tell_course(series: Series, row: pd.Series) -> CourseFacts:
     """Return one followed region as texts."""
     history = series.history[series.history["identity"] == row["identity"]]
     last = history[np.isfinite(history["mean_m"])].tail(1)
+    is_now = bool(len(last)) and str(last["epoch"].iloc[0]) == series.epoch_ids[-1]
     mean, sigma = (float(last[name].iloc[0]) if len(last) else math.nan for name in ("mean_m", "sigma_mean_m"))
     return CourseFacts(
         number=int(row["identity"]),
@@ -76,9 +84,17 @@ def tell_course(series: Series, row: pd.Series) -> CourseFacts:
         origin=_origin(row),
         first_seen=str(row["first_seen"]),
         area=estimate(float(row["area_m2"]), 0.0, CM2, "cm²"),
-        mean=estimate(mean, sigma, MM, "mm", signed=True),
-        rate=estimate(float(row["rate_m_per_year"]), float(row["sigma_rate_m_per_year"]), MM, "mm/year", signed=True),
-    )
+        mean=estimate(mean, sigma, MM, "mm" if is_now else f"mm, in {last['epoch'].iloc[0]}", signed=True)
+        if len(last) else estimate(mean, sigma, MM, "mm"),
+        rate=_rate(row),
+    )  # fmt: skip
+
+
+def _rate(row: pd.Series) -> Estimate:
+    """Return the rate of a region where one describes how it goes on."""
+    if str(row["model"]) not in ("none", *GOES_ON):
+        return Estimate("no one rate")
+    return estimate(float(row["rate_m_per_year"]), float(row["sigma_rate_m_per_year"]), MM, "mm/year", signed=True)
 
 
 def say_course(series: Series, row: pd.Series) -> str:
@@ -90,8 +106,7 @@ def say_course(series: Series, row: pd.Series) -> str:
     if model == "accelerating":
         bend = float(row["acceleration_m_per_year2"])
         return "faster and faster" if bend * float(row["rate_m_per_year"]) > 0 else "slower and slower"
-    words = {"steady": "goes on steadily", "none": "no trend is significant"}
-    return words.get(model, model)
+    return COURSES.get(model, model)
 
 
 def _when(series: Series, years: float) -> str:

@@ -25,6 +25,7 @@ from reports.history import (
     epochs_table,
     inputs_table,
     kind_of,
+    name_columns,
     points_table,
     record_steps,
     versions_table,
@@ -96,8 +97,9 @@ def make_facts(
     made = after.step(f"comparison-{before.record.epoch_id}")
     first, second = name_epochs(before.record, after.record)
     regions = tuple(describe_region(comparison, row) for _, row in comparison.regions.iterrows())
-    has_control = bool(before.record.control and after.record.control)
-    columns = {f"before ({first.date})": before.steps, f"after ({second.date})": after.steps}
+    has_control = not _without_control(before) and not _without_control(after)
+    heads = name_columns((before, after))
+    columns = {f"{heads[0]} ({first.date})": before.steps, f"{heads[1]} ({second.date})": after.steps}
     return ReportFacts(
         title=record.name or record.object_id,
         subtitle=f"What changed between {first.caption} and {second.caption}",
@@ -176,7 +178,18 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
     stale = [e.record.epoch_id for e, s in surfaces if s is not None and s.step_id not in made.inputs]
     again = tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)
     times = (*_backwards(before.record, after.record), *_to_come(made, (before.record, after.record)))
-    return (*times, *_same_survey(before, after), *_found_by_shape(made), *again)
+    held = tuple(why for e in (before, after) if e.record.control and (why := _without_control(e)))
+    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *again)
+
+
+def _without_control(epoch: EpochHistory) -> str:
+    """Return why no control point holds an epoch, "" where some do, or nobody recorded whether they do."""
+    if not epoch.record.control:
+        return "no control points are given"
+    network = epoch.step("network")
+    is_held = not epoch.record.is_mesh and (network is None or network.automatic.get("n_control", 1) > 0)
+    why = "none of them was found in its scans" if not epoch.record.is_mesh else "it is a finished mesh"
+    return "" if is_held else f"The control points of epoch {epoch.record.epoch_id} hold nothing: {why}."
 
 
 def _doubts(comparison: Comparison, epochs: tuple[EpochHistory, EpochHistory]) -> tuple[str, ...]:

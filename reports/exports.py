@@ -25,6 +25,7 @@ from reports.colours import choose_limit, vertex_colours
 SUMMARY_KEYS = ("stable_share", "bias_m", "nmad_m", "rmse_m", "lod95_median_m", "n_vertices", "n_not_assessable",
                 "n_unchanged", "n_changed", "share_above_lod95", "motion_significance")  # fmt: skip
 UNIT_NOTE = "metres; positive distance = material gained; assessment 0 not assessable, 1 unchanged, 2 changed"
+RATE_NOTE = "metres, rates in metres a year; positive = material gained"
 
 Properties = Mapping[str, NDArray[Any]]
 Writer = Callable[[Path, Surface, Properties], None]
@@ -171,7 +172,12 @@ def _write_formats(stem: Path, surface: Surface, properties: Properties, formats
 
 
 def _write_ply(path: Path, surface: Surface, properties: Properties) -> None:
-    write_ply_mesh(path, surface, properties, comments=(UNIT_NOTE,))
+    write_ply_mesh(path, surface, properties, comments=(_note_on(properties),))
+
+
+def _note_on(properties: Properties) -> str:
+    """Return what a file says of its units and signs: of the properties that it has."""
+    return UNIT_NOTE if "assessment" in properties else RATE_NOTE if "rate" in properties else "metres"
 
 
 def _write_obj(path: Path, surface: Surface, properties: Properties) -> None:

@@ -65,7 +65,13 @@ def epochs_table(epochs: Sequence[EpochHistory]) -> Table:
         ("Measured as", *(_measured_as(e) for e in epochs)),
         ("Control points", *(count(len(e.record.control)) for e in epochs)),
     )
-    return Table("The epochs", ("", "before", "after"), rows)
+    return Table("The epochs", ("", *name_columns(epochs)), rows)
+
+
+def name_columns(epochs: Sequence[EpochHistory]) -> tuple[str, str]:
+    """Return what the columns of the reference and of the compared epoch are called."""
+    first, second = (e.record.date for e in epochs)
+    return ("before", "after") if first <= second else ("reference", "compared")
 
 
 def _instrument(epoch: EpochHistory) -> str:
@@ -99,7 +105,7 @@ def points_table(epochs: Sequence[EpochHistory]) -> Table:
     order = sorted(names, key=lambda name: (_PHASES.index(name[0]), _rank(name)))
     rows = tuple((words, *(count(flow[(phase, words)]) if (phase, words) in flow else "–" for flow in flows))
                  for phase, words in order)  # fmt: skip
-    return Table("From the scanner to the surface", ("points", "before", "after"), rows)
+    return Table("From the scanner to the surface", ("points", *name_columns(epochs)), rows)
 
 
 _PHASES = ("files", "scan", "filtered", "surface")

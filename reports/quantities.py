@@ -14,7 +14,7 @@ NOT_KNOWN = "not known"
 Z95 = 1.96
 MM, CM2, CM3, DEGREES = 1e3, 1e4, 1e6, 180.0 / math.pi  # of one m, m2, m3, rad
 NBSP, THIN, MINUS = "\u00a0", "\u202f", "\u2212"
-FINEST = 4  # no more decimals than these, however small the margin
+FINEST = 6  # no more decimals than these, however small the margin
 MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
           "November", "December")  # fmt: skip
 WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
@@ -62,7 +62,10 @@ def estimate(value: float, sigma: float, scale: float, unit: str, *, signed: boo
         unknown = "" if margin == 0.0 else NOT_KNOWN
         return Estimate(print_number(value * scale, significant(value * scale), signed=signed), unknown, unit)
     decimals = count_decimals(margin)
-    return Estimate(print_number(value * scale, decimals, signed=signed), print_number(margin, decimals), unit)
+    told = print_number(margin, decimals)
+    if round(margin, decimals) == 0.0:  # a margin is never told as none
+        told = f"<{NBSP}{print_number(10.0**-decimals, decimals)}"
+    return Estimate(print_number(value * scale, decimals, signed=signed), told, unit)
 
 
 def significant(value: float, digits: int = 3) -> int:

@@ -20,6 +20,7 @@ from projects.errors import MonitorError, ParameterError, StoreError
 from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
+from reports.quantities import NBSP, millimetres
 
 Pair = tuple[str | None, str | None]
 Facts = dict[str, Any]
@@ -39,7 +40,7 @@ def process_project(
             return _processed(place, process_epoch(place, settings, engine, notify))
 
         facts, failed = _try_each([partial(process_place, place) for place in places])
-    _tell(facts, as_json, "{object} {epoch}: {n_vertices} vertices from {n_points} points")
+    _tell(facts, as_json, "{object} {epoch}: {n_vertices} vertices {source}")
     _require_none(failed, len(places), "epochs could not be processed")
 
 
@@ -82,10 +83,12 @@ def _processed(place: Place, steps: list[Step]) -> Facts:
     """Return what one epoch became as plain values."""
     surface = place.project.get(place.object_id, place.epoch_id, "surface")
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
+    n_points = sum(h.n_points for h in headers)
     return {
         "object": place.object_id,
         "epoch": place.epoch_id,
-        "n_points": sum(h.n_points for h in headers),
+        "n_points": n_points,
+        "source": f"from {n_points} points" if headers else "of a finished mesh",
         "n_vertices": len(surface.vertices),
         "n_faces": len(surface.faces),
         "steps": {s.product: s.step_id for s in steps},
@@ -147,9 +150,9 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
     n, unknown = comparison.statistics["n_vertices"], comparison.statistics["n_not_assessable"]
     count = len(comparison.regions)
     found = f"{count} region{'s' if count != 1 else ''} of change" if count else "no change found"
-    level = f"level of detection {1000 * comparison.statistics['lod95_median_m']:.2f} mm"
+    level = f"level of detection {millimetres(comparison.statistics['lod95_median_m']).replace(NBSP, ' ')}"
     answer = (
-        f"{found}; {level}; {100 * unknown / max(1, n):.0f} % not assessable"
+        f"{found}; {level}; {_not_assessable(comparison, reference, place.epoch_id)}"
         if unknown < n or count
         else f"nothing of {place.epoch_id} could be assessed"
     )
@@ -166,6 +169,14 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
         "n_regions": count,
         "answer": answer,
     }
+
+
+def _not_assessable(comparison: Comparison, reference: str, compared: str) -> str:
+    """Return which shares of the areas of both surfaces could not be assessed."""
+    names = ("assessed_area_share_reference", "assessed_area_share")
+    before, after = (f"{100.0 * (1.0 - comparison.statistics[name]):.0f} %" for name in names)
+    told = after if before == after else f"{before} of {reference} and {after} of {compared}"
+    return f"{told} not assessable"
 
 
 def _tell(facts: list[dict[str, Any]], as_json: bool, line: str) -> None:

@@ -144,6 +144,21 @@ def spread_over_assessed(side: Side, region: Ints, width: float) -> Ints:
     return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 
+def over_each_other(sides: tuple[Side, Side], margins: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
+    """Return the regions of both sides (n,) with what stands over the other side's.
+
+    Where one side's patch ends before the other's though both have surface there, a closing film from border to border
+    would pass for a body.
+    """
+    out = []
+    for k, side in enumerate(sides):
+        own = margins[k].copy()
+        at = np.flatnonzero(side.is_assessed & (own == 0) & (side.foot_vertices >= 0))
+        own[at] = margins[1 - k][side.foot_vertices[at]]
+        out.append(own)
+    return out[0], out[1]
+
+
 def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Ints], found: Detected,
                  registration: Registration, beyond: Beyond) -> Body | None:  # fmt: skip
     """Return the body that the patches of a region (`margins`: with their margin) enclose; None where none can be."""

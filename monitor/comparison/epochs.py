@@ -147,7 +147,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     on_reference, on_compared = map_sides(
         lambda k: finish_side(sides[k], found.sides[k], numbers[k], beyond.change[k]), larger_of(sides)
     )
-    statistics = {**summarize(on_compared, sides[1], found, registration, tolerance), "search_limit_m": limit,
+    statistics = {**summarize(on_compared, sides, found, registration, tolerance), "search_limit_m": limit,
                   "region_shapes": describe_shapes(regions, sides, numbers)}  # fmt: skip
     return Comparison(on_compared, on_reference, regions, registration, mode, statistics)
 

@@ -15,7 +15,14 @@ from scipy.stats import norm
 
 from monitor.comparison.connected import connect_like
 from monitor.comparison.detection import Detected, Detection, Tested
-from monitor.comparison.enclosure import SIGNS, Beyond, grow_regions, measure_body, spread_over_assessed
+from monitor.comparison.enclosure import (
+    SIGNS,
+    Beyond,
+    grow_regions,
+    measure_body,
+    over_each_other,
+    spread_over_assessed,
+)
 from monitor.comparison.moved import name_moved
 from monitor.comparison.noise import Noise
 from monitor.comparison.reaches import members_of
@@ -130,11 +137,12 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
     Where a body has too long a border to be closed, the sum of its prisms in the table stays.
     """
     width = margin_width(sides, found)
-    margins = tuple(spread_over_assessed(s, g, width) for s, g in zip(sides, grown, strict=True))
+    spread = [spread_over_assessed(s, g, width) for s, g in zip(sides, grown, strict=True)]
+    margins = over_each_other(sides, (spread[0], spread[1]))
     known = is_volume_known(sides, grown, beyond, found.test.size, len(table))
     volumes = table[["volume_m3", "sigma_volume_m3"]].to_numpy(dtype=float, copy=True)
     for k in range(len(table)):
-        body = measure_body(k + 1, sides, (margins[0], margins[1]), found, registration, beyond) if known[k] else None
+        body = measure_body(k + 1, sides, margins, found, registration, beyond) if known[k] else None
         if body is not None:
             volumes[k] = body.volume, body.sigma
     volumes[~known] = np.nan

@@ -10,15 +10,17 @@ from monitor.comparison.detection import Detected
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
 from monitor.registration.significance import motion_significance
-from projects.model import Assessment, ComparedSurface, Floats, Ints, NotAssessed, Registration
+from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints, NotAssessed, Registration
 
 
-def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registration: Registration,
+def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Detected, registration: Registration,
               tolerance: float | None) -> dict[str, Any]:  # fmt: skip
     """Return the statistics of `Comparison`, over the vertices of the compared surface; lengths in metres.
 
-    Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones.
+    Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones, by vertices above their level
+    of detection, by area beyond the tolerance. What could be assessed is told of the area of both surfaces.
     """
+    side = sides[1]
     state, areas = on_compared.assessment, side.areas
     assessed = on_compared.reasons == NotAssessed.ASSESSED
     calm = on_compared.distances[state == Assessment.UNCHANGED]
@@ -39,7 +41,8 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
         "motion_displacement_m": motion.displacement,
         "motion_angle_rad": motion.angle,
         "motion_is_significant": bool(motion.is_significant),
-        "assessed_area_share": float(areas[state != Assessment.NOT_ASSESSABLE].sum() / max(areas.sum(), 1e-300)),
+        "assessed_area_share": _share_of_area(areas, state != Assessment.NOT_ASSESSABLE),
+        "assessed_area_share_reference": _share_of_area(sides[0].areas, sides[0].is_assessed),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
         "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
         "floor_m": float(np.median(found.noise.floor_of(side))),
@@ -56,8 +59,14 @@ def summarize(on_compared: ComparedSurface, side: Side, found: Detected, registr
     }
     if tolerance is not None:
         figures["tolerance_m"] = float(tolerance)
-        figures["share_beyond_tolerance"] = _or_nan(np.mean, np.abs(d) > tolerance)
+        figures["share_beyond_tolerance"] = _share_of_area(areas[assessed], np.abs(d) > tolerance)
     return figures
+
+
+def _share_of_area(areas: Floats, which: Bools) -> float:
+    """Return the share of the area at the vertices (n,) of a mask, NaN without any area."""
+    whole = float(areas.sum())
+    return float(areas[which].sum()) / whole if whole > 0.0 else float("nan")
 
 
 def _is_shared(side: Side) -> bool:

@@ -17,6 +17,7 @@ from projects.model import Floats
 
 N_DRAWS = 4000  # of courses without an onset, which say how often chance looks like one
 LEVEL = 0.05
+MISFIT = 0.01  # of residuals by chance: below it none of the courses tried is the one
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Course:
     Attributes
     ----------
     model : "none" (nothing goes on), "steady", "accelerating", "onset" (nothing before a moment, then on), "jump" (at
-        once, nothing before and after).
+        once, nothing before and after); "irregular" (none of these fits: what comes and goes, or goes on by several
+        jumps), "single" (one epoch after the reference is known, which leaves all of them open).
     rate, sigma_rate : m/year, of the steady model; p_rate: two-sided, of a rate of zero.
     acceleration, sigma_acceleration, p_acceleration : m/year2; NaN with fewer than two epochs after the reference.
     p_onset : how often a steady course looks as much like an onset or a jump; NaN with one epoch after the reference.
@@ -130,16 +132,24 @@ def fit_course(years: Floats, means: Floats, sigmas: Floats, sigma_reference: fl
     rate, sigma_rate = float(line.parameters[0, 1]), float(np.sqrt(line.covariance[0, 1, 1]))
     bend, sigma_bend = 2.0 * float(curve.parameters[0, 2]), 2.0 * float(np.sqrt(curve.covariance[0, 2, 2]))
     p_rate, p_bend = two_sided(rate / sigma_rate), two_sided(bend / sigma_bend)
-    p_onset, form, onset = judge_onset(years, means, sigmas, sigma_reference, seed)
-    spare = len(years) - 1
-    model = "none" if p_rate > level else "steady"
-    if p_onset <= level:
-        model = form
+    p_onset, moment, left = judge_onset(years, means, sigmas, sigma_reference, seed)
+    spare, onset = len(years) - 1, (np.nan, np.nan)
+    model, p_model = "none" if p_rate > level else "steady", p_of_chi2(line.chi2[0], spare)
+    p_fit = p_model
+    if moment is not None and p_onset <= level:
+        model, p_model, onset = moment.form, p_of_chi2(left, spare), moment.between
     elif p_bend <= level:
-        model = "accelerating"
-    return Course(model, rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, p_onset,
-                  onset if p_onset <= level else (np.nan, np.nan),
-                  float(chi2.sf(line.chi2[0], spare)) if spare > 0 else np.nan)  # fmt: skip
+        model, p_model = "accelerating", p_of_chi2(curve.chi2[0], spare - 1)
+    if spare == 0:
+        model = "single"
+    elif p_model < MISFIT:
+        model, onset = "irregular", (np.nan, np.nan)
+    return Course(model, rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, p_onset, onset, p_fit)
+
+
+def p_of_chi2(value: float, n_spare: int) -> float:
+    """Return how often chance leaves residuals as large; NaN without any to spare."""
+    return float(chi2.sf(value, n_spare)) if n_spare > 0 else float("nan")
 
 
 def two_sided(z: float) -> float:
@@ -157,24 +167,24 @@ class Moment:
 
 
 def judge_onset(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float,
-                seed: int) -> tuple[float, str, tuple[float, float]]:  # fmt: skip
-    """Return how often a steady course looks as much like one with a moment, that moment's form and interval.
+                seed: int) -> tuple[float, Moment | None, float]:  # fmt: skip
+    """Return how often a steady course looks as much like one with a moment, the best moment, and its chi-square.
 
     Tried are a jump between each two epochs and a line that starts at each epoch, against a line from the reference on;
     the evidence is the fall of chi-square, its law that of `N_DRAWS` steady courses with the same sigmas.
     """
     if len(years) < 2:
-        return float("nan"), "", (float("nan"), float("nan"))
+        return float("nan"), None, float("nan")
     times, values, variances = _with_reference(
         years, means[:, None], sigmas[:, None], np.array([float(sigma_reference)])
     )
     sigma, moments = np.sqrt(variances[:, 0]), list_moments(times)
     designs = [np.column_stack([np.ones_like(times), times]), *(m.design for m in moments)]
     draws = np.random.default_rng(seed).standard_normal((len(times), N_DRAWS))
-    fall, best = _fall_of_chi2(designs, values[:, 0] / sigma, sigma)
-    chance, _ = _fall_of_chi2(designs, draws, sigma)
+    fall, best, left = _fall_of_chi2(designs, values[:, 0] / sigma, sigma)
+    chance, _, _ = _fall_of_chi2(designs, draws, sigma)
     p = float((1 + np.count_nonzero(chance >= fall)) / (1 + N_DRAWS))
-    return p, moments[int(best)].form, moments[int(best)].between
+    return p, moments[int(best)], float(left)
 
 
 def list_moments(times: Floats) -> list[Moment]:
@@ -189,14 +199,15 @@ def list_moments(times: Floats) -> list[Moment]:
     return found
 
 
-def _fall_of_chi2(designs: list[Floats], values: Floats, sigma: Floats) -> tuple[Floats, Floats]:
-    """Return by how much the best onset lowers the chi-square of standardized values, and which one it is."""
+def _fall_of_chi2(designs: list[Floats], values: Floats, sigma: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return by how much the best moment lowers the chi-square of standardized values, which one it is, and what it
+    leaves."""
     left = []
     for design in designs:
         q, _ = np.linalg.qr(design / sigma[:, None])
         left.append(((values - q @ (q.T @ values)) ** 2).sum(axis=0))
     onset = np.stack(left[1:])
-    return left[0] - onset.min(axis=0), onset.argmin(axis=0)
+    return left[0] - onset.min(axis=0), onset.argmin(axis=0), onset.min(axis=0)
 
 
 def predict(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float, at: Floats,

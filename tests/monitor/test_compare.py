@@ -46,6 +46,23 @@ def bowl(n: int, step: float, depth: float, radius: float) -> Floats:
     return np.where(r < radius, -0.5 * depth * (1.0 + np.cos(np.pi * r / radius)), 0.0)
 
 
+def test_share_beyond_the_tolerance_is_of_the_area_and_not_of_the_vertices(rng: np.random.Generator) -> None:
+    """Vertices lie nine times as densely on the quarter that rose by 4 mm."""
+    reference, compared = make_sheet(rng, 80), make_sheet(rng, 80)
+    i = np.repeat(np.arange(80), 80)
+    x = np.where(i < 60, i * 0.02 / 60, 0.02 + (i - 60) * 0.059 / 19)
+    lift = 0.004 * np.clip((0.022 - x) / 0.004, 0.0, 1.0)
+    flat = [s.vertices[:, 2] - 5e-3 * np.sin(s.vertices[:, 0] / 0.02) * np.cos(s.vertices[:, 1] / 0.03)
+            for s in (reference, compared)]  # fmt: skip
+    reference = dataclasses.replace(reference, vertices=np.c_[reference.vertices[:, :2], flat[0]])
+    compared = dataclasses.replace(compared, vertices=np.c_[x, compared.vertices[:, 1], flat[1] + lift])
+    result = compare(reference, compared, known_motion(compared), tolerance=0.002)
+    assert result.statistics["share_beyond_tolerance"] == pytest.approx(0.25, abs=0.04)
+    is_beyond = np.abs(result.on_compared.distances) > 0.002
+    assert is_beyond[np.isfinite(result.on_compared.distances)].mean() > 0.6
+    assert 0.8 < result.statistics["assessed_area_share_reference"] < 0.95  # on the ramp it has no counterpart
+
+
 def test_unchanged_pairs_rarely_show_a_region_and_exceed_lod95_at_five_percent(rng: np.random.Generator) -> None:
     n_with_region, shares = 0, []
     for _ in range(12):

@@ -57,6 +57,21 @@ def test_rates_hold_the_truth_and_steady_courses_seldom_look_otherwise(rng: np.r
     assert 0.90 <= inside <= 0.99
     assert np.mean([c.p_onset <= 0.05 for c in courses]) <= 0.10  # 5 % is promised; 150 courses
     assert np.mean([c.p_acceleration <= 0.05 for c in courses]) <= 0.10
+    assert np.mean([c.model == "irregular" for c in courses]) <= 0.05  # 1 % is promised
+
+
+@pytest.mark.parametrize("means", [(-5, -5, 0), (-4, -6, -5, -1), (-5, -0.5), (-3, -3, -6, -6)])
+def test_what_comes_and_goes_or_jumps_twice_has_no_one_course(means: tuple[float, ...]) -> None:
+    """In tenths of a millimetre, known to 0.02 mm: neither a jump nor a rate tells a change that was undone."""
+    values = 1e-4 * np.array(means, dtype=float)
+    course = fit_course(np.arange(1.0, len(means) + 1.0), values, np.full(len(means), 2e-5), 1e-5)
+    assert course.model == "irregular"
+    assert np.isnan(course.onset).all()
+
+
+def test_one_epoch_tells_no_course() -> None:
+    course = fit_course(np.array([1.0, 4.0]), np.array([-3e-4, np.nan]), np.array([1e-5, np.nan]), 5e-6)
+    assert course.model == "single"
 
 
 def test_onset_jump_and_acceleration_are_told_apart(rng: np.random.Generator) -> None:

@@ -89,7 +89,8 @@ def test_epochs_are_called_earlier_and_later_by_their_dates(days, orders):
     notes = [t.note for t in facts.certainty if t.title in ("The motion, axis by axis", "What could be assessed")]
     assert notes[0].startswith(f"From the {orders[0]} to the {orders[1]} epoch, about the point")
     assert notes[1].startswith(f"Vertices of the {orders[1]} surface;")
-    assert facts.answer.figures[3].note == f"of the {orders[1]} epoch’s surface"
+    note = plain(facts.answer.figures[3].note)
+    assert note == f"of the {orders[1]} epoch’s surface; 5.3 % of the other’s"
 
 
 def test_an_epoch_dated_after_its_comparison_is_pointed_out():
@@ -117,8 +118,10 @@ def test_the_figure_of_the_whole_says_in_words_whether_it_moved():
         figures = facts_of(example_comparison(**statistics)).answer.figures
         return plain(next(f.note for f in figures if f.label == "Object as a whole"))
 
-    assert note().endswith("; significant (above 99.9 %)")
-    assert note(motion_is_significant=False, motion_significance=0.907).endswith("; not significant (90.7 %)")
+    assert note().endswith("; significant (confidence above 99.9 %)")
+    assert note(motion_is_significant=False, motion_significance=0.907).endswith(
+        "; not significant (confidence 90.7 %)"
+    )
     assert note(motion_significance=NAN).endswith("; not known")
 
 
@@ -140,6 +143,13 @@ def test_where_little_or_nothing_was_assessed_the_headline_says_so():
     assert "no part of the surface" not in text
 
 
+def test_where_the_later_epoch_recorded_little_the_headline_says_so():
+    comparison = example_comparison(rows=(), assessed_area_share=0.92, assessed_area_share_reference=0.28)
+    facts = facts_of(comparison)
+    assert plain(facts.answer.headline) == "No change was found on the 28 % of the surface that could be assessed."
+    assert "72 % of the earlier epoch’s surface could not be assessed" in said(facts)
+
+
 def test_two_regions_are_told_with_their_place_size_and_margins():
     text = said(facts_of())
     assert text.startswith("Two regions changed. Between 12 May 2025 and 18 May 2026 one region lost material (no. 1)")
@@ -147,7 +157,8 @@ def test_two_regions_are_told_with_their_place_size_and_margins():
     assert "Region 1 (front, 70 cm above the base): 78 ± 4 cm², at its deepest −12.40 ± 0.29 mm, volume −31.0" in text
     assert "Region 2 (right side, 30 cm above the base): 31.0 ± 2.0 cm², at its highest +3.1 ± 0.4 mm" in text
     assert "smallest change that can be told from measurement error is 0.35 mm" in text
-    assert "4.7 % of the surface could not be assessed" in text
+    assert "5.3 % of the earlier epoch’s surface could not be assessed, mostly because" in text
+    assert "; of the later epoch’s it is 4.7 %." in text
 
 
 def test_where_nothing_changed_the_smallest_change_that_would_have_been_seen_is_said():
@@ -192,6 +203,20 @@ def test_a_tolerance_is_reported_where_one_was_given():
     text = said(facts_of(example_comparison(tolerance_m=0.01, share_beyond_tolerance=0.0031)))
     assert "0.31 % of the assessed surface differs by more than the tolerance of 10 mm." in text
     assert "tolerance" not in said(facts_of())
+    exact = said(facts_of(example_comparison(tolerance_m=0.000125, share_beyond_tolerance=0.0031)))
+    assert "more than the tolerance of 0.125 mm." in exact
+
+
+def test_control_points_that_no_scan_saw_hold_nothing_and_are_told_so():
+    control = (ControlPoint("A", np.zeros(3)),)
+    before, after = (
+        dataclasses.replace(e, record=dataclasses.replace(e.record, control=control)) for e in example_epochs()
+    )
+    network = dataclasses.replace(before.step("network"), automatic={"n_control": 0})
+    before = dataclasses.replace(before, steps=tuple(network if s.product == "network" else s for s in before.steps))
+    facts = facts_of(epochs=(before, after))
+    assert facts.remarks == ("The control points of epoch e1 hold nothing: none of them was found in its scans.",)
+    assert "Without control points in both epochs" in said(facts)
 
 
 def test_unknown_figures_are_said_to_be_not_known():

@@ -26,6 +26,11 @@ def test_an_estimate_is_rounded_by_its_margin_of_95_percent(value, sigma, text):
     assert estimate(value, sigma, 1e3, "mm", signed=True).text.replace("\u00a0", " ") == text
 
 
+def test_a_margin_is_never_told_as_none():
+    assert estimate(1.2e-10, 3e-12, 1e6, "cm³").text.replace("\u00a0", " ") == "0.000120 ± 0.000006 cm³"
+    assert estimate(1.2e-4, 1e-14, 1e3, "mm").text.replace("\u00a0", " ") == "0.120000 ± < 0.000001 mm"
+
+
 def test_a_degree_sign_stands_at_the_value_and_at_the_margin():
     assert estimate(0.107, 0.02, 1.0, "°").text.replace("\u00a0", " ") == "0.11° ± 0.04°"
 

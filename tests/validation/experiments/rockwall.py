@@ -16,7 +16,7 @@ from rows import Row, Size, in_percent, in_words, judge
 from scipy.spatial import cKDTree
 from shared_data import data_folder
 
-from monitor.filtering import FilterSettings, ThinningSettings, filter_scan, merge_scans, voxel_median
+from monitor.filtering import FilterSettings, ThinningSettings, filter_scan, voxel_median
 from monitor.filtering.voxel_median import VoxelMedianSettings
 from projects.formats import read_scans
 from projects.model import Floats, Ints, PointCloud, Scan
@@ -165,10 +165,9 @@ def to_count(thin, n_wanted: int, first: float) -> Floats:
 
 
 def _ours(points: Floats, spacing: float) -> Floats:
-    """Thin as `monitor process` does an epoch of one scan, whose station is not known."""
+    """Thin by the chain of one scan, whose station is not known."""
     scan = Scan("wall", PointCloud(points), np.eye(4), origin=np.full(3, np.nan))
-    settings = FilterSettings(thinning=ThinningSettings(target_spacing=spacing))
-    return merge_scans([filter_scan(scan, settings)], settings).cloud.points
+    return filter_scan(scan, FilterSettings(thinning=ThinningSettings(target_spacing=spacing))).points
 
 
 def _median(points: Floats, spacing: float) -> Floats:
