@@ -31,6 +31,7 @@ HAPPENED = {
     "coated": "gained a thin, even layer (as a coating or dirt leaves)",
     "unclear": "changed in a way that is neither clearly loss nor gain",
 }
+MOVED_OR_WHOLE = "moved, as a part or with the whole"  # where the motion of the whole is in the differences
 WHY_NOT = {
     NotAssessed.NO_FACE: "the other epoch has no surface there that faces the same way",
     NotAssessed.FREE_EDGE: "it lies beyond the edge of what the other epoch recorded",
@@ -82,11 +83,17 @@ def _what_changed(
         numbers = listed([str(r.number) for r in regions if r.kind == kind])
         which = f" ({'no.' if n == 1 else 'nos.'}{NBSP}{numbers})" if n <= LISTED else ""
         things = "" if parts else " region" if n == 1 else " regions"
-        parts.append(f"{in_words(n)}{things} {HAPPENED.get(kind, kind)}{which}")
+        happened = MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else HAPPENED.get(kind, kind)
+        parts.append(f"{in_words(n)}{things} {happened}{which}")
     size = f"; together they cover {_square(float(comparison.regions['area_m2'].sum()))}" if len(regions) > 1 else ""
     told = [_tell(r) for r in regions[:NAMED]]
     rest = ("The others stand in the table of regions.",) if len(regions) > NAMED else ()
     return (f"{between} {listed(parts)}{size}.", *told, *rest)
+
+
+def holds_whole(comparison: Comparison) -> bool:
+    """Return whether the differences hold a motion of the whole, which looks like one of parts."""
+    return comparison.mode == "absolute" and bool(comparison.statistics.get("motion_is_significant"))
 
 
 def _square(area: float) -> str:
@@ -159,10 +166,16 @@ def shares_not_assessed(comparison: Comparison) -> tuple[float, float]:
     )
 
 
+def less_assessed(comparison: Comparison) -> int:
+    """Return the side of which more could not be assessed: 0 the reference, 1 the compared surface."""
+    reference, compared = shares_not_assessed(comparison)
+    return 0 if reference > compared else 1
+
+
 def _not_assessed(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts]) -> str:
     """Return the shares that could not be assessed, of both surfaces, and the main reason on the one with more."""
     shares = [percent(s) for s in shares_not_assessed(comparison)]
-    k = int(np.nanargmax((*shares_not_assessed(comparison), 0.0))) % 2
+    k = less_assessed(comparison)
     side, here, there = (comparison.on_reference, comparison.on_compared)[k], epochs[k], epochs[1 - k]
     reasons = Counter(side.reasons[side.assessment == Assessment.NOT_ASSESSABLE].tolist())
     known = {NotAssessed(r): n for r, n in reasons.items() if r}
@@ -177,6 +190,8 @@ def _figures(
 ) -> tuple[KeyFigure, ...]:
     """Return the four figures to remember."""
     statistics, unknown = comparison.statistics, [percent(s) for s in shares_not_assessed(comparison)]
+    k = less_assessed(comparison)
+    here = (before, after)[k]
     motion = describe_motion(comparison.registration)
     significance = statistics.get("motion_significance", NAN)
     moved = "significant" if statistics.get("motion_is_significant") else "not significant"
@@ -189,7 +204,9 @@ def _figures(
             "Smallest detectable change", millimetres(statistics.get("lod95_median_m", NAN)), "95\u00a0%, median"
         ),
         KeyFigure("Object as a whole", motion.displacement.text, sure),
-        KeyFigure("Not assessable", unknown[1], f"of the {after.order} epoch’s surface; {unknown[0]} of the other’s"),
+        KeyFigure(
+            "Not assessable", unknown[k], f"of the {here.order} epoch’s surface; {unknown[1 - k]} of the other’s"
+        ),
     )
 
 

@@ -15,7 +15,7 @@ from projects.errors import StoreError
 from projects.extent import Extent
 from projects.model import Comparison, EpochRecord, ObjectRecord, Step
 from projects.store import Project
-from reports.answer import state_answer
+from reports.answer import MOVED_OR_WHOLE, holds_whole, state_answer
 from reports.certainty import state_certainty
 from reports.courses import tell_series
 from reports.facts import EpochFacts, RegionFacts, ReportFacts
@@ -129,7 +129,7 @@ def describe_region(comparison: Comparison, row: pd.Series) -> RegionFacts:
     return RegionFacts(
         number=number,
         kind=kind,
-        meaning=MEANINGS.get(kind, kind),
+        meaning=MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else MEANINGS.get(kind, kind),
         side=COLOURED.get(kind, "other"),
         where=locate(comparison, number, place),
         area=estimate(float(row["area_m2"]), float(row["sigma_area_m2"]), CM2, "cm²"),
