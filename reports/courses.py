@@ -75,19 +75,19 @@ def tell_course(series: Series, row: pd.Series) -> CourseFacts:
     """Return one followed region as texts."""
     history = series.history[series.history["identity"] == row["identity"]]
     last = history[np.isfinite(history["mean_m"])].tail(1)
-    is_now = bool(len(last)) and str(last["epoch"].iloc[0]) == series.epoch_ids[-1]
+    is_old = bool(len(last)) and str(last["epoch"].iloc[0]) != series.epoch_ids[-1]
+    since = f"; last measured in epoch {last['epoch'].iloc[0]}" if is_old else ""
     mean, sigma = (float(last[name].iloc[0]) if len(last) else math.nan for name in ("mean_m", "sigma_mean_m"))
     return CourseFacts(
         number=int(row["identity"]),
         side="lost" if mean < 0 else "gained" if mean > 0 else "other",
-        course=say_course(series, row),
+        course=say_course(series, row) + since,
         origin=_origin(row),
         first_seen=str(row["first_seen"]),
         area=estimate(float(row["area_m2"]), 0.0, CM2, "cm²"),
-        mean=estimate(mean, sigma, MM, "mm" if is_now else f"mm, in {last['epoch'].iloc[0]}", signed=True)
-        if len(last) else estimate(mean, sigma, MM, "mm"),
+        mean=estimate(mean, sigma, MM, "mm", signed=True),
         rate=_rate(row),
-    )  # fmt: skip
+    )
 
 
 def _rate(row: pd.Series) -> Estimate:
