@@ -20,7 +20,8 @@ from projects.errors import MonitorError, ParameterError, StoreError
 from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
-from reports.quantities import NBSP, millimetres
+from reports.answer import shares_not_assessed
+from reports.quantities import NBSP, millimetres, percent
 
 Pair = tuple[str | None, str | None]
 Facts = dict[str, Any]
@@ -173,8 +174,7 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
 
 def _not_assessable(comparison: Comparison, reference: str, compared: str) -> str:
     """Return which shares of the areas of both surfaces could not be assessed."""
-    names = ("assessed_area_share_reference", "assessed_area_share")
-    before, after = (f"{100.0 * (1.0 - comparison.statistics[name]):.0f} %" for name in names)
+    before, after = (percent(share).replace(NBSP, " ") for share in shares_not_assessed(comparison))
     told = after if before == after else f"{before} of {reference} and {after} of {compared}"
     return f"{told} not assessable"
 

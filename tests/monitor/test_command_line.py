@@ -12,6 +12,7 @@ import trimesh
 from monitor.cli import results, run
 from projects import Project
 from reports import html
+from reports.quantities import percent
 
 STATION = "0 0 4"
 
@@ -73,6 +74,19 @@ def test_the_dent_is_found_and_told_as_lost(made: Path) -> None:
     assert largest["extreme_m"] == pytest.approx(-0.006, abs=0.001)
     volume = -0.006 * np.pi * 0.06**2 * (0.5 - 2 / np.pi**2)  # of the cosine bowl
     assert largest["volume_m3"] == pytest.approx(volume, rel=0.12)
+
+
+def test_compare_tells_what_could_not_be_assessed_of_both_surfaces_and_no_share_as_none(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["compare", str(made / "project"), "relief", "e1", "e2"]) == 0
+    statistics = Project.open(made / "project").get("relief", "e2", "comparison-e1").statistics
+    shares = [1.0 - statistics[name] for name in ("assessed_area_share_reference", "assessed_area_share")]
+    assert 0.0 < min(shares)
+    before, after = (percent(share).replace("\u00a0", " ") for share in shares)
+    told = capsys.readouterr().out
+    assert f"; {before} of e1 and {after} of e2 not assessable" in told or f"; {after} not assessable" in told
+    assert "; 0 %" not in told
 
 
 def test_export_names_and_properties_are_those_of_the_contract(made: Path, tmp_path: Path) -> None:
