@@ -16,7 +16,7 @@ from rows import Row, Size, in_percent, in_words, judge
 from scipy.spatial import cKDTree
 from shared_data import data_folder
 
-from monitor.filtering import FilterSettings, ThinningSettings, filter_scan, voxel_median
+from monitor.filtering import FilterSettings, ThinningSettings, filter_scan, merge_scans, voxel_median
 from monitor.filtering.voxel_median import VoxelMedianSettings
 from projects.formats import read_scans
 from projects.model import Floats, Ints, PointCloud, Scan
@@ -165,9 +165,10 @@ def to_count(thin, n_wanted: int, first: float) -> Floats:
 
 
 def _ours(points: Floats, spacing: float) -> Floats:
-    """Thin by the chain of one scan, whose station is not known."""
+    """Thin as `monitor process` does an epoch of one scan, whose station is not known."""
     scan = Scan("wall", PointCloud(points), np.eye(4), origin=np.full(3, np.nan))
-    return filter_scan(scan, FilterSettings(thinning=ThinningSettings(target_spacing=spacing))).points
+    settings = FilterSettings(thinning=ThinningSettings(target_spacing=spacing))
+    return merge_scans([filter_scan(scan, settings)], settings).cloud.points
 
 
 def _median(points: Floats, spacing: float) -> Floats:
@@ -187,6 +188,11 @@ def noise_alone(raw: Floats, n_wanted: int, spacing: float, patches: Patches) ->
         few = [to_count(lambda d, h=h, t=thin: t(h, d), n_wanted // 2, spacing * np.sqrt(2.0)) for h in halves]
         found[name] = noise_of_halves((few[0], few[1]), patches)
     return found
+
+
+def noise_in_words(noise: float) -> str:
+    """Return a noise [m] in millimetres, or that roughness hides it."""
+    return in_words(1e3 * noise, 3) if noise > 0.0 else "too small to tell"
 
 
 def run(size: Size) -> list[Row]:
@@ -215,11 +221,12 @@ def run(size: Size) -> list[Row]:
             others={name: in_words(noise[name], 2) for name in others}, value=ratio,
             cause="" if ratio <= 0.5 else "what stays over a plane is the shape of the stone: means leave as much"),
         Row("noise alone, of halves thinned to a tenth each, mm",
-            f"{in_words(1e3 * alone['ours'], 3)} ({alone['ours'] / alone['raw points']:.2f} of raw)",
+            f"{noise_in_words(alone['ours'])} ({alone['ours'] / alone['raw points']:.2f} of raw)"
+            if alone["ours"] > 0.0 else noise_in_words(alone["ours"]),
             judge(alone["ours"] <= 0.5 * alone["raw points"]), asked="at most half of raw",
-            others={name: in_words(1e3 * value, 3) if value > 0.0 else "too small to tell"
-                    for name, value in alone.items() if name != "ours"},
-            value=alone["ours"] / alone["raw points"]),
+            others={name: noise_in_words(value) for name, value in alone.items() if name != "ours"},
+            value=alone["ours"] / alone["raw points"],
+            cause="" if alone["ours"] > 0.0 else "what roughness adds with distance hides it: unknown is no pass"),
         Row("the same over the quadrics of the raw patches, mm",
             f"{in_words(bent['ours'], 2)} ({bent['ours'] / bent['raw points']:.2f} of raw)",
             others={name: in_words(bent[name], 2) for name in others}, value=bent["ours"] / bent["raw points"]),
