@@ -82,7 +82,7 @@ def test_compare_tells_what_could_not_be_assessed_of_both_surfaces_and_no_share_
     assert run(["compare", str(made / "project"), "relief", "e1", "e2"]) == 0
     statistics = Project.open(made / "project").get("relief", "e2", "comparison-e1").statistics
     shares = [1.0 - statistics[name] for name in ("assessed_area_share_reference", "assessed_area_share")]
-    assert 0.0 < min(shares)
+    assert min(shares) > 0.0
     before, after = (percent(share).replace("\u00a0", " ") for share in shares)
     told = capsys.readouterr().out
     assert f"; {before} of e1 and {after} of e2 not assessable" in told or f"; {after} not assessable" in told
