@@ -108,7 +108,7 @@ def compare_epochs(
         found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames,
                         points=lambda: (points_of(filtered(earlier)), points_of(filtered(place))))  # fmt: skip
         if len(found.regions):  # what moved as a whole shows as regions of change
-            parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.region > 0)
+            parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.is_changed)
             found = tell_moved(found, parts, compared.vertices)
         clouds = filtered(earlier), filtered(place)
         if clouds[0] is None or clouds[1] is None:
@@ -127,9 +127,18 @@ def _frames(places: Sequence[Place]) -> Frames | None:
 
 
 def default_mode(project: Project, object_id: str, reference_id: str, compared_id: str) -> str:
-    """Return "absolute" where both epochs have control points, "relative" otherwise (design step 11)."""
-    both = all(project.epoch(object_id, e).control for e in (reference_id, compared_id))
+    """Return "absolute" where control points hold both epochs, "relative" otherwise (design step 11)."""
+    both = all(is_held_by_control(project, object_id, e) for e in (reference_id, compared_id))
     return "absolute" if both else "relative"
+
+
+def is_held_by_control(project: Project, object_id: str, epoch_id: str) -> bool:
+    """Return whether an epoch has control points that hold its scans: a finished mesh has none, and a network says how
+    many it found; where there was no network, the scans are taken to stand as their control says."""
+    record = project.epoch(object_id, epoch_id)
+    network = project.latest(object_id, epoch_id, "network")
+    found = network is None or network.automatic.get("n_control", 1) > 0
+    return bool(record.control) and not record.is_mesh and found
 
 
 def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:
@@ -290,6 +299,7 @@ def _adopt_mesh(place: Place, notify: Notify) -> Step:
         notify(f"{place.epoch_id}: taking the mesh as the surface")
         mesh: Surface = place.project.get(place.object_id, place.epoch_id, "mesh")
         cloud = estimate_normals(PointCloud(points=mesh.vertices))
-        return Made(replace(mesh, roughness=cloud.roughness), {"sigma": "not stated; stable areas show it"})
+        counts = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+        return Made(replace(mesh, roughness=cloud.roughness), {"sigma": "not stated; stable areas show it"}, counts)
 
     return once_step(place, Asked("surface", "mesh", {"source": "mesh"}, (latest_step(place, "mesh"),)), make)

@@ -27,8 +27,8 @@ METHOD = {
     "surface": 22,
     "mesh": 6,
     "quality": 2,
-    "comparison": 27,
-    "series": 2,
+    "comparison": 28,
+    "series": 3,
 }
 
 

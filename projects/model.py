@@ -299,7 +299,9 @@ class ComparedSurface:
     NOT_ASSESSABLE, and `reasons` (`NotAssessed`) says why. Where a vertex is CHANGED because a scan of the other epoch
     looked through it (reason LOOKED_THROUGH), it is gone, or new, as a whole: `distances` is then that to the nearest
     point of the other surface in any direction, and `lod95` the median of the side.
-    `region` is 0 outside of regions.
+    `region` is 0 outside of regions. A region also holds vertices that are NOT_ASSESSABLE, where what hangs together
+    with its changed vertices lies outside or inside of the other surface without a perpendicular, as a piece that broke
+    off and its fracture do: its area is that of all of them, the mean of both sides.
     """
 
     surface: Surface
@@ -308,6 +310,16 @@ class ComparedSurface:
     assessment: NDArray[np.uint8]
     region: Ints
     reasons: NDArray[np.uint8]
+
+    @property
+    def is_changed(self) -> Bools:
+        """Which vertices (n,) have changed."""
+        return np.asarray(self.assessment == Assessment.CHANGED)
+
+    @property
+    def changed_region(self) -> Ints:
+        """The region (n,) of each vertex that has changed, 0 elsewhere."""
+        return np.where(self.is_changed, self.region, 0).astype(np.int32)
 
 
 REGION_COLUMNS = ("region", "kind", "area_m2", "sigma_area_m2", "volume_m3", "sigma_volume_m3", "extreme_m",
@@ -351,10 +363,11 @@ class Series:
     vertices of the reference surface: `rate`, `sigma_rate` [m/year], `acceleration`, `sigma_acceleration` [m/year2],
     NaN where unknown, positive = gained, and `identity`, the followed region (0: none). `regions` (`SERIES_COLUMNS`)
     has a row for each followed region, `history` (`HISTORY_COLUMNS`) one for each of them in each epoch, measured over
-    its whole footprint: `change_m3` is its mean change times its area. `forecast` (`FORECAST_COLUMNS`) says for regions
-    with a trend which mean difference an epoch at a time should show if it goes on as before. `motions`
-    (`MOTION_COLUMNS`) says how the object stood as a whole in each epoch against the first, from one adjustment of all
-    registrations, `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where there was no such network.
+    its whole footprint: `change_m3` is its mean change times its area, as much larger as the region's volume is
+    where that is largest. `forecast` (`FORECAST_COLUMNS`) says for regions with a trend which mean difference an epoch
+    at a time should show if it goes on as before. `motions` (`MOTION_COLUMNS`) says how the object stood as a whole in
+    each epoch against the first, from one adjustment of all registrations, `closures` (`CLOSURE_COLUMNS`) how well each
+    of them fits it; empty where there was no such network.
     """
 
     reference_id: str

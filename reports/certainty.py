@@ -14,7 +14,7 @@ from projects.model import Assessment, Comparison, NotAssessed, Step
 from reports.answer import NAN, WHY_NOT, print_significance, shares_not_assessed, tolerance_in_words
 from reports.control import control_table
 from reports.facts import EpochFacts, Table
-from reports.quantities import DEGREES, MM, count, estimate, millimetres, percent, print_number
+from reports.quantities import DEGREES, MM, NOT_KNOWN, count, estimate, millimetres, percent, print_number
 from reports.wholemotion import describe_motion
 
 
@@ -87,7 +87,10 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         ("mean difference where nothing changed (bias)", millimetres(statistics.get("bias_m", NAN), signed=True)),
         ("scatter there (robust sigma, NMAD)", millimetres(statistics.get("nmad_m", NAN))),
         ("root mean square there", millimetres(statistics.get("rmse_m", NAN))),
-        ("single vertices beyond their own limit", percent(statistics.get("share_above_lod95", NAN))),
+        (
+            "single vertices beyond their own limit, changed ones included",
+            percent(statistics.get("share_above_lod95", NAN)),
+        ),
     ]
     if np.isfinite(statistics.get("error_scale", NAN)):  # not where a surface states none
         rows.append(("of the errors that both surfaces state, stable areas show", percent(statistics["error_scale"])))
@@ -156,7 +159,8 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
             *rows,
             ("doubt about the poses of scans, which only those as given tell", *(d or "none" for d in doubts)),
         )
-    return Table("The scans of each epoch", ("", *steps), rows)
+    known = tuple(row for row in rows if set(row[1:]) != {NOT_KNOWN})  # a finished mesh has no scans
+    return Table("The scans of each epoch", ("", *steps), known)
 
 
 def _adjusted(network: Mapping[str, Any]) -> str:

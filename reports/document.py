@@ -62,7 +62,7 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
             f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
         )
     comparison = project.get(object_id, compared_id, product, step.step_id)
-    facts = make_facts(comparison, record, before, after, project_name=project.name)
+    facts = make_facts(comparison, record, before, after, project_name=project.name, crs=project.crs)
     calibrations = [c for epoch in (before, after) for c in gather_calibrations(project, object_id, epoch)]
     facts = replace(facts, calibrations=tuple(calibrations))
     followed = project.latest(object_id, compared_id, f"series-{reference_id}")
@@ -83,8 +83,9 @@ def gather_history(project: Project, object_id: str, epoch_id: str, reference_id
 
 
 def make_facts(
-    comparison: Comparison, record: ObjectRecord, before: EpochHistory, after: EpochHistory, *, project_name: str = ""
-) -> ReportFacts:
+    comparison: Comparison, record: ObjectRecord, before: EpochHistory, after: EpochHistory, *, project_name: str = "",
+    crs: str = "",
+) -> ReportFacts:  # fmt: skip
     """Return the facts of a comparison from the nouns.
 
     Parameters
@@ -92,7 +93,7 @@ def make_facts(
     comparison : of `after` (compared) with `before` (reference).
     record : the object.
     before, after : the epochs with the steps that made their surfaces; `after` also with the comparison's.
-    project_name : as the object block names it.
+    project_name, crs : as the object block names the project and its reference system.
     """
     made = after.step(f"comparison-{before.record.epoch_id}")
     first, second = name_epochs(before.record, after.record)
@@ -110,11 +111,12 @@ def make_facts(
         answer=state_answer(comparison, regions, first, second, has_control),
         regions=regions,
         certainty=state_certainty(comparison, columns, _false_discovery_rate(made), (first, second)),
-        object_rows=describe_object(record, project_name),
-        history=(epochs_table((before, after)), points_table((before, after))),
+        object_rows=describe_object(record, project_name, crs),
+        history=tuple(t for t in (epochs_table((before, after)), points_table((before, after))) if t.rows),
         record=record_steps((before, with_statistics(after, made, comparison))),
         versions=versions_table(made),
         inputs=inputs_table((before, after)),
+        crs=crs,
         mode=comparison.mode,
         comparison=comparison,
         parts=parts_table(comparison, first, second),

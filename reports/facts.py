@@ -126,6 +126,7 @@ class ReportFacts:
     series : how regions go on over more than two epochs, where the compared epoch ends such a series.
     parts : the parts that moved rigidly, where there are any.
     stable : where the user says that nothing moved, where they did.
+    crs : the reference system of the project's coordinates, "" where it is local.
     calibrations : the range calibration of a scan of each epoch, where one was corrected.
     record : the steps in order; versions and inputs : what they were made with and from.
     """
@@ -150,3 +151,4 @@ class ReportFacts:
     calibrations: tuple[CalibrationFacts, ...] = ()
     parts: Table | None = None
     stable: Extent | None = None
+    crs: str = ""

@@ -44,12 +44,12 @@ class EpochHistory:
         return next((s for s in self.steps if s.product == product), None)
 
 
-def describe_object(record: ObjectRecord, project_name: str = "") -> tuple[tuple[str, str], ...]:
+def describe_object(record: ObjectRecord, project_name: str = "", crs: str = "") -> tuple[tuple[str, str], ...]:
     """Return what is known of the object, name and text; what was not entered is left out."""
     rows = (
         ("Object", record.name or record.object_id), ("Identifier", record.object_id),
         ("Inventory", record.inventory), ("Place", record.place), ("Material", record.material),
-        ("Description", record.description), ("Project", project_name),
+        ("Description", record.description), ("Project", project_name), ("Coordinates", crs),
     )  # fmt: skip
     return tuple((name, text) for name, text in rows if text)
 

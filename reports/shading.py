@@ -96,7 +96,7 @@ def share_of(pixels: Pixels, of_vertex: Bools) -> Floats:
 
 def map_regions(pixels: Pixels, side: ComparedSurface) -> Ints:
     """Return the region (rows, columns) that each sub-pixel shows, 0 for none."""
-    number = np.where(side.assessment == Assessment.CHANGED, side.region, 0).astype(np.int32)
+    number = side.changed_region
     seen = np.where(pixels.hit & ~pixels.inside, number[pixels.vertex], 0)
     return np.where(share_of(pixels, number > 0) >= 0.5, seen, 0)
 

@@ -8,6 +8,7 @@ knows to be wrong; the points around the gap lie on the other epoch's surface al
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from monitor.boxes import box_of
 from monitor.comparison.distances import distances_to_shell
 from monitor.comparison.enclosure import SIGNS
 from monitor.comparison.moved import name_moved
-from monitor.comparison.regions import keep_regions
+from monitor.comparison.regions import Regions
 from monitor.comparison.shell import make_shell
 from monitor.comparison.side import Side
 from monitor.comparison.stars import Neighbours
@@ -34,9 +35,9 @@ FARTHEST_BESIDE = 2.0  # spacings of the vertices: a point farther along the sur
 
 
 def keep_borne_out(
-    table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tuple[Side, Side],
-    points: tuple[Floats | None, Floats | None], limits: tuple[float, float], is_gone: Bools,
-) -> tuple[pd.DataFrame, tuple[Ints, Ints], tuple[Side, Side]]:  # fmt: skip
+    regions: Regions, sides: tuple[Side, Side], points: tuple[Floats | None, Floats | None],
+    limits: tuple[float, float], is_gone: Bools,
+) -> tuple[Regions, tuple[Side, Side]]:  # fmt: skip
     """Return the regions that the points of both epochs bear out, and the sides without the vertices of the others.
 
     Where surfaces change by c, and the points of both lie b off their own (pits, grains and joints are not even about
@@ -45,24 +46,25 @@ def keep_borne_out(
 
     Parameters
     ----------
-    table, regions : of r regions, as `find_regions` returns them.
+    regions : r of them, as `find_regions` returns them.
     points : (n, 3) m of the reference and of the compared epoch, in the reference's coordinates. An epoch that has
         none, as a finished mesh, is not asked.
     limits : m and rad, the search limit and the largest angle between normals.
     is_gone : (r,) what was looked through, which needs no surface to be told.
     """
-    shown = np.ones(len(table) + 1)
+    seen, n = regions.seen, len(regions.table)
+    shown = np.ones(n + 1)
     for k, own in enumerate(points):
         if own is not None:
-            shown += shares_shown(sides, regions, k, own, limits, len(table)) - 1.0
+            shown += shares_shown(sides, seen, k, own, limits, n) - 1.0
     is_borne_out = ~(shown < LEAST_SHOWN)
     is_borne_out[1:] |= is_gone
     if is_borne_out.all():
-        return table, regions, sides
+        return regions, sides
     a, b = (s.without(s.is_assessed & ~is_borne_out[r], NotAssessed.TOO_UNCERTAIN)
-            for s, r in zip(sides, regions, strict=True))  # fmt: skip
-    table, regions = keep_regions(table, regions, np.flatnonzero(is_borne_out[1:]))
-    return name_anew(table, (a, b), regions), regions, (a, b)
+            for s, r in zip(sides, seen, strict=True))  # fmt: skip
+    regions = regions.keep(np.flatnonzero(is_borne_out[1:]))
+    return replace(regions, table=name_anew(regions.table, (a, b), regions.seen)), (a, b)
 
 
 def name_anew(table: pd.DataFrame, sides: tuple[Side, Side], regions: tuple[Ints, Ints]) -> pd.DataFrame:

@@ -140,16 +140,17 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     found = detect(sides, held, settings.false_discovery_rate, settings.seed, left)
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
-    regions, numbers = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
-    if points is not None and len(regions):
-        gone = area_looked_through(sides, beyond, numbers, len(regions) + 1)[1:] >= least_area(sides, found)
-        regions, numbers, sides = keep_borne_out(regions, numbers, sides, in_one_frame(points(), T), limits, gone)
+    regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
+    if points is not None and len(regions.table):
+        gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
+        regions, sides = keep_borne_out(regions, sides, in_one_frame(points(), T), limits, gone)
     on_reference, on_compared = map_sides(
-        lambda k: finish_side(sides[k], found.sides[k], numbers[k], beyond.change[k]), larger_of(sides)
+        lambda k: finish_side(sides[k], found.sides[k], (regions.seen[k], regions.whole[k]), beyond.change[k]),
+        larger_of(sides),
     )
     statistics = {**summarize(on_compared, sides, found, registration, tolerance), "search_limit_m": limit,
-                  "region_shapes": describe_shapes(regions, sides, numbers)}  # fmt: skip
-    return Comparison(on_compared, on_reference, regions, registration, mode, statistics)
+                  "region_shapes": describe_shapes(regions.table, sides, regions.whole)}  # fmt: skip
+    return Comparison(on_compared, on_reference, regions.table, registration, mode, statistics)
 
 
 def require_sound(reference: Surface, compared: Surface) -> None:
@@ -305,11 +306,12 @@ def in_one_frame(points: tuple[Floats | None, Floats | None], T_reference_compar
     return before, after if after is None or T_reference_compared is None else apply(T_reference_compared, after)
 
 
-def finish_side(side: Side, found: Detection, region: Ints, change_beyond: Floats) -> ComparedSurface:
-    """Return one side as the result holds it: changed is what belongs to a region.
+def finish_side(side: Side, found: Detection, regions: tuple[Ints, Ints], change_beyond: Floats) -> ComparedSurface:
+    """Return one side as the result holds it; `regions` are the vertices of regions that are changed, and all of them.
 
     `change_beyond` (n,) [m] stands in for the distance where a region's vertex was looked through.
     """
+    region, whole = regions
     is_through = (region > 0) & ~side.is_assessed
     state = np.full(len(region), Assessment.NOT_ASSESSABLE, dtype=np.uint8)
     state[side.is_assessed] = Assessment.UNCHANGED
@@ -318,4 +320,4 @@ def finish_side(side: Side, found: Detection, region: Ints, change_beyond: Float
     lod95[is_through] = np.median(found.lod95[side.is_assessed]) if side.is_assessed.any() else np.nan
     lod95, distances = keep_on_disk(lod95), keep_on_disk(np.where(is_through, change_beyond, side.distances))
     reasons = np.where(is_through, NotAssessed.LOOKED_THROUGH, side.reasons).astype(np.uint8)
-    return ComparedSurface(side.surface, distances, lod95, state, region.astype(np.int32), reasons)
+    return ComparedSurface(side.surface, distances, lod95, state, whole.astype(np.int32), reasons)

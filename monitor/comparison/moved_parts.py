@@ -38,7 +38,7 @@ def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> C
     if not found.parts:
         return comparison
     part_of = found.part_of, part_on_reference(comparison, found, compared)
-    regions = comparison.on_compared.region, comparison.on_reference.region
+    regions = comparison.on_compared.changed_region, comparison.on_reference.changed_region
     belongs = count_vertices(regions, part_of, len(comparison.regions), len(found.parts))
     table = comparison.regions.copy()
     explained = belongs[:, 1:].sum(axis=1) >= MOST * np.maximum(belongs.sum(axis=1), 1)
@@ -66,7 +66,7 @@ def describe_part(found: MovedParts, number: int) -> dict[str, Any]:
 def part_on_reference(comparison: Comparison, found: MovedParts, compared: Floats) -> Ints:
     """Return the part (m,) that each changed vertex of the reference belongs to: the one that lay there before."""
     side = comparison.on_reference
-    changed = np.flatnonzero(side.region > 0)
+    changed = np.flatnonzero(side.is_changed)
     part_of = np.zeros(len(side.region), dtype=np.int32)
     nearest = np.full(len(changed), np.inf)
     for number, part in enumerate(found.parts, start=1):

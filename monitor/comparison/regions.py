@@ -8,6 +8,8 @@ witness) are no regions. What is no region is not called changed, nor is the ski
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 from scipy.sparse import coo_matrix
@@ -42,9 +44,32 @@ SWING = 0.8  # of a fit's radius, within which nine tenths of what it swings to 
 NEAREST_SAMPLE = 0.43  # median way to the nearest, in spacings: 0.40 of points on a grid, 0.47 at random
 
 
+@dataclass(frozen=True)
+class Regions:
+    """Regions 1 to r: their table (`REGION_COLUMNS`) and, of both sides, the region of each vertex (n,), 0 for none.
+
+    `seen` are the vertices that are changed; `whole` also those that lie outside or inside of the other surface without
+    a perpendicular and hang together with them: what broke off, and its fracture. Area, centroid and extent are of it.
+    """
+
+    table: pd.DataFrame
+    seen: tuple[Ints, Ints]
+    whole: tuple[Ints, Ints]
+
+    def keep(self, kept: Ints) -> Regions:
+        """Return the rows `kept` of the table in their order, all numbered anew."""
+        number = np.zeros(len(self.table) + 1, dtype=np.int32)
+        number[kept + 1] = np.arange(1, len(kept) + 1)
+        table = self.table.iloc[kept].reset_index(drop=True)
+        table["region"] = np.arange(1, len(kept) + 1)
+        a, b = self.seen
+        c, d = self.whole
+        return Regions(table, (number[a], number[b]), (number[c], number[d]))
+
+
 def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, registration: Registration, level: float,
-                 ) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:  # fmt: skip
-    """Return the table of regions, largest first, and the region of each vertex of both sides (0: none).
+                 ) -> Regions:  # fmt: skip
+    """Return the regions, largest first.
 
     `beyond` tells of the vertices that are not assessed whether they lie outside or inside of the other surface: what
     of them hangs together with a region counts in its volume.
@@ -62,48 +87,33 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     kept = candidates[(stands | (gone >= least))[candidates]]
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
-    regions = [trim_skirts(side, number[part], f.smooth)  # part -1 is the last entry: 0
-               for side, part, f in zip(sides, parts, found.sides, strict=True)]  # fmt: skip
-    signs = np.array(
-        [0.0, *(sign_of_region(k, sides, (regions[0], regions[1]), beyond) for k in range(1, len(kept) + 1))]
-    )
-    grown = grow_regions(sides, beyond, (regions[0], regions[1]), signs, least_beyond(sides, found))
+    before, after = (trim_skirts(side, number[part], f.smooth)  # part -1 is the last entry: 0
+                     for side, part, f in zip(sides, parts, found.sides, strict=True))  # fmt: skip
+    seen = before, after
+    signs = np.array([0.0, *(sign_of_region(k, sides, seen, beyond) for k in range(1, len(kept) + 1))])
+    whole = grow_regions(sides, beyond, seen, signs, least_beyond(sides, found))
     width = margin_width(sides, found)
-    margins = [spread_margin(s, r, width) for s, r in zip(sides, regions, strict=True)]
-    views = [view_sides(k, sides, found, (regions[0], regions[1]), grown, margins, beyond, registration)
-             for k in range(1, len(kept) + 1)]  # fmt: skip
+    margins = [spread_margin(s, r, width) for s, r in zip(sides, seen, strict=True)]
+    views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(kept) + 1)]
     table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
-    table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, grown, found, beyond, registration)
+    table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
-    table["kind"] = name_moved(table, sides, (regions[0], regions[1]))
+    table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
-    rank = np.zeros(len(kept) + 1, dtype=np.int32)
-    rank[order + 1] = np.arange(1, len(kept) + 1)
-    table = table.iloc[order].reset_index(drop=True)
-    table["region"] = np.arange(1, len(kept) + 1)
     z = np.array([stands_out(v) for v in views])[order]
-    return keep_significant(table, (rank[regions[0]], rank[regions[1]]), sides, z, gone[kept][order] >= least, level)
+    ordered = Regions(table, seen, whole).keep(order)
+    return keep_significant(ordered, sides, z, gone[kept][order] >= least, level)
 
 
-def keep_significant(table: pd.DataFrame, regions: tuple[Ints, Ints], sides: tuple[Side, Side], z: Floats,
-                     is_gone: Bools, level: float) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:  # fmt: skip
+def keep_significant(regions: Regions, sides: tuple[Side, Side], z: Floats, is_gone: Bools, level: float) -> Regions:
     """Return the regions whose own mean is significant in its family, by how many sigmas `z` (r,) it lies off zero.
 
     The family is as many places as regions of this size have room on the surface (Bonferroni). A patch may stand out
     where the region around it, as it is reported, does not; what was looked through (`is_gone`) needs no such proof.
     """
     assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
-    n_places = np.maximum(assessed / table["area_m2"].to_numpy(dtype=float), 1.0)
-    return keep_regions(table, regions, np.flatnonzero(is_gone | ~(2.0 * norm.sf(z) * n_places > level)))
-
-
-def keep_regions(table: pd.DataFrame, regions: tuple[Ints, Ints], kept: Ints) -> tuple[pd.DataFrame, tuple[Ints, Ints]]:
-    """Return the rows `kept` of the table, numbered anew, and the region of each vertex of both sides."""
-    number = np.zeros(len(table) + 1, dtype=np.int32)
-    number[kept + 1] = np.arange(1, len(kept) + 1)
-    table = table.iloc[kept].reset_index(drop=True)
-    table["region"] = np.arange(1, len(kept) + 1)
-    return table, (number[regions[0]], number[regions[1]])
+    n_places = np.maximum(assessed / regions.table["area_m2"].to_numpy(dtype=float), 1.0)
+    return regions.keep(np.flatnonzero(is_gone | ~(2.0 * norm.sf(z) * n_places > level)))
 
 
 def area_looked_through(sides: tuple[Side, Side], beyond: Beyond, parts: tuple[Ints, Ints], n_parts: int) -> Floats:

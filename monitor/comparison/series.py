@@ -160,7 +160,8 @@ def follow_regions(sides: Sequence[ComparedSurface], signs: Sequence[Floats], ar
     """
     followed: list[Followed] = []
     for k, (side, sign) in enumerate(zip(sides, signs, strict=True)):
-        regions = {r: side.region == r for r in range(1, len(sign)) if (side.region == r).any()}
+        own = side.changed_region
+        regions = {r: own == r for r in range(1, len(sign)) if (own == r).any()}
         links = sorted(_overlaps(followed, regions, sign, areas), key=lambda link: -link[0])
         taken: dict[int, Followed] = {}
         gone_on: set[int] = set()
@@ -203,14 +204,15 @@ def _go_on(followed: Followed, epoch: int, region: int, mask: Bools) -> None:
 
 @dataclass(frozen=True)
 class Footprint:
-    """A followed region in every epoch: its area [m2], centre [m], mean changes and their sigmas (k,) [m], and the
-    reference's part of those."""
+    """A followed region in every epoch: its area [m2], centre [m], mean changes and their sigmas (k,) [m], the
+    reference's part of those, and volumes with their sigmas (k, 2) [m3]."""
 
     area: float
     centre: Floats
     means: Floats
     sigmas: Floats
     sigma_reference: float
+    volumes: Floats
 
     def course(self, years: Floats, seed: int) -> Course:
         """Return how it goes on; "not assessable" where no epoch is known."""
@@ -228,7 +230,9 @@ def measure_footprint(followed: Followed, changes: Sequence[EpochChange], areas:
     known = sigmas[np.isfinite(means) & np.isfinite(sigmas)]
     centre = np.average(changes[0].side.surface.vertices[at], axis=0, weights=areas[at])
     own = float(np.sqrt(part) * known.min()) if len(known) else float("nan")
-    return Footprint(float(areas[at].sum()), centre, means, sigmas, own)
+    area = float(areas[at].sum())
+    volumes = volumes_over(followed, changes, area * np.column_stack([means, sigmas]))
+    return Footprint(area, centre, means, sigmas, own, volumes)
 
 
 def series_row(followed: Followed, measured: Footprint, course: Course, changes: Sequence[EpochChange]) -> list[object]:
@@ -245,8 +249,7 @@ def history_rows(followed: Followed, measured: Footprint, changes: Sequence[Epoc
     """Return the rows of a followed region, one an epoch, in the order of `HISTORY_COLUMNS`."""
     return [
         [followed.identity, c.epoch_id, float(years[k]), followed.numbers.get(k, 0), followed.events.get(k, ""),
-         float(measured.means[k]), float(measured.sigmas[k]), float(measured.means[k] * measured.area),
-         float(measured.sigmas[k] * measured.area)]
+         float(measured.means[k]), float(measured.sigmas[k]), *(float(v) for v in measured.volumes[k])]
         for k, c in enumerate(changes)
     ]  # fmt: skip
 
@@ -286,6 +289,27 @@ def sigmas_over(followed: Followed, changes: Sequence[EpochChange], at: Ints) ->
         sigmas[k] = float(table.loc[table["region"] == number, "sigma_mean_m"].iloc[0])
     kept = np.nanmax(sigmas / levels) if np.isfinite(sigmas / levels).any() else 1.0
     return np.where(np.isfinite(sigmas), sigmas, kept * levels)
+
+
+def volumes_over(followed: Followed, changes: Sequence[EpochChange], prisms: Floats) -> Floats:
+    """Return the volume of a region and its sigma (k, 2) [m3] in each epoch.
+
+    `prisms` (k, 2) are mean change and sigma times the area of the whole footprint. They leave out flanks below the
+    level of detection and what has no perpendicular; the body between both surfaces, as told of a region that was
+    found, holds them. Where the prisms are largest and the body is known it is taken, and prisms elsewhere are taken as
+    much larger as it is there. Bodies of other epochs would be of what was found of the region by then.
+    """
+    bodies = np.full(prisms.shape, np.nan)
+    for k, number in followed.numbers.items():
+        table = changes[k].comparison.regions
+        bodies[k] = table.loc[table["region"] == number, ["volume_m3", "sigma_volume_m3"]].iloc[0]
+    of_body = np.where(bodies[:, 0] * prisms[:, 0] > 0.0, np.abs(prisms[:, 0]), np.nan)
+    if not np.isfinite(of_body).any():
+        return prisms
+    most = int(np.nanargmax(of_body))
+    volumes = bodies[most, 0] / prisms[most, 0] * prisms
+    volumes[most] = bodies[most]
+    return volumes
 
 
 def _mean_level(side: ComparedSurface, at: Ints) -> float:

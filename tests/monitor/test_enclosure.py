@@ -11,7 +11,7 @@ from monitor.comparison.closing import border_edges, close_gap, cone_volume
 from monitor.comparison.mesh_tree import build_tree
 from monitor.comparison.offsets import signed_offsets
 from monitor.simulation.solid import contour
-from projects.model import Registration, Surface
+from projects.model import ComparedSurface, Registration, Surface
 
 NOISE = 2e-5  # m
 
@@ -119,6 +119,12 @@ def known(surface: Surface) -> Registration:
                         is_stable=np.ones(len(surface.vertices), dtype=bool))  # fmt: skip
 
 
+def area_of_region(side: ComparedSurface) -> float:
+    """Return the area [m2] that anyone finds who sums up the vertices of region 1, of the surface as it is stored."""
+    of_face = trimesh.Trimesh(side.surface.vertices, side.surface.faces, process=False).area_faces
+    return float(((side.region == 1)[side.surface.faces].mean(axis=1) * of_face).sum())
+
+
 @pytest.mark.parametrize("is_open", [False, True])
 def test_a_corner_broken_off_obliquely_has_its_volume(rng: np.random.Generator, is_open: bool) -> None:
     n = np.array([0.62, -0.55, 0.56]) / np.linalg.norm([0.62, -0.55, 0.56])
@@ -127,8 +133,12 @@ def test_a_corner_broken_off_obliquely_has_its_volume(rng: np.random.Generator, 
     closed = [block(np.random.default_rng(1), c, False) for c in (None, cut)]
     truth = float(np.diff([trimesh.Trimesh(s.vertices, s.faces, process=False).volume for s in closed])[0])
     for reference, compared, sign in ((before, after, 1.0), (after, before, -1.0)):
-        table = compare(reference, compared, known(compared)).regions
+        found = compare(reference, compared, known(compared))
+        table = found.regions
         assert len(table) == 1
+        assert table.area_m2[0] == pytest.approx(
+            np.mean([area_of_region(s) for s in (found.on_reference, found.on_compared)])
+        )
         assert table.kind[0] == ("lost" if sign > 0 else "added")
         assert table.volume_m3[0] == pytest.approx(sign * truth, rel=0.02)
         assert 0.0 < table.sigma_volume_m3[0] < 0.02 * abs(truth)

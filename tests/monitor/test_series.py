@@ -167,7 +167,7 @@ def worn_series():
 
 
 def test_wear_of_a_sphere_is_followed_with_its_rate(worn_series) -> None:
-    series, _, _ = worn_series
+    series, changes, _ = worn_series
     assert series.epoch_ids == ("y1", "y2", "y3", "y4")
     top = int(np.argmin(series.rate))
     assert series.rate[top] == pytest.approx(-5e-4, abs=3.0 * series.sigma_rate[top])
@@ -180,6 +180,11 @@ def test_wear_of_a_sphere_is_followed_with_its_rate(worn_series) -> None:
     history = series.history[series.history["identity"] == worn.iloc[0].identity]
     assert (np.diff(history["mean_m"]) < 0).all()
     assert history["mean_m"].iloc[3] / history["mean_m"].iloc[0] == pytest.approx(4.0, rel=0.1)
+    last = changes[0].comparison.regions.iloc[int(history["region"].iloc[3]) - 1]
+    assert history["change_m3"].iloc[3] == last["volume_m3"]
+    angle = np.linspace(0.0, 0.5, 2001)  # of a bowl: 2 pi r2 times the integral of depth over the solid angle
+    truth = -2 * np.pi * 0.1**2 * np.trapezoid(5e-4 * 0.5 * (1 + np.cos(np.pi * angle / 0.5)) * np.sin(angle), angle)
+    np.testing.assert_allclose(history["change_m3"], truth * np.arange(1, 5), rtol=0.06)
 
 
 def test_rates_of_unchanged_vertices_are_as_sure_as_they_say(worn_series) -> None:

@@ -294,7 +294,7 @@ def test_a_surface_made_again_after_the_comparison_is_pointed_out():
 
 
 def test_facts_are_gathered_from_a_project(tmp_path):
-    project = Project.create(tmp_path / "p", name="Tor")
+    project = Project.create(tmp_path / "p", name="Tor", crs="EPSG:31256")
     record, (before, after) = example_object(), example_epochs()
     project.add_object(record)
     comparison = example_comparison()
@@ -307,3 +307,7 @@ def test_facts_are_gathered_from_a_project(tmp_path):
     facts = gather_facts(project, "column", "e1", "e2")
     assert facts.answer == facts_of().answer
     assert ("Project", "Tor") in facts.object_rows
+    assert ("Coordinates", facts.crs) == ("Coordinates", "EPSG:31256") in facts.object_rows
+    titles = [t.title for t in (*facts.certainty, *facts.history)]
+    assert "The scans of each epoch" not in titles
+    assert "From the scanner to the surface" not in titles
