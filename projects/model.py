@@ -301,7 +301,8 @@ class ComparedSurface:
     point of the other surface in any direction, and `lod95` the median of the side.
     `region` is 0 outside of regions. A region also holds vertices that are NOT_ASSESSABLE, where what hangs together
     with its changed vertices lies outside or inside of the other surface without a perpendicular, as a piece that broke
-    off and its fracture do: its area is that of all of them, the mean of both sides.
+    off and its fracture do: its area is that of all of them, the mean of both sides, but of a piece that is gone, or
+    came, as a whole that of its own surface, before a loss and after a gain.
     """
 
     surface: Surface

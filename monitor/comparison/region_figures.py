@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected, Detection
-from monitor.comparison.enclosure import Beyond
+from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
 from monitor.comparison.spreading import spread_along
@@ -74,14 +74,26 @@ def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, I
 
 def describe_region(number: int, views: list[RegionView]) -> list[Any]:
     """Return the row of one region in the order of `REGION_COLUMNS`."""
-    area, sigma_area = combine([v.area for v in views], [v.sigma_area for v in views])
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
     mean, sigma_mean = combine([v.mean for v in views], [v.sigma_mean for v in views])
     extreme, sigma_extreme = max((v.extreme for v in views), key=least_size)
+    area, sigma_area = area_of(views, float(np.sign(extreme)))
     centroid = np.mean([v.centroid for v in views], axis=0)
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
     kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
     return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid]
+
+
+def area_of(views: list[RegionView], sign: float) -> tuple[float, float]:
+    """Return the area [m2] of a region and its sigma: what both sides say.
+
+    Of a piece that is gone, or came, as a whole it is that of its own surface, before a loss and after a gain (`sign`):
+    the fracture under it is another surface, and as a rule a smaller one.
+    """
+    own = [v for v in views if v.sign == sign]
+    if own and max(v.unmatched_share for v in views) > MOST_UNKNOWN:
+        return own[0].area, own[0].sigma_area
+    return combine([v.area for v in views], [v.sigma_area for v in views])
 
 
 def stands_out(views: list[RegionView]) -> float:
@@ -121,8 +133,14 @@ def settle_kind(kind: str, volume: float, sigma_volume: float) -> str:
 
 @dataclass(frozen=True)
 class RegionView:
-    """A region as one side sees it; metres, m2, m3; `unevenness` [m] is how the change varies beyond noise."""
+    """A region as one side sees it; metres, m2, m3; `unevenness` [m] is how the change varies beyond noise.
 
+    `sign` is that of the changes whose material this side shows: -1 before, +1 after. `unmatched_share` of the area
+    has no perpendicular.
+    """
+
+    sign: float
+    unmatched_share: float
     area: float
     sigma_area: float
     volume: float
@@ -151,8 +169,11 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         mean = float(np.average(change, weights=weight))
         noise2 = float(np.average(found.noise.variance_of(side, vertices), weights=weight))
         spread2 = float(np.average((change - mean) ** 2, weights=weight))
+    area = float(side.areas[whole].sum())
     return RegionView(
-        area=float(side.areas[whole].sum()),
+        sign=SIGNS[which],
+        unmatched_share=1.0 - float(weight.sum()) / area,
+        area=area,
         sigma_area=sigma_of_area(side, here, whole, margin, correlation),
         volume=np.nan
         if not len(margin)
