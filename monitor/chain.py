@@ -19,7 +19,14 @@ from monitor.comparison import compare
 from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
 from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
-from monitor.quality import assess_placement, assess_scans, describe_distances, distances_to_surface, join_shared
+from monitor.quality import (
+    assess_placement,
+    assess_rounding,
+    assess_scans,
+    describe_distances,
+    distances_to_surface,
+    join_shared,
+)
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, comparison_product, find_step, latest_step, once_step, put_step
@@ -245,13 +252,17 @@ def _reconstruct(
         clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
         agreement = assess_scans(result.surface, clouds)
         sigma_placed = assess_placement(result.surface, clouds, place.get(parts[-1]))
+        fits = result.automatic["fit_radius_m"], result.automatic["noise_m"]
+        sigma_rounded = assess_rounding(result.surface, _roundings(place, parts), fits)
         averaged = is_averaged(place, settings.filter)  # whose raw points drift from the mean of them all
         strays = None if averaged else _strays(place, result.surface, parts, calibrations, agreement.sigma_scan)
-        surface = replace(result.surface, sigma_shared=join_shared(agreement.sigma, sigma_placed), stray_share=strays)
+        shared = join_shared(agreement.sigma, sigma_placed, sigma_rounded)
+        surface = replace(result.surface, sigma_shared=shared, stray_share=strays)
         found = {
             "scan_disagreement_m": agreement.sigma_scan,
             "scan_disagreement_by_incidence_m": agreement.sigma_by_incidence.tolist(),
             "scan_placement_m": float(np.median(sigma_placed)) if sigma_placed.any() else float("nan"),
+            **({"rounding_m": float(np.median(sigma_rounded))} if sigma_rounded.any() else {}),
             "scan_patch_m": agreement.patch_size,
             "scan_patches": agreement.n_patches,
             "scan_patches_overlapping": agreement.n_overlapping,
@@ -261,6 +272,14 @@ def _reconstruct(
 
     asked = Asked("surface", "surface", {"surface": as_mapping(settings.surface)}, (filtered, *parts))
     return once_step(place, asked, make)
+
+
+def _roundings(place: Place, parts: tuple[Step, ...]) -> list[tuple[float, Floats]]:
+    """Return the step [m] of each scan's coordinates, 0 where they are not rounded, and its pose as adjusted."""
+    headers = place.project.scan_headers(place.object_id, place.epoch_id)
+    motions = place.get(parts[-1])["T_project_given"]
+    steps = [float(step.automatic.get("coordinate_step", 0.0)) for step in parts[:-1]]
+    return [(step, T @ header.pose) for step, T, header in zip(steps, motions, headers, strict=False)]
 
 
 def _strays(

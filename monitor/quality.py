@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from monitor.filtering.rounding import error_of_rounding
 from monitor.reconstruction import surface_to_points
 from monitor.registration.agreement import Agreement, assess_agreement
 from monitor.registration.placement import placement_sigma
@@ -46,16 +47,31 @@ def assess_placement(surface: Surface, clouds: Sequence[PointCloud], network: Ma
     return placement_sigma(surface.vertices, clouds, _typical_spacing(clouds), joint, network["centres"][scans])
 
 
-def join_shared(sigma_disagreement: Floats, sigma_placed: Floats) -> Floats:
-    """Return one sigma (n,) [m] of what whole neighbourhoods are off by: what scans disagree by there, and how well
-    they are placed.
+def assess_rounding(surface: Surface, scans: Sequence[tuple[float, Floats]], fits: tuple[float, float]) -> Floats:
+    """Return one sigma (n,) [m] of the surface by the rounding of its scans' coordinates; 0 where none are rounded.
 
-    Where the first is unknown (NaN: no two scans overlap) the second stands alone: targets place scans that share
-    nothing. NaN where neither says anything (a placement of 0 says nothing).
+    Parameters
+    ----------
+    scans : of each scan the step [m] of its coordinates (0: not rounded) and its pose (4, 4), which tells their axes.
+    fits : m, the radius of the median fit, and the noise of a point.
     """
-    return np.where(
-        np.isnan(sigma_disagreement) & (sigma_placed > 0.0), sigma_placed, np.hypot(sigma_disagreement, sigma_placed)
-    )
+    rounded = [(step, pose) for step, pose in scans if step > 0.0]
+    if not rounded or surface.normals is None:
+        return np.zeros(len(surface.vertices))
+    radius, noise = fits
+    of_each = [error_of_rounding(surface.normals @ pose[:3, :3], noise, radius, step) for step, pose in rounded]
+    return np.asarray(np.max(of_each, axis=0))
+
+
+def join_shared(sigma_disagreement: Floats, sigma_placed: Floats, sigma_rounded: Floats | float = 0.0) -> Floats:
+    """Return one sigma (n,) [m] of what whole neighbourhoods are off by: what scans disagree by there, how well they
+    are placed, and what the rounding of their coordinates leaves.
+
+    Where the first is unknown (NaN: no two scans overlap) the others stand alone: targets place scans that share
+    nothing. NaN where none says anything (a placement of 0 says nothing).
+    """
+    known = np.hypot(sigma_placed, sigma_rounded)
+    return np.where(np.isnan(sigma_disagreement) & (known > 0.0), known, np.hypot(sigma_disagreement, known))
 
 
 def _typical_spacing(clouds: Sequence[PointCloud]) -> float:

@@ -20,11 +20,11 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 4,
-    "scan": 4,
+    "scan": 5,
     "targets": 1,
     "network": 14,
-    "filtered": 6,
-    "surface": 22,
+    "filtered": 7,
+    "surface": 23,
     "mesh": 6,
     "quality": 2,
     "comparison": 28,

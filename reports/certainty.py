@@ -144,6 +144,7 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
     found = [{step.product: step.automatic for step in of_epoch} for of_epoch in steps.values()]
     fitted = [_figures(f, "quality", "all") for f in found]
     rows: tuple[tuple[str, ...], ...] = (
+        ("Coordinates in the files rounded to", *(_length(_rounding(f), "step") for f in found)),
         ("Scans against each other before adjustment", *_lengths(found, "network", "misfit_before_m")),
         ("after adjustment", *(_adjusted(f.get("network", {})) for f in found)),
         ("Disagreement left between scans (one sigma)", *_lengths(found, "surface", "scan_disagreement_m")),
@@ -161,6 +162,12 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
         )
     known = tuple(row for row in rows if set(row[1:]) != {NOT_KNOWN})  # a finished mesh has no scans
     return Table("The scans of each epoch", ("", *steps), known)
+
+
+def _rounding(found: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Return the coarsest `step` [m] of the coordinates of an epoch's scans, nothing where they are not rounded."""
+    steps = [float(values["coordinate_step"]) for values in found.values() if "coordinate_step" in values]
+    return {"step": max(steps)} if steps else {}
 
 
 def _adjusted(network: Mapping[str, Any]) -> str:

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.filtering.copies import find_copies
 from monitor.filtering.diffusion import diffuse_with_record
-from monitor.filtering.nearest import build_index, canonical_order, find_copies
+from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import fit_planes, known_directions
 from monitor.filtering.scan import FilterResult, FilterSettings, count_thinned, thin_cloud
 from monitor.filtering.seen_through import find_seen_through

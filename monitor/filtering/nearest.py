@@ -14,12 +14,11 @@ import numpy as np
 from numba import njit, prange
 
 from monitor.filtering.covariance import smallest
-from projects.model import Bools, Floats, Ints
+from projects.model import Floats, Ints
 
 MORTON_BITS = 21
 BLOCK = 1 << 18  # points at a time
 CROWDED = 512  # points of one cell of the curve: more have a curve of their own
-MOST_COPIES = 6  # of a point: with more, its six nearest lie where it lies, and it has no spacing
 LEAF = 8  # points of a leaf, whose neighbours are gathered together
 NEARBY = 1.5  # times the distance to the first one's k-th neighbour, within which points of a leaf are taken together
 
@@ -61,23 +60,6 @@ def _order_in_cells(points: Floats, code: Ints) -> Ints:
         cell = slice(bounds[k], bounds[k + 1])
         order[cell] = order[cell][canonical_order(points[order[cell]])]
     return order
-
-
-def find_copies(points: Floats) -> Bools:
-    """Return which points (n, 3) in canonical order are copies of one before them that are no measurements.
-
-    Where every point is there at least twice, the file holds its scan more than once. Where more than `MOST_COPIES` lie
-    at exactly one place, a program put there what it did not measure. Fewer coincide where coordinates are rounded.
-    """
-    again = np.zeros(len(points), dtype=bool)
-    for first in range(1, len(points), BLOCK):
-        block = slice(first, first + BLOCK)
-        again[block] = (points[block] == points[first - 1 : first - 1 + len(again[block])]).all(axis=1)
-    if not again.any():
-        return again
-    starts = np.flatnonzero(~again)
-    counts = np.diff(np.append(starts, len(points)))
-    return again if counts.min() > 1 else again & np.repeat(counts > MOST_COPIES, counts)
 
 
 def _repeated(code: Ints, order: Ints) -> Ints:

@@ -14,17 +14,18 @@ import numpy as np
 from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
+from monitor.filtering.copies import find_copies
 from monitor.filtering.nearest import (
     PointIndex,
     build_index,
     canonical_order,
-    find_copies,
     find_nearest,
     find_nearest_sorted,
 )
 from monitor.filtering.neighbourhoods import NeighbourhoodModel, find_sizes, model_noise, undo_ball
 from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
+from monitor.filtering.rounding import find_step, spread_rounded
 from monitor.filtering.soundness import MIN_POINTS, require_points
 from monitor.filtering.tangents import OUTLIER, fit_tangents
 from projects.errors import ParameterError
@@ -234,10 +235,13 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
     settings = settings or NormalSettings()
     require_points(cloud.points)
     order = canonical_order(cloud.points)
-    is_own = ~find_copies(cloud.points[order])
+    ordered = cloud.points[order]
+    step = find_step(ordered)
+    is_own = ~find_copies(ordered, step)
     is_own[np.flatnonzero(~is_own)[: max(MIN_POINTS - int(is_own.sum()), 0)]] = True  # a plane needs as many
     own, towards = order[is_own], known_directions(cloud)
-    planes = fit_planes(build_index(cloud.points[own]), None if towards is None else towards[own], settings)
+    witnesses = ordered[is_own] if step == 0.0 else spread_rounded(ordered[is_own], step)
+    planes = fit_planes(build_index(witnesses), None if towards is None else towards[own], settings)
     back = np.empty_like(order)
     back[order] = np.cumsum(is_own) - 1
     return dataclasses.replace(

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
+from monitor.filtering.copies import find_copies
 from monitor.filtering.diffusion import DiffusionSettings
-from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_copies
+from monitor.filtering.nearest import PointIndex, build_index, canonical_order
 from monitor.filtering.normals import NormalSettings, TangentPlanes, fit_planes
 from monitor.filtering.roughness import classify_roughness
+from monitor.filtering.rounding import error_of_rounding, find_step, spread_rounded
 from monitor.filtering.silhouettes import (
     SilhouetteSettings,
     find_grazing,
@@ -97,7 +99,7 @@ def filter_scan_with_record(
     given = {"in": len(scan.cloud)}
     if len(measured.cloud) < len(scan.cloud):
         given["at_scanner"] = len(scan.cloud) - len(measured.cloud)
-    found = _thin_scan(measured if calibration is None else correct_range(measured, calibration), settings)
+    found = _thin_scan(measured, settings, calibration)
     cloud = dataclasses.replace(
         found.cloud,
         points=apply(scan.pose, found.cloud.points),
@@ -107,13 +109,16 @@ def filter_scan_with_record(
     return dataclasses.replace(found, cloud=cloud, counts={**given, **found.counts})
 
 
-def _thin_scan(scan: Scan, settings: FilterSettings) -> FilterResult:
+def _thin_scan(scan: Scan, settings: FilterSettings, calibration: Calibration | None) -> FilterResult:
     """Filter and thin one scan in its own frame; what is as long as the scan goes when this returns."""
-    n_given = len(scan.cloud)
-    scan = scan.take(canonical_order(scan.cloud.points))
-    copies = find_copies(scan.cloud.points)
-    if copies.any():
-        scan = scan.take(~copies)
+    n_given, step = len(scan.cloud), find_step(scan.cloud.points)
+    scan = _in_order(scan, step)
+    if step > 0.0:
+        scan = _moved(scan, spread_rounded(scan.cloud.points, step))
+    if calibration is not None:
+        scan = correct_range(scan, calibration)
+    if step > 0.0 or calibration is not None:
+        scan = scan.take(canonical_order(scan.cloud.points))
     counts = {"copy": n_given - len(scan.cloud)} if len(scan.cloud) < n_given else {}
     if len(scan.cloud) < MIN_POINTS:
         return _nothing_left(scan, counts)
@@ -125,7 +130,31 @@ def _thin_scan(scan: Scan, settings: FilterSettings) -> FilterResult:
     dropped, keep = _sort_out(scan, planes, mixed, settings.silhouettes)
     planes = planes.without("reach", "is_outlier")
     cloud, thinned, automatic = thin_cloud(scan.cloud, index, planes, keep, settings.thinning)
+    if step > 0.0:
+        cloud, automatic = _as_rounded(cloud, step), {**automatic, "coordinate_step": step}
     return FilterResult(cloud, {**counts, **dropped, **count_thinned(int(keep.sum()), thinned)}, automatic)
+
+
+def _in_order(scan: Scan, step: float) -> Scan:
+    """Return the scan in canonical order without copies; `step` [m] of its coordinates."""
+    scan = scan.take(canonical_order(scan.cloud.points))
+    copies = find_copies(scan.cloud.points, step)
+    return scan.take(~copies) if copies.any() else scan
+
+
+def _moved(scan: Scan, points: Floats) -> Scan:
+    """Return the scan with its points at other places."""
+    return dataclasses.replace(scan, cloud=dataclasses.replace(scan.cloud, points=points))
+
+
+def _as_rounded(cloud: PointCloud, step: float) -> PointCloud:
+    """Return representatives, in their scan's frame, whose sigma holds what the rounding of coordinates leaves."""
+    n_merged, spacing = cloud.n_merged, cloud.spacing
+    if cloud.normals is None or cloud.spread is None or cloud.sigma is None or n_merged is None or spacing is None:
+        return cloud
+    radius = np.sqrt(n_merged / np.pi) * spacing
+    left = error_of_rounding(cloud.normals, cloud.spread, radius, step)
+    return dataclasses.replace(cloud, sigma=np.hypot(cloud.sigma, left))
 
 
 def _mixed(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from monitor.boxes import box_of
 from monitor.declare import check_settings, setting
+from monitor.filtering.copies import without_copies
 from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
 from monitor.reconstruction.corners import find_corners
 from monitor.reconstruction.coverage import count_uncovered
@@ -53,6 +54,8 @@ from projects.model import Bools, Floats, Ints, PointCloud, Surface, require_nou
 FEWEST_POINTS = 50
 SLIVER = 1e-3  # of a cell: edges and heights below it are welded or dropped
 FINEST = 1e-4  # of a cell: no vertex is claimed to be known better
+LEAST_SHOWN = 0.1  # of the noise stated: points that scatter less tell nothing of it, as those in one plane by rounding
+OF_FIT = 4.8  # variance in the middle of a quadratic fit of weights 1 - t^2, times its points over that of one
 COS_OPPOSITE = -0.7  # corners of a face whose normals are farther apart (135 degrees) lie on two sheets
 ALONG_HOLES = 1.5  # cells: the longest edge of an invented face
 N_TINT = 4  # samples that give a vertex its colour, intensity and roughness
@@ -140,6 +143,8 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     """
     require_noun(cloud, "what a surface is made of", PointCloud)
     settings = settings or SurfaceSettings()
+    n_given, cloud = len(cloud), own_points(cloud)
+    n_copies = n_given - len(cloud)
     cloud = usable_samples(with_normals(cloud))
     low, high = box_of(cloud.points)
     shift = np.round(0.5 * (low + high), 3)
@@ -171,7 +176,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     }
     if settings.method == "localized":
         automatic["screening_cells"] = screening
-    counts = {"points_used": len(cloud), "faces_raw": len(faces)}
+    counts = {"points_used": len(cloud), "points_copied": n_copies, "faces_raw": len(faces)}
     near = partial(trim, samples=finest, farthest=settings.trim_cells * cell_used)
     faces = near(vertices, faces)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
@@ -210,6 +215,16 @@ def with_normals(cloud: PointCloud) -> PointCloud:
     from monitor.filtering import estimate_normals  # here, so that a cloud with normals needs no filtering
 
     return replace(estimate_normals(cloud), sigma=cloud.sigma)  # it gives points their spread about planes
+
+
+def own_points(cloud: PointCloud) -> PointCloud:
+    """Return the cloud without copies of points; `ReconstructionError` where hardly more than copies were given."""
+    own = without_copies(cloud)
+    if len(own) < FEWEST_POINTS <= len(cloud):
+        raise ReconstructionError(
+            f"most of the {len(cloud)} points share their place with others; a surface needs points beside each other"
+        )
+    return own
 
 
 def usable_samples(cloud: PointCloud) -> PointCloud:
@@ -405,7 +420,10 @@ def vertex_sigma(projection: Projection, cloud: PointCloud, index: Ints) -> Floa
     if cloud.sigma is None:
         return projection.sigma
     stated = np.sqrt(np.nanmean(np.nan_to_num(cloud.sigma)[index] ** 2, axis=1))
-    return projection.sigma * np.maximum(1.0, stated / np.maximum(projection.scatter, 1e-12))
+    is_shown = projection.scatter > LEAST_SHOWN * stated
+    larger = np.maximum(1.0, stated / np.where(is_shown, np.maximum(projection.scatter, 1e-12), np.inf))
+    of_fit = stated * np.sqrt(np.minimum(1.0, OF_FIT / np.maximum(projection.n_support, 1)))
+    return np.where(is_shown, projection.sigma * larger, np.hypot(projection.sigma, of_fit))
 
 
 def blend(values: Any, index: Ints, weight: Floats) -> Floats:

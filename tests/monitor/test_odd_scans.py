@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from monitor.filtering import average_scans, calibrate_range, filter_scan_with_record, merge_scans, voxel_median
-from monitor.filtering.nearest import canonical_order, find_copies
+from monitor.filtering.copies import find_copies
+from monitor.filtering.nearest import canonical_order
 from monitor.filtering.seen_through import find_seen_through
 from monitor.reconstruction.surface import blend
 from projects.errors import ParameterError
@@ -39,14 +40,21 @@ def test_points_at_one_place_have_an_order_in_single_precision_too():
     assert sorted(order) == list(range(20))
 
 
-def test_copies_are_those_of_a_doubled_file_and_what_is_piled_up(rng):
-    """A few points coincide where coordinates are rounded: these stay."""
+def test_copies_are_what_lies_at_one_place_unless_rounding_brought_it_there(rng):
     few = np.repeat(np.arange(10.0)[:, None] * np.ones(3), [1, 2, 3, 6, 1, 1, 1, 1, 1, 1], axis=0)
-    assert not find_copies(few).any()
-    doubled = np.repeat(few[:1] + np.arange(10.0)[:, None], 2, axis=0)
-    assert np.array_equal(find_copies(doubled), np.tile([False, True], 10))
+    assert find_copies(few).sum() == 8
+    assert not find_copies(few, step=1.0).any()
     piled = np.repeat(np.arange(3.0)[:, None] * np.ones(3), [1, 7, 2], axis=0)
-    assert np.array_equal(np.flatnonzero(find_copies(piled)), np.arange(2, 8))
+    assert np.array_equal(np.flatnonzero(find_copies(piled, step=1.0)), np.arange(2, 8))
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.999])
+def test_a_part_of_a_scan_that_a_file_holds_twice_counts_once(rng, share):
+    points = wall(rng)
+    again = points[: int(share * len(points))]
+    once, twice = (filter_scan_with_record(scan_of(p)) for p in (points, np.r_[points, again]))
+    assert np.array_equal(once.cloud.sigma, twice.cloud.sigma)
+    assert twice.counts["copy"] == len(again)
 
 
 def test_a_scan_that_a_file_holds_twice_counts_once(rng):

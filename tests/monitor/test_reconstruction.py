@@ -190,3 +190,28 @@ def test_short_edge_is_welded_without_leaving_a_hole():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1 + 1e-9, 0], [0, 1, 0]], float)
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4]])
     assert weld(vertices, faces, 1e-6).tolist() == [[0, 1, 2], [0, 2, 4]]
+
+
+def test_points_that_are_there_twice_count_once(rng: np.random.Generator) -> None:
+    """Half of a sphere's points twice made its fits a tenth as wide, its errors ten times as large, and 400 holes."""
+    points = rng.normal(size=(8000, 3))
+    points *= (0.06 + rng.normal(0.0, 3e-4, (8000, 1))) / np.linalg.norm(points, axis=1, keepdims=True)
+    normals = points / np.linalg.norm(points, axis=1, keepdims=True)
+    once, twice = (
+        reconstruct_with_record(PointCloud(points[which], normals=normals[which]))
+        for which in (np.arange(8000), np.r_[np.arange(8000), np.arange(4000)])
+    )
+    np.testing.assert_array_equal(once.surface.vertices, twice.surface.vertices)
+    assert twice.counts["points_copied"] == 4000
+
+
+@pytest.mark.parametrize("stated", [1e-3, 1e-4])
+def test_points_in_one_plane_are_as_sure_as_they_state(stated: float) -> None:
+    """They scatter by nothing, and what they state over that once made a sigma of 153 m."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(80) * 1e-3, np.arange(80) * 1e-3))
+    plane = PointCloud(
+        np.c_[x, y, 0.0 * x], normals=np.tile([0.0, 0.0, 1.0], (len(x), 1)), sigma=np.full(len(x), stated)
+    )
+    sigma = reconstruct(plane).sigma
+    assert 0.05 * stated < np.nanmedian(sigma) < 0.8 * stated
+    assert np.nanmax(sigma) < 2.0 * stated
