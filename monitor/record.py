@@ -22,7 +22,7 @@ METHOD = {
     "calibration": 4,
     "scan": 5,
     "targets": 1,
-    "network": 14,
+    "network": 15,
     "filtered": 7,
     "surface": 23,
     "mesh": 6,

@@ -20,7 +20,9 @@ N_COVER = 50_000  # points over the whole of a mesh, where its faces are larger 
 LARGE_IN_CELLS = 4.0  # a face of so many of their cells gets points of its own
 FEW_FACES = 400_000  # meshes with more need no cover
 RAGGED = 0.3  # share of vertices on free edges above which corners are joined first
-N_RIM_NEIGHBOURS = 32
+N_RIM_NEIGHBOURS = 128  # a straight rim is told from one within two spacings of it: so far spots reach past a limb
+RIM_SHARE, FEWEST_RIM_NEIGHBOURS = 50, 32  # one in so many of the points of a side is enough, and no fewer than these
+RIMS_AT_ONCE = 8192  # points, of which all neighbours are held in memory
 RIM_OFFSET = 0.4  # of the neighbours' mean distance; 0.64 at a straight rim, by chance once in a hundred points
 N_SPACING_NEIGHBOURS = 6  # a surface point has about six natural neighbours
 
@@ -170,11 +172,16 @@ def at_rim(tree: SearchTree, which: Ints, views: Floats) -> Bools:
     There a surface ends or turns away, and part of the spot misses it. The middle of the neighbours of a point on a
     straight rim lies 0.64 of their mean distance away from it, that of one in a field without end 0.16 on average.
     """
-    k = min(N_RIM_NEIGHBOURS + 1, tree.n)
-    offsets = tree.data[tree.query(tree.data[which], k=k)[1][:, 1:]] - tree.data[which][:, None]
-    offsets -= np.einsum("nki,ni->nk", offsets, views)[:, :, None] * views[:, None]
-    reach = np.linalg.norm(offsets, axis=2).mean(axis=1)
-    return np.asarray(np.linalg.norm(offsets.mean(axis=1), axis=1) > RIM_OFFSET * reach)
+    k = min(max(min(N_RIM_NEIGHBOURS, tree.n // RIM_SHARE), FEWEST_RIM_NEIGHBOURS) + 1, tree.n)
+    out = np.empty(len(which), dtype=bool)
+    for first in range(0, len(which), RIMS_AT_ONCE):
+        block = slice(first, first + RIMS_AT_ONCE)
+        some, view = which[block], views[block]
+        offsets = tree.data[tree.query(tree.data[some], k=k)[1][:, 1:]] - tree.data[some][:, None]
+        offsets -= np.einsum("nki,ni->nk", offsets, view)[:, :, None] * view[:, None]
+        reach = np.linalg.norm(offsets, axis=2).mean(axis=1)
+        out[block] = np.linalg.norm(offsets.mean(axis=1), axis=1) > RIM_OFFSET * reach
+    return out
 
 
 def fit_normals(tree: SearchTree, which: Ints) -> Floats:

@@ -77,7 +77,7 @@ def test_switched_off_it_moves_nothing_and_still_says_how_the_scans_fit(rng: np.
     found = adjust_scans(clouds, AdjustmentSettings(enabled=False))
     assert not found.applied
     assert all((np.eye(4) == M).all() for M in found.motions)
-    assert 0.0006 < found.sigma_after < 0.002  # 2 mm along x, seen along normals that lie 0 to 80 degrees off it
+    assert 0.0006 < found.sigma_after < 0.00205  # 2 mm along x, 0 to 80 degrees off the normals, and 0.28 mm of noise
 
 
 def test_scans_that_fit_already_are_left_alone(rng: np.random.Generator) -> None:
