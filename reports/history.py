@@ -19,7 +19,7 @@ STEP_TITLES = {
     "filtered": "Merging the scans", "surface": "Surface", "quality": "Surface against its scans",
     "mesh": "Finished mesh", "comparison": "Registration and comparison of the epochs",
 }  # fmt: skip
-DROPPED = {
+FILTERING = {
     "outside_extent": "outside the object’s extent", "speck": "specks in the air", "outlier": "outliers",
     "mixed_pixel": "mixed pixels at silhouettes", "rim": "at the rims of surfaces",
     "grazing": "seen at a grazing angle", "rejected": "too far from the median of their voxel",
@@ -27,8 +27,16 @@ DROPPED = {
     "too_few": "scans with too few points", "merged": "merged by thinning",
     "no_counterpart": "measured by one of the repeated scans only", "split": "repeated, and saw two surfaces",
     "disagreeing": "repeated, and unlike the other ranges there", "averaged": "averaged with other repeats",
+    "out": "left after filtering each scan",
 }  # fmt: skip
-NOT_DROPPED = ("read", "in", "out")
+MERGING = {
+    "seen_through": "dropped because another scan looked through them",
+    "copy": "copies of other points in the merged cloud", "outlier": "dropped as outliers of the merged cloud",
+    "rejected": "too far from the median of their voxel in the merged cloud",
+    "merged": "merged by the second thinning", "out": "left after merging",
+}  # fmt: skip
+NOT_DROPPED = ("read", "in")
+ON_READING = "not_measured_"  # counted with each scan, too, though none of them is among what was read
 
 
 @dataclass(frozen=True)
@@ -109,14 +117,13 @@ def points_table(epochs: Sequence[EpochHistory]) -> Table:
 
 
 _PHASES = ("files", "scan", "filtered", "surface")
-_ORDER = ("measured points in the files", "points considered", *DROPPED.values(), "left after filtering each scan",
-          "dropped because another scan looked through them", "dropped as outliers of the merged cloud",
-          "merged with points of other scans", "left after merging",
-          "vertices of the surface", "triangles of the surface")  # fmt: skip
+_LAST = ("measured points in the files", "left after filtering each scan", "left after merging")
+_ORDER = (*FILTERING.values(), *MERGING.values(), "vertices of the surface", "triangles of the surface")
 
 
-def _rank(name: tuple[str, str]) -> int:
-    return _ORDER.index(name[1]) if name[1] in _ORDER else len(DROPPED)
+def _rank(name: tuple[str, str]) -> tuple[bool, int]:
+    """Return the place of a row in its phase: what is left comes last, what has no name of its own just before."""
+    return name[1] in _LAST, _ORDER.index(name[1]) if name[1] in _ORDER else len(_ORDER)
 
 
 def _flow(epoch: EpochHistory) -> dict[tuple[str, str], int]:
@@ -129,25 +136,22 @@ def _flow(epoch: EpochHistory) -> dict[tuple[str, str], int]:
                 flow[("files", f"dropped on reading: {reason}")] = int(n)
             flow[("files", "measured points in the files")] = int(counts.get("n_points", 0))
         elif kind == "scan":
-            _add_scan(flow, counts)
+            _add(flow, kind, counts, FILTERING)
         elif kind == "filtered":
-            names = {"seen_through": "dropped because another scan looked through them",
-                     "outlier": "dropped as outliers of the merged cloud",
-                     "merged": "merged with points of other scans", "out": "left after merging"}  # fmt: skip
-            flow |= {("filtered", words): int(counts[key]) for key, words in names.items() if key in counts}
+            _add(flow, kind, counts, MERGING)
         elif kind == "surface":
             names = {"vertices": "vertices of the surface", "faces": "triangles of the surface"}
             flow |= {("surface", words): int(counts[key]) for key, words in names.items() if key in counts}
     return flow
 
 
-def _add_scan(flow: dict[tuple[str, str], int], counts: Mapping[str, Any]) -> None:
-    """Add the counts of one filtered scan."""
+def _add(flow: dict[tuple[str, str], int], phase: str, counts: Mapping[str, Any], names: Mapping[str, str]) -> None:
+    """Add what became of the points of one step; every reason it counts appears, so that the column adds up."""
     for key, n in counts.items():
-        if key in NOT_DROPPED and key != "out":
+        if key in NOT_DROPPED or key.startswith(ON_READING):
             continue
-        words = "left after filtering each scan" if key == "out" else DROPPED.get(key, key.replace("_", " "))
-        flow[("scan", words)] = flow.get(("scan", words), 0) + int(n)
+        words = names.get(key, key.replace("_", " "))
+        flow[(phase, words)] = flow.get((phase, words), 0) + int(n)
 
 
 def record_steps(epochs: Sequence[EpochHistory]) -> tuple[StepFacts, ...]:
@@ -156,15 +160,14 @@ def record_steps(epochs: Sequence[EpochHistory]) -> tuple[StepFacts, ...]:
     for kind, title in STEP_TITLES.items():
         own = [[step for step in e.steps if kind_of(step) == kind] for e in epochs]
         if any(own):
-            facts.append(_record_step(title, own))
+            facts.append(_record_step(title, list(zip(name_columns(epochs), own, strict=True))))
     return tuple(facts)
 
 
-def _record_step(title: str, own: list[list[Step]]) -> StepFacts:
+def _record_step(title: str, named: list[tuple[str, list[Step]]]) -> StepFacts:
     """Return one kind of step: one table for both epochs, or one each where an epoch has several such steps."""
-    asked = [pair for steps in own for step in steps for pair in _settings(step.parameters)]
-    named = list(zip(("before", "after"), own, strict=True))
-    if max(len(steps) for steps in own) == 1:
+    asked = [pair for _, steps in named for step in steps for pair in _settings(step.parameters)]
+    if max(len(steps) for _, steps in named) == 1:
         tables = [_found_table("", [(name, step) for name, steps in named for step in steps])]
     else:
         tables = [_found_table(name, [(step.product, step) for step in steps]) for name, steps in named if steps]
@@ -249,7 +252,7 @@ def inputs_table(epochs: Sequence[EpochHistory]) -> Table:
     """Return every input file with its points and its SHA-256."""
     rows = tuple(
         (str(s.get("scan") or s.get("file", "")), name, _points(s), str(s.get("sha256", "")))
-        for name, e in zip(("before", "after"), epochs, strict=True)
+        for name, e in zip(name_columns(epochs), epochs, strict=True)
         for s in e.record.sources
     )
     return Table("", ("file", "epoch", "points", "SHA-256"), rows)

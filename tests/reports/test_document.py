@@ -20,6 +20,7 @@ from projects.store import Project
 from reports.document import gather_facts, make_facts
 
 NAN = float("nan")
+TRACE = "From the scanner to the surface"
 
 
 def facts_of(comparison=None, record=None, epochs=None):
@@ -48,6 +49,11 @@ def strings_in(value):
         fields = [f.name for f in dataclasses.fields(value) if f.name != "comparison"]
         return [s for name in fields for s in strings_in(getattr(value, name))]
     return []
+
+
+def replace_counts(step, **counts):
+    """Return a step that counts more."""
+    return dataclasses.replace(step, counts={**step.counts, **counts})
 
 
 def rows_of(facts, title):
@@ -248,11 +254,42 @@ def test_what_could_not_be_assessed_is_counted_by_its_reason():
 
 
 def test_the_points_of_all_scans_are_summed_by_reason():
-    rows = rows_of(facts_of(), "From the scanner to the surface")
+    rows = rows_of(facts_of(), TRACE)
     assert rows["dropped on reading: no return"] == ["4 321", "4 321"]
     assert rows["outliers"] == ["1 000", "1 400"]
     assert rows["left after filtering each scan"] == ["136 000", "136 000"]
     assert rows["left after merging"] == ["126 988", "126 988"]
+
+
+def test_what_was_no_measurement_is_counted_once_and_above_what_was_measured():
+    """It stood among what the filter dropped, too, though it was never among the points read."""
+    before, after = example_epochs()
+    scans = [replace_counts(s, not_measured_no_return=4321) if s.product == "scan000" else s for s in before.steps]
+    rows = rows_of(facts_of(epochs=(dataclasses.replace(before, steps=tuple(scans)), after)), TRACE)
+    assert list(rows)[:2] == ["dropped on reading: no return", "measured points in the files"]
+    assert not [name for name in rows if name.startswith("not measured")]
+
+
+def test_every_reason_that_a_step_counts_stands_in_the_table_and_none_speaks_of_scans_that_are_not():
+    before, after = example_epochs()
+    more = {"copy": 3, "rejected": 8, "of_a_new_kind": 5}
+    steps = [replace_counts(s, **more) if s.product == "filtered" else s for s in before.steps]
+    rows = rows_of(facts_of(epochs=(dataclasses.replace(before, steps=tuple(steps)), after)), TRACE)
+    assert rows["copies of other points in the merged cloud"] == ["3", "–"]
+    assert rows["too far from the median of their voxel in the merged cloud"] == ["8", "–"]
+    assert rows["of a new kind"] == ["5", "–"]
+    assert rows["merged by the second thinning"] == ["9 000", "9 000"]
+    assert list(rows)[-3:] == ["left after merging", "vertices of the surface", "triangles of the surface"]
+
+
+def test_told_backwards_the_record_and_the_files_name_reference_and_compared():
+    before, after = example_epochs()
+    later = dataclasses.replace(before, record=dataclasses.replace(before.record, date=datetime.date(2027, 1, 1)))
+    facts = facts_of(epochs=(later, after))
+    assert list(dict.fromkeys(row[1] for row in facts.inputs.rows)) == ["reference", "compared"]
+    words = {text for s in facts.record for t in s.found for text in (t.title, *t.columns)}
+    assert {"reference", "compared", "reference: pairs", "compared: pairs"} <= words
+    assert not [text for text in words if text.startswith(("before", "after"))]
 
 
 def test_settings_that_are_found_from_the_data_are_auto_and_every_input_has_its_hash():
@@ -310,4 +347,4 @@ def test_facts_are_gathered_from_a_project(tmp_path):
     assert ("Coordinates", facts.crs) == ("Coordinates", "EPSG:31256") in facts.object_rows
     titles = [t.title for t in (*facts.certainty, *facts.history)]
     assert "The scans of each epoch" not in titles
-    assert "From the scanner to the surface" not in titles
+    assert TRACE not in titles
