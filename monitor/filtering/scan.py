@@ -26,10 +26,9 @@ from monitor.filtering.silhouettes import (
     find_grazing,
     find_mixed,
     find_rims,
-    find_specks,
-    measure_ranges,
 )
 from monitor.filtering.soundness import MIN_POINTS, require_scan, without_zero_ranges
+from monitor.filtering.specks import find_isolated, find_specks
 from monitor.filtering.thinning import ThinnedPoints, ThinningSettings, target_spacings, thin
 from monitor.filtering.voxel_median import take_medians
 from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan, require_noun
@@ -187,8 +186,8 @@ def _reasons(
     """
     points, origin = scan.cloud.points, scan.origin
     if not np.isfinite(origin).all():
-        return {"speck": find_specks(planes.reach, planes.spacing, settings.isolation), "outlier": planes.is_outlier}
-    specks = find_specks(planes.reach, measure_ranges(points, origin), settings.isolation)
+        return {"speck": find_isolated(planes.reach, planes.spacing, settings.isolation), "outlier": planes.is_outlier}
+    specks = find_specks(points, origin, planes.reach, settings.isolation)
     reasons = {"speck": specks, "outlier": planes.is_outlier, **mixed}
     if settings.drop_rims:
         known = ~(reasons["speck"] | reasons["outlier"])

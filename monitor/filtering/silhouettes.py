@@ -1,4 +1,4 @@
-"""Points that no surface has: grazing incidence, mixed pixels, rims, specks (Nothegger and Dorninger, section 2.1).
+"""Points that no surface has: grazing incidence, mixed pixels, rims (Nothegger and Dorninger, section 2.1).
 
 In: points with normals and where the scanner stood, rows and columns where the scan is a grid; out: masks of points.
 A mixed pixel's range lies between those of two surfaces that the beam touched (papers: HDS 6000 relief, section 1.2.2).
@@ -64,14 +64,6 @@ class SilhouetteSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
-
-
-def measure_ranges(points: Floats, origin: Floats) -> Floats:
-    """Return the distance (n,) [m] of points (n, 3) from the scanner (3,)."""
-    ranges = np.empty(len(points))
-    for block in _blocks(len(points)):
-        ranges[block] = np.linalg.norm(points[block] - origin, axis=1)
-    return ranges
 
 
 def _blocks(n_points: int) -> list[slice]:
@@ -257,16 +249,3 @@ def widest_gap(directions: Floats, aside: Floats) -> Floats:
     at_itself = (aside == 0.0).all(axis=2)
     angles = np.sort(np.where(at_itself, angles.max(axis=1, keepdims=True), angles), axis=1)
     return np.maximum(np.diff(angles, axis=1).max(axis=1), 2.0 * math.pi - angles[:, -1] + angles[:, 0])
-
-
-def find_specks(reach: Floats, ranges: Floats, isolation: float) -> Bools:
-    """Return the points (n,) whose nearest few lie `isolation` times farther than the scan's points do at that range.
-
-    Parameters
-    ----------
-    reach : (n,) m, distance to the sixth nearest point.
-    ranges : (n,) m, from the scanner, to which the spacing of its points is proportional; where it is not known, the
-        spacing of the neighbourhood in its place.
-    """
-    relative = reach / np.maximum(ranges, 1e-300)
-    return relative > isolation * np.median(relative)

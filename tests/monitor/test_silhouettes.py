@@ -1,10 +1,10 @@
-"""Grazing points, mixed pixels and specks, by hand-made geometry."""
+"""Grazing points, mixed pixels and rims, by hand-made geometry."""
 
 import math
 
 import numpy as np
 
-from monitor.filtering.silhouettes import find_grazing, find_mixed, find_rims, find_specks
+from monitor.filtering.silhouettes import find_grazing, find_mixed, find_rims
 
 
 def test_grazing_is_beyond_the_largest_incidence():
@@ -66,14 +66,6 @@ def test_points_without_a_place_in_the_grid_are_never_mixed():
     ranges[columns == 20] = 3.5
     nowhere = np.full_like(rows, -1)
     assert not find_mixed(directions * ranges[:, None], np.zeros(3), nowhere, nowhere, np.full(1600, 1e-3), 1.4).any()
-
-
-def test_specks_are_judged_by_the_spacing_at_their_range():
-    """Spacing grows with range: 6 mm at 6 m is the scan's own, at 1 m it is a speck."""
-    ranges = np.r_[np.linspace(1, 6, 50), 1.0]
-    reach = 0.001 * ranges
-    reach[-1] = 0.006
-    assert np.flatnonzero(find_specks(reach, ranges, 4.0)).tolist() == [50]
 
 
 def rims_of(beams, noise, **how):
