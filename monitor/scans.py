@@ -43,7 +43,8 @@ def open_scans(
     Raises
     ------
     ParameterError
-        For a missing file, a file given twice, a pose line that names none of the files.
+        For a missing file, a file given twice, a pose line that names none of the files, repeated scans that do not
+        say where the scanner stood.
     FormatError
         For several scans without poses that neither targets nor shapes place.
     """
@@ -52,10 +53,24 @@ def open_scans(
     require_known_names(poses, paths)
     for path in paths:
         streams.extend(read_scans(path, unit=unit.metres, pose_lines=poses))
+    if repeated:
+        _require_origins(streams)
     without = [s.name for s in streams if s.pose is None]
     if without and len(streams) > 1 and not repeated:
         streams = _place(streams, control)
     return [_complete(s) for s in streams]
+
+
+def _require_origins(streams: Sequence[ScanStream]) -> None:
+    """Raise where repeated scans cannot be averaged: their ranges are known from where the scanner stood only."""
+    unknown = [s.name for s in streams if not s.is_origin_stated]
+    if unknown and len(streams) > 1:
+        names = ", ".join(unknown[:3]) + (", ..." if len(unknown) > 3 else "")
+        raise ParameterError(
+            f"--repeated: {len(unknown)} of {len(streams)} scans do not say where the scanner stood ({names}), without "
+            "which they cannot be averaged; give --poses FILE with a line for each (1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1 "
+            "where it stood at 0 0 0), or leave --repeated out and have them merged as scans of their own"
+        )
 
 
 def _complete(stream: ScanStream) -> ScanStream:

@@ -90,10 +90,15 @@ def _instrument(epoch: EpochHistory) -> str:
 def _measured_as(epoch: EpochHistory) -> str:
     if epoch.record.is_mesh:
         return "a finished mesh"
-    filtered = [] if epoch.record.repeated else [s for s in epoch.steps if kind_of(s) == "scan"]
-    n = len(filtered) or len(epoch.record.sources)
-    scans = f"{n} scan" if n == 1 else f"{n} scans"
-    return f"{scans}, repeated from one station" if epoch.record.repeated else scans
+    filtered = [s for s in epoch.steps if kind_of(s) == "scan"]
+    if not epoch.record.repeated:
+        return _scans(len(filtered) or len(epoch.record.sources))
+    averaged = ", each filtered and merged, not averaged" if len(filtered) > 1 else ""
+    return f"{_scans(len(epoch.record.sources))}, repeated from one station{averaged}"
+
+
+def _scans(n: int) -> str:
+    return f"{n} scan" if n == 1 else f"{n} scans"
 
 
 def kind_of(step: Step) -> str:

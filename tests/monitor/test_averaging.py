@@ -179,3 +179,21 @@ def test_repeated_files_become_one_filtered_scan_through_the_command_line(tmp_pa
     assert step.counts["averaged"] > 4.9 * step.counts["in"]
     assert step.automatic["noise_before"] == pytest.approx(1e-3 / np.sqrt(6), rel=0.25)
     assert step.automatic["averaging"]["n_scans"] == 6
+
+
+def test_repeated_files_that_do_not_say_where_the_scanner_stood_are_refused_until_poses_do(tmp_path, capsys):
+    """They were taken, fitted onto each other and merged, and the report said that they were averaged."""
+    files = [tmp_path / f"{k}.xyz" for k in range(2)]
+    for file, scan in zip(files, repeat(2, step=0.01), strict=True):
+        np.savetxt(file, scan.cloud.points, fmt="%.6f")
+    project, poses = str(tmp_path / "project"), tmp_path / "poses"
+    poses.write_text("".join(f"{file.name} 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n" for file in files))
+    assert run(["init", project]) == run(["add-object", project, "room"]) == 0
+    words = ["add-epoch", project, "room", "2024", "--date", "2024-05-01", "--repeated"]
+    assert run([*words, *map(str, files)]) == 2
+    *_, said = capsys.readouterr().err.splitlines()
+    assert "2 of 2 scans do not say where the scanner stood (0.xyz, 1.xyz)" in said
+    assert "--poses FILE" in said
+    assert run([*words, "--poses", str(poses), *map(str, files)]) == 0
+    headers = Project.open(tmp_path / "project").scan_headers("room", "2024")
+    assert all((header.origin == 0.0).all() for header in headers)

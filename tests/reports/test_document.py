@@ -282,6 +282,17 @@ def test_every_reason_that_a_step_counts_stands_in_the_table_and_none_speaks_of_
     assert list(rows)[-3:] == ["left after merging", "vertices of the surface", "triangles of the surface"]
 
 
+def test_repeated_scans_that_were_not_averaged_are_not_said_to_be():
+    """Of several the filter left a step each; their mean would have left one."""
+    before, after = (
+        dataclasses.replace(e, record=dataclasses.replace(e.record, repeated=True)) for e in example_epochs()
+    )
+    after = dataclasses.replace(after, steps=tuple(s for s in after.steps if s.product != "scan001"))
+    rows = rows_of(facts_of(epochs=(before, after)), "The epochs")
+    station = "2 scans, repeated from one station"
+    assert rows["Measured as"] == [f"{station}, each filtered and merged, not averaged", station]
+
+
 def test_told_backwards_the_record_and_the_files_name_reference_and_compared():
     before, after = example_epochs()
     later = dataclasses.replace(before, record=dataclasses.replace(before.record, date=datetime.date(2027, 1, 1)))
