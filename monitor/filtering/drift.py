@@ -25,6 +25,7 @@ CUT = 4.0  # robust sigmas beyond which a run says nothing of drift
 class Drift:
     """By how much each of k scans is off the mean of all: positive range reads longer [m, rad].
 
+    Sigmas are of what is told, the difference from a mean that each scan has a part in: these sum to nothing.
     `azimuth` and `elevation` are true minus recorded. `p_range` and `p_angles`: how often chance alone gives as much.
     `rate` [m per scan] is the trend of the range. What was not significant is not removed.
     """
@@ -73,17 +74,17 @@ def estimate_drift(ranges: Floats, directions: Floats, significance: float) -> D
     if n_scans < 2 or len(usable) < FEWEST_RUNS:
         return Drift(nothing, unknown, nothing, nothing, unknown, unknown, 1.0, 1.0, np.nan, np.nan, False, False)
     excess, slopes, error = runs.excess[:, usable], runs.slopes[usable], runs.slope_covariance[usable]
-    shift, sigma = np.array([_fit(y, slopes[:, :0], error[:, :0, :0]) for y in excess])[:, :, 0].T
-    full = np.array([_fit(y, slopes, error) for y in excess])  # (k, 2, 3)
-    p_range = float(chi2.sf(np.sum((shift / sigma) ** 2), n_scans - 1))
-    angles2 = np.sum((full[:, 0, 1:] / full[:, 1, 1:]) ** 2)
-    p_angles = float(chi2.sf(angles2, 2 * (n_scans - 1))) if np.isfinite(angles2) else 1.0
+    alone, full = (_fit_all(excess, slopes[:, :n], error[:, :n, :n]) for n in (0, 2))
+    p_range = _chance(alone[0], alone[1])
+    p_angles = _chance(full[0][:, 1:], full[1][:, 1:, 1:])
     removes_angles = p_angles < significance
-    if removes_angles:
-        shift, sigma = full[:, 0, 0], full[:, 1, 0]
-    rate, sigma_rate = _trend(shift, sigma)
+    found, covariance = full if removes_angles else alone
+    shift, sigma = found[:, 0], np.sqrt(covariance[:, 0, 0])
+    azimuth, elevation = full[0][:, 1], full[0][:, 2]
+    sigma_azimuth, sigma_elevation = (np.sqrt(full[1][:, axis, axis]) for axis in (1, 2))
+    rate, sigma_rate = _trend(shift, sigma**2)
     return Drift(
-        shift, sigma, full[:, 0, 1], full[:, 0, 2], full[:, 1, 1], full[:, 1, 2], p_range, p_angles, rate, sigma_rate,
+        shift, sigma, azimuth, elevation, sigma_azimuth, sigma_elevation, p_range, p_angles, rate, sigma_rate,
         p_range < significance or removes_angles, removes_angles,
     )  # fmt: skip
 
@@ -137,8 +138,14 @@ def _slopes(ranges: Floats, directions: Floats, most: int | None) -> _Runs:
     return _Runs(np.median(r - mean, axis=2), slopes, inverse * noise2[:, None, None], is_smooth)
 
 
-def _fit(excess: Floats, slopes: Floats, error: Floats) -> Floats:
-    """Return offset, azimuth and elevation of one scan, and their sigmas: (2, 1 + number of slopes)."""
+def _fit_all(excess: Floats, slopes: Floats, error: Floats) -> tuple[Floats, Floats]:
+    """Return offset, azimuth and elevation (k, p) of the scans, and the covariance (k, p, p) of each."""
+    found = [_fit(y, slopes, error) for y in excess]
+    return np.array([f for f, _ in found]), np.array([c for _, c in found])
+
+
+def _fit(excess: Floats, slopes: Floats, error: Floats) -> tuple[Floats, Floats]:
+    """Return offset, azimuth and elevation (p,) of one scan, 1 + number of slopes, and their covariance (p, p)."""
     design = np.column_stack([np.ones(len(excess)), slopes])
     keep = np.ones(len(excess), dtype=bool)
     found = np.r_[np.median(excess), np.zeros(slopes.shape[1])]
@@ -152,14 +159,44 @@ def _fit(excess: Floats, slopes: Floats, error: Floats) -> Floats:
         left = excess - design @ found
         scale = max(1.4826 * float(np.median(np.abs(left - np.median(left)))), 1e-12)
         keep = np.abs(left) <= CUT * scale
-    sigma = scale * np.sqrt(np.maximum(np.diag(inverse @ gram @ inverse), 1e-300))
-    return np.stack([found, sigma])
+    return found, scale**2 * (inverse @ gram @ inverse)
 
 
-def _trend(shift: Floats, sigma: Floats) -> tuple[float, float]:
-    """Return the trend of the offset from scan to scan and its sigma, from its own scatter about the line if larger."""
-    time = np.arange(len(shift)) - 0.5 * (len(shift) - 1)
-    rate = float((time * shift).sum() / (time**2).sum())
-    left2 = ((shift - shift.mean() - rate * time) ** 2).sum() / max(len(shift) - 2, 1)
-    scatter2 = max(left2, float(np.mean(sigma**2))) if len(shift) > 2 else float(np.mean(sigma**2))
-    return rate, float(np.sqrt(scatter2 / (time**2).sum()))
+def _of_one_scan(covariance: Floats) -> Floats:
+    """Return the covariance (k, p, p) of k scans themselves from that of their differences from the mean of all.
+
+    Of k independent values of variance s2 the differences from their mean have s2 (1 - 1 / k), and -s2 / k together.
+    """
+    n_scans = len(covariance)
+    return covariance * n_scans / (n_scans - 1.0)
+
+
+def _chance(found: Floats, covariance: Floats) -> float:
+    """Return how often chance alone gives k scans that lie as far (k, p) apart as found: chi-square of p (k - 1).
+
+    The weighted squares about the weighted mean, which are those of the scans themselves: what all share drops out.
+    """
+    n_scans, n_each = found.shape
+    if not np.isfinite(found).all() or not np.isfinite(covariance).all():
+        return 1.0
+    weights = np.linalg.pinv(_of_one_scan(covariance), hermitian=True)
+    mean = np.linalg.pinv(weights.sum(axis=0), hermitian=True) @ np.einsum("kij,kj->i", weights, found)
+    apart2 = float(np.einsum("ki,kij,kj->", found - mean, weights, found - mean))
+    return float(chi2.sf(apart2, n_each * (n_scans - 1)))
+
+
+def _trend(shift: Floats, covariance: Floats) -> tuple[float, float]:
+    """Return the trend of the offset (k,) from scan to scan and its sigma.
+
+    That comes from the scatter about the line where this is larger than chance explains once in a hundred.
+    """
+    n_scans = len(shift)
+    time = np.arange(n_scans) - 0.5 * (n_scans - 1)
+    time2 = float((time**2).sum())
+    rate = float((time * shift).sum() / time2)
+    one2 = _of_one_scan(covariance)
+    sigma_rate = float(np.sqrt((time**2 * one2).sum())) / time2
+    left2 = float(((shift - shift.mean() - rate * time) ** 2 / one2).sum())
+    if n_scans > 2 and chi2.sf(left2, n_scans - 2) < 0.01:
+        sigma_rate *= float(np.sqrt(left2 / (n_scans - 2)))
+    return rate, sigma_rate

@@ -8,6 +8,8 @@ import pytest
 from monitor.cli import run
 from monitor.filtering import average_scans
 from monitor.filtering.averaging import average_ranges
+from monitor.filtering.drift import _trend, estimate_drift
+from monitor.filtering.nearest import canonical_order
 from monitor.simulation import INSTRUMENTS, Scene, Window, simulate_scan, without_errors
 from monitor.simulation.repeated import Drift, repeat_scan
 from monitor.simulation.scenes import make_box
@@ -92,6 +94,41 @@ def test_no_drift_is_called_one_as_rarely_as_asked():
     assert sum(d.p_range < 0.01 for d in chances) <= 2
     assert sum(d.p_angles < 0.01 for d in chances) <= 2
     assert np.mean([d.p_range < 0.5 for d in chances]) == pytest.approx(0.5, abs=0.3)
+
+
+def drifts_of_nothing(n_scans, n_draws=200):
+    """Return what is found in draws of so many scans of a wavy wall whose instrument does not drift, 0.5 mm noise."""
+    across = np.arange(-0.12, 0.12, 0.003)
+    y, z = (a.ravel() for a in np.meshgrid(across, across))
+    directions = np.column_stack([np.full(y.size, 3.0), y, z])
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    directions = directions[canonical_order(directions)]
+    true = 3.0 / directions[:, 0] + 0.02 * np.sin(20.0 * directions[:, 1]) * np.cos(17.0 * directions[:, 2])
+    draws = np.random.default_rng(n_scans)
+    return [
+        estimate_drift(true + draws.normal(0, 0.5e-3, (n_scans, true.size)), directions, 0.01) for _ in range(n_draws)
+    ]
+
+
+@pytest.mark.parametrize("n_scans", [2, 3, 5, 20])
+def test_without_drift_chance_is_told_right_and_the_rate_scatters_as_its_sigma_says(n_scans):
+    """Taken as independent, shifts from a common mean gave two scans twice the chi-square that they have."""
+    drifts = drifts_of_nothing(n_scans)
+    for chances in ([d.p_range for d in drifts], [d.p_angles for d in drifts]):
+        assert np.mean(np.less(chances, 0.05)) == pytest.approx(0.05, abs=0.04)  # binomial: 0.015 one sigma
+    scatter = np.sqrt(np.mean([(d.rate / d.sigma_rate) ** 2 for d in drifts]))
+    assert scatter == pytest.approx(1.0, abs=0.13)  # 0.05 one sigma, and some sigmas come from the scatter itself
+    shifts = np.array([d.range / d.sigma_range for d in drifts if not d.removes_angles])
+    assert np.sqrt(np.mean(shifts**2)) == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_sigma_of_a_rate_grows_where_shifts_wander_from_their_line():
+    shift, sigma2 = np.array([0.0, 3.0, -3.0, 3.0, 0.0]) * 1e-4, np.full(5, 1e-10 * 0.8)
+    rate, sigma = _trend(shift, sigma2)
+    assert rate == pytest.approx(0.0, abs=1e-12)
+    left2 = ((shift - shift.mean()) ** 2).sum() / 3.0
+    assert sigma == pytest.approx(np.sqrt(left2 / 10.0))
+    assert _trend(np.zeros(5), sigma2)[1] == pytest.approx(1e-5 / np.sqrt(10.0))
 
 
 @pytest.mark.parametrize("n", [4, 10, 20])
