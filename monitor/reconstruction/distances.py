@@ -31,7 +31,8 @@ def surface_to_points(surface: Surface, points: Floats, normals: Floats | None =
     Returns
     -------
     (n,) float64, m, positive outside; NaN where the point is not over the surface: where its nearest place on the
-    surface is a free edge, or a face that looks another way.
+    surface is a free edge, a face that looks another way, or one that closes a hole where nothing was measured (then
+    the edge of that hole counts as free, as if it were open).
 
     Raises
     ------
@@ -47,7 +48,8 @@ def surface_to_points(surface: Surface, points: Floats, normals: Floats | None =
     offset = points - foot
     side = np.einsum("ij,ij->i", offset, normal)
     distance = np.copysign(np.linalg.norm(offset, axis=1), side) - bow_at(surface, face, weights)
-    is_over = ~_on_free_edge(surface.faces, face, weights)
+    invented = np.zeros(len(surface.faces), bool) if surface.face_invented is None else surface.face_invented
+    is_over = ~(invented[face] | _on_free_edge(surface.faces, ~invented, face, weights))
     if normals is not None:
         is_over &= np.einsum("ij,ij->i", normal, normals) > COS_LOOKS_THE_SAME_WAY
     return np.where(is_over, distance, np.nan)
@@ -101,9 +103,10 @@ def _foot_normals(surface: Surface, face: Ints, weights: Floats) -> Floats:
     return np.where(is_inside, face_normal[face], blended)
 
 
-def _on_free_edge(faces: Ints, face: Ints, weights: Floats) -> Bools:
-    """Return whether a foot point (n,) lies on an edge that only one face has, or on an end of such an edge."""
-    edges, edge_of, n_faces = edge_table(faces)
+def _on_free_edge(faces: Ints, measured: Bools, face: Ints, weights: Floats) -> Bools:
+    """Return whether a foot point (n,) lies on an edge that one measured face has, or on an end of such an edge."""
+    edges, edge_of, _ = edge_table(faces)
+    n_faces = np.bincount(edge_of.reshape(-1, 3)[measured].ravel(), minlength=len(edges))
     free_vertex = np.zeros(int(faces.max()) + 1, bool)
     free_vertex[edges[n_faces == 1]] = True
     free_edge = np.equal(n_faces[edge_of], 1).reshape(-1, 3)[face]

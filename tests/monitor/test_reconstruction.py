@@ -168,6 +168,16 @@ def test_point_that_looks_another_way_is_not_over_the_surface():
     assert np.isnan(distance[1])
 
 
+def test_point_over_an_invented_face_or_the_edge_of_its_hole_is_not_over_the_surface():
+    points = np.array([[0.3, 0.2, 0.05], [0.2, 0.6, -0.02], [0.4, 0.4, 0.1]])
+    closed = Surface(square().vertices, square().faces, face_invented=[False, True])
+    distance = surface_to_points(closed, points)
+    assert distance[0] == pytest.approx(0.05)
+    assert np.isnan(distance[1:]).all()
+    open_ = Surface(square().vertices, square().faces[:1])
+    np.testing.assert_array_equal(surface_to_points(open_, points), distance)
+
+
 def test_distances_keep_their_precision_far_from_the_origin():
     surface = Surface(square().vertices + FAR, square().faces)
     assert surface_to_points(surface, np.array([[0.3, 0.2, 0.00012]]) + FAR)[0] == pytest.approx(0.00012, abs=2e-9)
