@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 
 from monitor.boxes import box_of
 from monitor.declare import check_settings, setting
-from monitor.filtering.copies import without_copies
 from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
 from monitor.reconstruction.corners import find_corners
 from monitor.reconstruction.coverage import count_uncovered
@@ -47,11 +46,10 @@ from monitor.reconstruction.roof_evidence import GAIN
 from monitor.reconstruction.roofs import Roofs, bring_onto, find_roofs, no_roofs
 from monitor.reconstruction.sides import Raw, fit_own_sides
 from monitor.reconstruction.untangle import drop_intersecting, untangle
-from monitor.reconstruction.usable import mark_usable
+from monitor.reconstruction.usable import take_usable
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface, require_noun
 
-FEWEST_POINTS = 50
 SLIVER = 1e-3  # of a cell: edges and heights below it are welded or dropped
 FINEST = 1e-4  # of a cell: no vertex is claimed to be known better
 LEAST_SHOWN = 0.1  # of the noise stated: points that scatter less tell nothing of it, as those in one plane by rounding
@@ -126,7 +124,8 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
 
     Parameters
     ----------
-    cloud : points (n, 3) in metres in any frame. Normals orient the surface; they are estimated where it has none.
+    cloud : points (n, 3) in metres in any frame. Normals orient the surface; where they are not given, or NaN or of no
+        length for single points, they are estimated.
     settings : see `SurfaceSettings`; the default needs no thought.
 
     Returns
@@ -143,9 +142,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     """
     require_noun(cloud, "what a surface is made of", PointCloud)
     settings = settings or SurfaceSettings()
-    n_given, cloud = len(cloud), own_points(cloud)
-    n_copies = n_given - len(cloud)
-    cloud = usable_samples(with_normals(cloud))
+    cloud, counts = take_usable(cloud)
     low, high = box_of(cloud.points)
     shift = np.round(0.5 * (low + high), 3)
     cloud = replace(cloud, points=cloud.points - shift)
@@ -176,7 +173,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     }
     if settings.method == "localized":
         automatic["screening_cells"] = screening
-    counts = {"points_used": len(cloud), "points_copied": n_copies, "faces_raw": len(faces)}
+    counts["faces_raw"] = len(faces)
     near = partial(trim, samples=finest, farthest=settings.trim_cells * cell_used)
     faces = near(vertices, faces)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
@@ -193,7 +190,8 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     if len(faces) > n_measured:
         surface = replace(surface, face_invented=np.arange(len(faces)) >= n_measured)
     counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise, finest)
-    automatic["uncovered_share"] = counts["points_without_surface"] / len(cloud)
+    n_finite = counts["points_used"] + counts["points_without_normal"]
+    automatic["uncovered_share"] = (counts["points_without_surface"] + counts["points_without_normal"]) / n_finite
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
     return ReconstructionResult(replace(surface, vertices=surface.vertices + shift), automatic, counts)
 
@@ -206,37 +204,6 @@ def raw_mesh(
         return poisson_mesh(points, normals, cell)
     vertices, faces = localized_mesh(points, normals, cell, spacing, screening)
     return vertices, faces, cell
-
-
-def with_normals(cloud: PointCloud) -> PointCloud:
-    """Return the cloud with normals, estimated robustly where it has none."""
-    if cloud.normals is not None:
-        return cloud
-    from monitor.filtering import estimate_normals  # here, so that a cloud with normals needs no filtering
-
-    return replace(estimate_normals(cloud), sigma=cloud.sigma)  # it gives points their spread about planes
-
-
-def own_points(cloud: PointCloud) -> PointCloud:
-    """Return the cloud without copies of points; `ReconstructionError` where hardly more than copies were given."""
-    own = without_copies(cloud)
-    if len(own) < FEWEST_POINTS <= len(cloud):
-        raise ReconstructionError(
-            f"most of the {len(cloud)} points share their place with others; a surface needs points beside each other"
-        )
-    return own
-
-
-def usable_samples(cloud: PointCloud) -> PointCloud:
-    """Return the points with finite coordinates and a normal; `ReconstructionError` where they are too few."""
-    assert cloud.normals is not None
-    usable = mark_usable(cloud.points, cloud.normals)
-    if np.count_nonzero(usable) < FEWEST_POINTS:
-        raise ReconstructionError(
-            f"{np.count_nonzero(usable)} of {len(cloud)} points can be used (finite, with a normal); "
-            f"a surface needs at least {FEWEST_POINTS}"
-        )
-    return cloud if usable.all() else cloud.take(np.flatnonzero(usable))
 
 
 def trim(vertices: Floats, faces: Ints, samples: Level, farthest: float) -> Ints:

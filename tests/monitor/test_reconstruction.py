@@ -1,5 +1,7 @@
 """A surface of points whose truth is known: where it lies, where it ends, how sure it says it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -126,6 +128,34 @@ def test_relief_of_a_cloud_without_normals_does_not_pass_for_its_noise(rng):
     inside = (np.abs(result.surface.vertices[:, :2] - 0.0295) < 0.022).all(axis=1)
     at, z = result.surface.vertices[inside, 0], result.surface.vertices[inside, 2]
     assert np.sum(z * np.sin(k * at)) / np.sum(np.sin(k * at) ** 2) > 0.00093
+
+
+@pytest.mark.parametrize("looks", [1.0, -1.0])
+def test_normals_known_of_a_part_only_are_estimated_of_the_rest_and_look_as_those_given(rng, looks):
+    cloud, _ = fibonacci_sphere(7200, RADIUS, 0.0003, rng)
+    lacks = cloud.points[:, 0] > 0.0
+    given = np.where(lacks[:, None], np.nan, 3.0 * looks * cloud.normals)  # of any length
+    result = reconstruct_with_record(PointCloud(cloud.points, normals=given))
+    surface = result.surface
+    assert result.counts["points_used"] == len(cloud)
+    assert result.counts["normals_estimated"] == lacks.sum()
+    assert (edge_table(surface.faces)[2] == 2).all()
+    assert (looks * np.einsum("ij,ij->i", surface.normals, surface.vertices) > 0.0).all()
+    assert np.linalg.norm(surface.normals, axis=1) == pytest.approx(1.0)
+
+
+def test_points_whose_normal_cannot_be_told_are_counted_as_uncovered(rng, monkeypatch):
+    cloud, _ = fibonacci_sphere(3000, RADIUS, 0.0003, rng)
+    normals = np.where(cloud.points[:, :1] > 0.5 * RADIUS, 0.0, cloud.normals)
+    points = np.r_[cloud.points, [[np.nan, 0.0, 0.0]]]
+    monkeypatch.setattr(
+        "monitor.filtering.estimate_normals", lambda seen: replace(seen, normals=np.full_like(seen.points, np.nan))
+    )
+    result = reconstruct_with_record(PointCloud(points, normals=np.r_[normals, [[0.0, 0.0, 1.0]]]))
+    n_lacking = int((cloud.points[:, 0] > 0.5 * RADIUS).sum())
+    assert result.counts["points_without_normal"] == n_lacking
+    assert result.counts["points_not_finite"] == 1
+    assert result.automatic["uncovered_share"] == pytest.approx(0.25, abs=0.01)  # a quarter of a sphere's area
 
 
 def test_stated_noise_larger_than_the_scatter_raises_sigma(rng):
