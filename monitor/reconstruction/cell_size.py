@@ -10,9 +10,11 @@ from scipy.spatial import cKDTree
 from monitor.reconstruction.moments import Level, level_of_points
 from monitor.reconstruction.projection import Samples
 from monitor.reconstruction.reach import NARROWEST_SIGMAS, measure_noise
+from projects.errors import ParameterError
 from projects.model import Floats, PointCloud
 
 SPACINGS_PER_CELL = 1.5  # finer cells hold single points: nothing to gain (measured on the clouds of the paper)
+NARROWEST_CELL = 0.25  # spacings; in finer cells less than half of a surface hangs together
 NOISES_PER_CELL = 0.7  # the band must be thicker than the noise
 N_PROBES = 5_000
 FEWEST_NEIGHBOURS = 48
@@ -101,3 +103,13 @@ def _scatter_along(neighbours: Floats, normals: Floats) -> float:
 def choose_cell_size(sampling: Sampling) -> float:
     """Return the cell size in metres: 1.5 spacings, or 0.7 sigma of the noise where that is larger."""
     return max(SPACINGS_PER_CELL * sampling.spacing, NOISES_PER_CELL * sampling.noise)
+
+
+def require_cells_wide_enough(cell: float, sampling: Sampling) -> None:
+    """Raise `ParameterError` where cells are so much finer than the points that most of these would stand alone."""
+    if cell < NARROWEST_CELL * sampling.spacing:
+        raise ParameterError(
+            f"cell_size = {cell:.4g} m: the points lie {sampling.spacing:.4g} m apart; allowed is at least "
+            f"{NARROWEST_CELL * sampling.spacing:.4g} m, usual {choose_cell_size(sampling):.4g} m: set a larger "
+            "cell_size, or leave it out"
+        )

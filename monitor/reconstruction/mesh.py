@@ -57,12 +57,11 @@ def is_degenerate(vertices: Floats, faces: Ints, shortest: float) -> Bools:
     return out
 
 
-def crumbs(vertices: Floats, faces: Ints, smallest_area: float) -> Bools:
-    """Return which faces (m,) belong to a component of less than `smallest_area` (m2); faces hang together by edges."""
+def piece_areas(vertices: Floats, faces: Ints) -> Floats:
+    """Return of each face (m,) the area (m2) of the component that it belongs to; faces hang together by edges."""
     _, edge_of, n_faces = edge_table(faces)
     label = faces_together(edge_of, len(n_faces))
-    area = np.bincount(label, face_areas_and_normals(vertices, faces)[0])
-    out: Bools = np.asarray(area[label] < smallest_area)
+    out: Floats = np.bincount(label, face_areas_and_normals(vertices, faces)[0])[label]
     return out
 
 

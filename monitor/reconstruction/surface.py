@@ -17,7 +17,12 @@ from scipy.spatial import cKDTree
 
 from monitor.boxes import box_of
 from monitor.declare import check_settings, setting
-from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
+from monitor.reconstruction.cell_size import (
+    choose_cell_size,
+    measure_and_sort,
+    require_cells_wide_enough,
+    tree_of_points,
+)
 from monitor.reconstruction.corners import find_corners
 from monitor.reconstruction.coverage import count_uncovered
 from monitor.reconstruction.crests import snap, split_along
@@ -28,9 +33,9 @@ from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import (
     compact,
-    crumbs,
     is_degenerate,
     keep_faces,
+    piece_areas,
     short_edges,
     untie,
     vertex_normals,
@@ -47,7 +52,7 @@ from monitor.reconstruction.roofs import Roofs, bring_onto, find_roofs, no_roofs
 from monitor.reconstruction.sides import Raw, fit_own_sides
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from monitor.reconstruction.usable import take_usable
-from projects.errors import ReconstructionError
+from projects.errors import ParameterError, ReconstructionError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface, require_noun
 
 SLIVER = 1e-3  # of a cell: edges and heights below it are welded or dropped
@@ -103,6 +108,11 @@ class SurfaceSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.narrowest_fit_cells > self.widest_fit_cells:
+            raise ParameterError(
+                f"SurfaceSettings.narrowest_fit_cells = {self.narrowest_fit_cells:g} exceeds "
+                f"widest_fit_cells = {self.widest_fit_cells:g}; set a smaller one, or the other larger"
+            )
 
 
 @dataclass(frozen=True)
@@ -154,6 +164,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
             f"most of the {len(cloud)} points share their place with others; a surface needs points beside each other"
         )
     cell = settings.cell_size or choose_cell_size(sampling)
+    require_cells_wide_enough(cell, sampling)
     screening = screening_length(cell, *sampling)
     ladder = make_ladder(
         cell, sampling.noise, settings.narrowest_fit_cells, settings.widest_fit_cells, settings.noise_share
@@ -328,11 +339,18 @@ def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Int
     faces = weld(vertices, faces, SLIVER * cell)
     faces = keep_faces(faces, ~is_degenerate(vertices, faces, SLIVER**2 * cell))
     faces = untie(faces)
-    faces = keep_faces(faces, ~crumbs(vertices, faces, np.pi * (crumb_cells * cell) ** 2))
     if not len(faces):
         raise ReconstructionError(
-            f"no piece of surface is larger than a disc of {crumb_cells:g} cells of {cell:.4g} m; "
-            "give denser points or set a smaller cell size"
+            f"no surface came of cells of {cell:.4g} m; leave cell_size out, to have it chosen for the points"
+        )
+    areas = piece_areas(vertices, faces)
+    faces = keep_faces(faces, areas >= np.pi * (crumb_cells * cell) ** 2)
+    if not len(faces):
+        largest = np.sqrt(areas.max() / np.pi)
+        raise ReconstructionError(
+            f"crumb_cells = {crumb_cells:g} drops pieces smaller than a disc of {crumb_cells * cell:.4g} m radius "
+            f"(cells of {cell:.4g} m), and the largest piece of surface is as a disc of {largest:.4g} m; "
+            f"set crumb_cells below {largest / cell:.2g}, or cell_size nearer to the spacing of the points"
         )
     return faces
 

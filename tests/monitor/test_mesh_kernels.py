@@ -3,10 +3,10 @@ import pytest
 
 from monitor.reconstruction.mesh import (
     bow_ties,
-    crumbs,
     edge_table,
     face_areas_and_normals,
     is_degenerate,
+    piece_areas,
     short_edges,
     untie,
     vertex_normals,
@@ -63,7 +63,7 @@ def test_pieces_hang_together_by_edges_and_not_by_vertices():
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     vertices = np.r_[square, [[2.0, 1, 0], [2, 2, 0]]]
     faces = np.array([[0, 1, 2], [2, 4, 5], [0, 2, 3]])  # the second meets the others in vertex 2 only
-    assert crumbs(vertices, faces, 0.75).tolist() == [False, True, False]
+    assert piece_areas(vertices, faces).tolist() == [1.0, 0.5, 1.0]
     assert bow_ties(faces).tolist() == [False, True, False]
 
 

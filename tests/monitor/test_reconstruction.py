@@ -172,6 +172,18 @@ def test_too_few_points_are_refused(rng):
         SurfaceSettings(cell_size=-1.0)
 
 
+def test_settings_that_leave_no_surface_are_refused_with_what_to_do(rng):
+    cloud = grid_plane(40, 0.001, 0.0, rng)
+    with pytest.raises(ParameterError, match=r"cell_size = 0\.0002 m: .* at least 0\.00025\d+ m, usual 0\.0015\d+ m"):
+        reconstruct(cloud, SurfaceSettings(cell_size=0.0002))
+    with pytest.raises(
+        ReconstructionError, match=r"crumb_cells = 1000 .* 1\.5\d+ m radius .* set crumb_cells below 1\d,"
+    ):
+        reconstruct(cloud, SurfaceSettings(crumb_cells=1000))
+    with pytest.raises(ParameterError, match="narrowest_fit_cells = 20 exceeds widest_fit_cells = 12"):
+        SurfaceSettings(narrowest_fit_cells=20, widest_fit_cells=12)
+
+
 def test_points_all_at_one_place_are_refused_in_words():
     cloud = PointCloud(np.zeros((300, 3)), normals=np.tile([0.0, 0.0, 1.0], (300, 1)))
     with pytest.raises(ReconstructionError, match="share their place"):
