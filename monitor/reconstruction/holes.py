@@ -1,9 +1,10 @@
 """Holes closed by faces that nobody measured: found as loops of free edges, spanned, made as fine as the mesh.
 
-In: a two-manifold with boundary. Out: the same faces, and behind them those that close holes. The span is the
-triangulation of least area (Barequet & Sharir 1995, "Filling gaps in the boundary of a polyhedron"); its inner
-vertices, put in until its edges are as long as asked, lie in the middle of their neighbours. A hole whose span would
-meet other faces stays open.
+In: a two-manifold with boundary. Out: its faces, and behind them those that close holes. The span is the triangulation
+of least area (Barequet & Sharir 1995, "Filling gaps in the boundary of a polyhedron"), where it must be without faces
+that fold back over the rim (Liepa 2003, "Filling holes in meshes"); its inner vertices, put in until its edges are as
+long as asked, lie in the middle of their neighbours. Faces of a jagged rim that a span meets are given up. A hole that
+cannot be closed so stays open.
 """
 
 from __future__ import annotations
@@ -17,39 +18,50 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.distance import pdist
 
 from monitor.reconstruction.intersections import find_intersections
-from monitor.reconstruction.mesh import edge_table
+from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
 from projects.model import Floats, Ints
 
 MOST_CORNERS = 400  # of a loop spanned at once: least area takes time with the cube; a longer one is cut into bays
+COS_FOLDS = -0.7  # between normals: beyond it a face lies back over the one beside it
+MOST_STEPS = 8  # of a rim, each back from the faces that a span meets
 MOST_ROUNDS = 16  # of refinement, each of which halves the long edges
 
 
 class Closed(NamedTuple):
-    """Vertices, new ones behind the old; faces, those that close holes behind the old; what was closed and what not."""
+    """A mesh with holes closed: vertices, new ones behind the old; faces, the first `n_measured` of the old ones, then
+    those that close holes; how many holes were closed and how many not. Old vertices may be left without a face."""
 
     vertices: Floats
     faces: Ints
-    n_closed: int
-    n_left_open: int
+    n_measured: int
+    n_closed: int = 0
+    n_left_open: int = 0
+
+
+class Attempt(NamedTuple):
+    """A mesh with one hole more closed, None where faces would meet; then those of the mesh (k,) that are met."""
+
+    mesh: Closed | None
+    met: Ints
 
 
 def close_holes(vertices: Floats, faces: Ints, widest: float, longest_edge: float) -> Closed:
     """Close every hole up to `widest` (m; infinite: all) across, with faces whose edges are below `longest_edge` (m).
 
     The free edge around the whole of an open surface is a hole too, if a wide one. Holes are closed in the order of
-    their lowest vertex; one whose faces would meet others, refined or not, stays open and is counted.
+    their lowest vertex; one whose faces would meet others, refined or not, is tried again without the faces of its rim
+    that are met, then stays open and is counted.
     """
-    n_closed = n_left_open = 0
+    mesh = Closed(vertices, faces, len(faces))
     for loop in free_loops(faces):
         if width(vertices[loop]) > widest:
             continue
-        closed = _close(vertices, faces, loop, longest_edge)
+        closed = _close(mesh, loop, longest_edge)
         if closed is None:
-            n_left_open += 1
+            mesh = mesh._replace(n_left_open=mesh.n_left_open + 1)
         else:
-            vertices, faces = closed
-            n_closed += 1
-    return Closed(vertices, faces, n_closed, n_left_open)
+            mesh = closed._replace(n_closed=mesh.n_closed + 1)
+    return mesh
 
 
 def free_loops(faces: Ints) -> list[Ints]:
@@ -73,20 +85,69 @@ def width(corners: Floats) -> float:
     return float(pdist(corners[:: 1 + len(corners) // 2000]).max())
 
 
-def _close(vertices: Floats, faces: Ints, loop: Ints, longest_edge: float) -> tuple[Floats, Ints] | None:
-    """Return vertices and faces with one hole closed; None where that cannot be done without faces that meet."""
-    corners = np.ascontiguousarray(vertices[loop])
-    patch = _span(corners, _edges_across(faces, loop))
-    if patch is None:
-        return None
-    for places, span in (_refine(corners, patch, longest_edge), (corners, patch)):
-        names = np.r_[loop, len(vertices) + np.arange(len(places) - len(loop))]
-        more = np.r_[vertices, places[len(loop) :]]
-        joined = np.r_[faces, names[span].astype(faces.dtype)]
-        is_new = np.arange(len(joined)) >= len(faces)
-        if not len(find_intersections(more, joined, is_new)):
-            return more, joined
+def _close(mesh: Closed, loop: Ints, longest_edge: float) -> Closed | None:
+    """Return the mesh with one hole closed; None where that cannot be done without faces that meet."""
+    for _ in range(MOST_STEPS):
+        attempt = _try(mesh, loop, longest_edge)
+        if attempt.mesh is not None:
+            return attempt.mesh
+        stepped = _step_back(mesh, loop, attempt.met)
+        if stepped is None:
+            return None
+        mesh, loop = stepped
     return None
+
+
+def _try(mesh: Closed, loop: Ints, longest_edge: float) -> Attempt:
+    """Close one hole by a span of least area, or by one that nowhere folds back, refined or not."""
+    vertices, faces = mesh.vertices, mesh.faces
+    corners, met = np.ascontiguousarray(vertices[loop]), np.empty(0, np.int64)
+    is_taken, beyond = _edges_across(faces, loop), _normals_beyond(vertices, faces, loop)
+    for normals in (np.zeros_like(beyond), beyond):
+        patch = _span(corners, is_taken, normals)
+        if patch is None:
+            continue
+        for places, span in (_refine(corners, patch, longest_edge), (corners, patch)):
+            names = np.r_[loop, len(vertices) + np.arange(len(places) - len(loop))]
+            more = np.r_[vertices, places[len(loop) :]]
+            joined = np.r_[faces, names[span].astype(faces.dtype)]
+            pairs = find_intersections(more, joined, np.arange(len(joined)) >= len(faces))
+            if not len(pairs):
+                return Attempt(mesh._replace(vertices=more, faces=joined), met)
+        met = np.unique(pairs[pairs < len(faces)])
+    return Attempt(None, met)
+
+
+def _step_back(mesh: Closed, loop: Ints, met: Ints) -> tuple[Closed, Ints] | None:
+    """Return the mesh without the measured faces at the rim of a hole that its span met, and the new loop.
+
+    None where there are none, or where that would take more faces than the rim has edges, a piece of surface, or
+    anything of another hole.
+    """
+    at_rim = np.isin(mesh.faces[met], loop).any(axis=1) & (met < mesh.n_measured)
+    keep = np.ones(len(mesh.faces), bool)
+    keep[met[at_rim]] = False
+    while (ties := bow_ties(mesh.faces[keep])).any():
+        keep[np.flatnonzero(keep)[ties]] = False
+    n_lost = int(np.count_nonzero(~keep))
+    if not 0 < n_lost <= len(loop) or not keep[mesh.n_measured :].all():
+        return None
+    fewer = mesh._replace(faces=mesh.faces[keep], n_measured=mesh.n_measured - n_lost)
+    others = {tuple(other.tolist()) for other in free_loops(mesh.faces)} - {tuple(loop.tolist())}
+    after = {tuple(other.tolist()) for other in free_loops(fewer.faces)}
+    if not others <= after or len(after - others) != 1:
+        return None
+    return fewer, np.array((after - others).pop(), np.int64)
+
+
+def _normals_beyond(vertices: Floats, faces: Ints, loop: Ints) -> Floats:
+    """Return the unit normals (n, 3) of the faces beyond the edges of a loop, from each corner to the next."""
+    _, edge_of, n_faces = edge_table(faces)
+    free = np.flatnonzero(n_faces[edge_of] == 1)
+    ends = np.roll(faces, -1, axis=1).ravel()[free]
+    face_at = np.full(len(vertices), -1)
+    face_at[ends] = free // 3  # loops go the other way than the faces: their edges start where those of faces end
+    return face_areas_and_normals(vertices, faces[face_at[loop]])[1]
 
 
 def _edges_across(faces: Ints, loop: Ints) -> Any:
@@ -101,14 +162,15 @@ def _edges_across(faces: Ints, loop: Ints) -> Any:
     return out
 
 
-def _span(corners: Floats, is_taken: Any) -> Ints | None:
-    """Return the triangles (n - 2, 3) of least area that span a loop; no inner edge may be one that is taken."""
+def _span(corners: Floats, is_taken: Any, beyond: Floats) -> Ints | None:
+    """Return the triangles (n - 2, 3) of least area that span a loop; no inner edge may be one that is taken, and no
+    triangle may fold back over a face with the normal `beyond` (n, 3) the edge that follows a corner."""
     n = len(corners)
     if n == 3:
         return np.array([[0, 1, 2]])
     if n > MOST_CORNERS:
-        return _span_by_bays(corners, is_taken)
-    cost, middle = _least_area(corners, is_taken)
+        return _span_by_bays(corners, is_taken, beyond)
+    cost, middle = _least_area(corners, is_taken, beyond)
     if not np.isfinite(cost[0, n - 1]):
         return None
     triangles, todo = [], [(0, n - 1)]
@@ -121,7 +183,7 @@ def _span(corners: Floats, is_taken: Any) -> Ints | None:
     return np.array(triangles)
 
 
-def _span_by_bays(corners: Floats, is_taken: Any) -> Ints | None:
+def _span_by_bays(corners: Floats, is_taken: Any, beyond: Floats) -> Ints | None:
     """Span every k-th corner, and the corners between two such each by itself."""
     n = len(corners)
     headlands = np.arange(0, n, -(-n // MOST_CORNERS))
@@ -129,7 +191,8 @@ def _span_by_bays(corners: Floats, is_taken: Any) -> Ints | None:
     parts += [np.arange(i, k + 1) % n for i, k in zip(headlands, [*headlands[1:], n], strict=True) if k > i + 1]
     spans = []
     for part in parts:
-        span = _span(np.ascontiguousarray(corners[part]), np.ascontiguousarray(is_taken[np.ix_(part, part)]))
+        rim = np.where(np.roll(part, -1)[:, None] == (part[:, None] + 1) % n, beyond[part], 0.0)
+        span = _span(np.ascontiguousarray(corners[part]), np.ascontiguousarray(is_taken[np.ix_(part, part)]), rim)
         if span is None or (part is not headlands and is_taken[part[0], part[-1]]):
             return None
         spans.append(part[span])
@@ -137,7 +200,7 @@ def _span_by_bays(corners: Floats, is_taken: Any) -> Ints | None:
 
 
 @jit(nopython=True, cache=True)
-def _least_area(corners: Floats, is_taken: Any) -> Any:
+def _least_area(corners: Floats, is_taken: Any, beyond: Floats) -> Any:
     """Least area (n, n) of a triangulation of the corners i to k, and the corner that it puts on the edge i k."""
     n = len(corners)
     cost, middle = np.zeros((n, n)), np.zeros((n, n), np.int32)
@@ -148,19 +211,37 @@ def _least_area(corners: Floats, is_taken: Any) -> Any:
             if not (is_taken[i, k] and apart < n - 1):
                 for m in range(i + 1, k):
                     this = cost[i, m] + cost[m, k] + _area(corners, i, m, k)
-                    if this < best:
+                    if this < best and not _folds_back(corners, i, m, k, beyond):
                         best, at = this, m
             cost[i, k], middle[i, k] = best, at
     return cost, middle
 
 
 @jit(nopython=True, cache=True)
+def _folds_back(corners: Floats, i: int, m: int, k: int, beyond: Floats) -> bool:
+    """Whether the triangle of three corners lies back over the face beyond one of its edges, if that is of the rim."""
+    x, y, z = _double_area(corners, i, m, k)
+    least = COS_FOLDS * np.sqrt(x * x + y * y + z * z)
+    for a, b in ((i, m), (m, k), (k, i)):
+        on_rim = b == a + 1 or (b == 0 and a == len(corners) - 1)
+        if on_rim and x * beyond[a, 0] + y * beyond[a, 1] + z * beyond[a, 2] < least:
+            return True
+    return False
+
+
+@jit(nopython=True, cache=True)
 def _area(corners: Floats, i: int, m: int, k: int) -> float:
     """Area of the triangle of three corners."""
+    x, y, z = _double_area(corners, i, m, k)
+    return 0.5 * np.sqrt(x * x + y * y + z * z)
+
+
+@jit(nopython=True, cache=True)
+def _double_area(corners: Floats, i: int, m: int, k: int) -> Any:
+    """Normal of the triangle of three corners, as long as twice its area."""
     ux, uy, uz = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1], corners[k, 2] - corners[i, 2]
     vx, vy, vz = corners[m, 0] - corners[i, 0], corners[m, 1] - corners[i, 1], corners[m, 2] - corners[i, 2]
-    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    return 0.5 * np.sqrt(x * x + y * y + z * z)
+    return uz * vy - uy * vz, ux * vz - uz * vx, uy * vx - ux * vy  # towards the side from which i, m, k turn left
 
 
 def _refine(corners: Floats, patch: Ints, longest: float) -> tuple[Floats, Ints]:

@@ -190,16 +190,16 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
     stated = None if cloud.sigma is None else Stated(samples, cloud.sigma)
     settled = settle(vertices, faces, (summed_up, ladder, stated), cell_used, settings, near, counts, automatic)
-    n_measured = len(settled.faces)
-    projection, faces = invent(settled.projection, settled.faces, ALONG_HOLES * cell_used, settings, counts)
-    marks = {
-        name: np.r_[is_so, np.zeros(len(projection.vertices) - len(is_so), bool)]
+    settled = invent(settled, ALONG_HOLES * cell_used, settings, counts)
+    marks: dict[str, Any] = {
+        name: is_so
         for name, is_so in (("is_unresolved", settled.beside), ("is_crest", settled.is_crest))
         if is_so.any()
     }
-    surface = replace(finish(projection, faces, samples, cloud), **marks)
-    if len(faces) > n_measured:
-        surface = replace(surface, face_invented=np.arange(len(faces)) >= n_measured)
+    faces, n_invented = settled.faces, counts.get("faces_invented", 0)
+    surface = replace(finish(settled.projection, faces, samples, cloud), **marks)
+    if n_invented:
+        surface = replace(surface, face_invented=np.arange(len(faces)) >= len(faces) - n_invented)
     counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise, finest)
     n_finite = counts["points_used"] + counts["points_without_normal"]
     automatic["uncovered_share"] = (counts["points_without_surface"] + counts["points_without_normal"]) / n_finite
@@ -355,29 +355,31 @@ def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Int
     return faces
 
 
-def invent(
-    projection: Projection, faces: Ints, longest_edge: float, settings: SurfaceSettings, counts: dict[str, int]
-) -> tuple[Projection, Ints]:
-    """Return vertices and faces with the holes closed that the settings ask for, the invented ones behind the others.
+def invent(settled: Settled, longest_edge: float, settings: SurfaceSettings, counts: dict[str, int]) -> Settled:
+    """Return what was settled with the holes closed that the settings ask for, the invented faces behind the others.
 
     An invented vertex rests on nothing: its sigma is NaN and its support 0.
     """
     widest = np.inf if settings.watertight else settings.close_holes
     if widest <= 0.0:
-        return projection, faces
-    closed = close_holes(projection.vertices, faces, widest, longest_edge)
-    n_old, n_new = len(projection.vertices), len(closed.vertices) - len(projection.vertices)
-    counts |= {"faces_invented": len(closed.faces) - len(faces), "holes_closed": closed.n_closed,
-               "holes_left_open": closed.n_left_open}  # fmt: skip
-    unknown = np.full(n_new, np.nan)
-    return Projection(
+        return settled
+    projection, n_old = settled.projection, len(settled.projection.vertices)
+    closed = close_holes(projection.vertices, settled.faces, widest, longest_edge)
+    n_new = len(closed.vertices) - n_old
+    counts |= {"faces_invented": len(closed.faces) - closed.n_measured, "holes_closed": closed.n_closed,
+               "holes_left_open": closed.n_left_open,
+               "faces_given_up_at_holes": len(settled.faces) - closed.n_measured}  # fmt: skip
+    unknown, no = np.full(n_new, np.nan), np.zeros(n_new, bool)
+    filled = Projection(
         vertices=closed.vertices,
         normals=np.r_[projection.normals, vertex_normals(closed.vertices, closed.faces)[n_old:]],
         sigma=np.r_[projection.sigma, unknown],
         scatter=np.r_[projection.scatter, unknown],
         n_support=np.r_[projection.n_support, np.zeros(n_new, projection.n_support.dtype)],
-        is_fitted=np.r_[projection.is_fitted, np.zeros(n_new, bool)],
-    ), closed.faces
+        is_fitted=np.r_[projection.is_fitted, no],
+    )
+    used, faces = compact(len(closed.vertices), closed.faces)
+    return Settled(filled.take(used), faces, np.r_[settled.beside, no][used], np.r_[settled.is_crest, no][used])
 
 
 def finish(projection: Projection, faces: Ints, samples: cKDTree, cloud: PointCloud) -> Surface:

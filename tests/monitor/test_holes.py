@@ -73,6 +73,34 @@ def test_hole_whose_closing_would_cut_the_mesh_stays_open_and_is_counted():
     assert len(closed.faces) == len(faces) + 1
 
 
+def ragged_tube(rng, n=6000):
+    """Return a noisy tube open at both ends, points without order: its rims are jagged."""
+    turn, z = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(-0.04, 0.04, n)
+    normals = np.c_[np.cos(turn), np.sin(turn), np.zeros(n)]
+    return PointCloud((0.03 + 0.0004 * rng.normal(size=n)[:, None]) * normals + z[:, None] * [0, 0, 1], normals=normals)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_jagged_rims_of_a_tube_are_closed_at_the_cost_of_a_few_of_their_faces(seed):
+    cloud = ragged_tube(np.random.default_rng(seed))
+    open_ = reconstruct_with_record(cloud).surface
+    result = reconstruct_with_record(cloud, SurfaceSettings(watertight=True))
+    surface, n_new = result.surface, result.counts["faces_invented"]
+    assert is_closed(surface.faces)
+    assert len(find_intersections(surface.vertices, surface.faces)) == 0
+    assert result.counts["holes_left_open"] == 0
+    lost = result.counts["faces_given_up_at_holes"]
+    assert lost == len(open_.faces) - (len(surface.faces) - n_new) < 0.02 * len(open_.faces)
+    assert surface.face_invented.sum() == surface.face_invented[-n_new:].sum() == n_new
+    kept = {face.tobytes() for face in surface.vertices[surface.faces[:-n_new]]}
+    assert kept <= {face.tobytes() for face in open_.vertices[open_.faces]}
+    assert np.unique(surface.faces).tolist() == list(range(len(surface.vertices)))
+    corner = surface.vertices[surface.faces]
+    volume = np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
+    beyond = 2 * 2.5 * result.automatic["cell_size_m"]  # a surface ends so far from its samples at most
+    assert 0.08 < volume / (np.pi * 0.03**2) < 0.08 + beyond
+
+
 def test_small_holes_are_closed_and_marked_and_wide_ones_stay(rng):
     cloud = sphere_without_caps(rng)
     open_ = reconstruct_with_record(cloud)
