@@ -28,6 +28,7 @@ from reports.history import (
     name_columns,
     points_table,
     record_steps,
+    tell_open_holes,
     versions_table,
 )
 from reports.quantities import CM2, CM3, MM, day, estimate, listed, percent
@@ -181,7 +182,12 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
     again = tuple(f"Epoch {e} was processed again after this comparison; run “monitor compare” anew." for e in stale)
     times = (*_backwards(before.record, after.record), *_to_come(made, (before.record, after.record)))
     held = tuple(why for e in (before, after) if e.record.control and (why := _without_control(e)))
-    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *again)
+    holes = tuple(
+        f"The surface of epoch {e.record.epoch_id} is {told}."
+        for e, s in surfaces
+        if s and (told := tell_open_holes(s))
+    )
+    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *holes, *again)
 
 
 def _without_control(epoch: EpochHistory) -> str:

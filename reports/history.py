@@ -123,7 +123,8 @@ def points_table(epochs: Sequence[EpochHistory]) -> Table:
 
 _PHASES = ("files", "scan", "filtered", "surface")
 _LAST = ("measured points in the files", "left after filtering each scan", "left after merging")
-_ORDER = (*FILTERING.values(), *MERGING.values(), "vertices of the surface", "triangles of the surface")
+_ORDER = (*FILTERING.values(), *MERGING.values(), "vertices of the surface", "triangles of the surface",
+          "triangles of them that close holes, invented", "holes that could not be closed")  # fmt: skip
 
 
 def _rank(name: tuple[str, str]) -> tuple[bool, int]:
@@ -145,9 +146,21 @@ def _flow(epoch: EpochHistory) -> dict[tuple[str, str], int]:
         elif kind == "filtered":
             _add(flow, kind, counts, MERGING)
         elif kind == "surface":
-            names = {"vertices": "vertices of the surface", "faces": "triangles of the surface"}
+            names = {"vertices": "vertices of the surface", "faces": "triangles of the surface",
+                     "faces_invented": "triangles of them that close holes, invented",
+                     "holes_left_open": "holes that could not be closed"}  # fmt: skip
             flow |= {("surface", words): int(counts[key]) for key, words in names.items() if key in counts}
     return flow
+
+
+def tell_open_holes(surface: Step) -> str:
+    """Return in words how many holes of a surface stay open that were to be closed, "" where none does."""
+    n = int(surface.counts.get("holes_left_open", 0))
+    if not n:
+        return ""
+    wanted = "watertight" if surface.parameters.get("surface", {}).get("watertight") else "closed as asked"
+    stay, them = ("holes stay", "them") if n > 1 else ("hole stays", "it")
+    return f"not {wanted}: {n} {stay} open, since faces over {them} would meet others"
 
 
 def _add(flow: dict[tuple[str, str], int], phase: str, counts: Mapping[str, Any], names: Mapping[str, str]) -> None:

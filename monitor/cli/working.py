@@ -21,6 +21,7 @@ from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
 from reports.answer import shares_not_assessed
+from reports.history import tell_open_holes
 from reports.quantities import NBSP, millimetres, percent
 
 Pair = tuple[str | None, str | None]
@@ -42,6 +43,9 @@ def process_project(
 
         facts, failed = _try_each([partial(process_place, place) for place in places])
     _tell(facts, as_json, "{object} {epoch}: {n_vertices} vertices {source}")
+    for fact in facts:
+        if fact["open_holes"]:
+            typer.echo(f"mind: {fact['object']} {fact['epoch']}: {fact['open_holes']}", err=True)
     _require_none(failed, len(places), "epochs could not be processed")
 
 
@@ -92,6 +96,7 @@ def _processed(place: Place, steps: list[Step]) -> Facts:
         "source": f"from {n_points} points" if headers else "of a finished mesh",
         "n_vertices": len(surface.vertices),
         "n_faces": len(surface.faces),
+        "open_holes": "".join(tell_open_holes(s) for s in steps if s.product == "surface"),
         "steps": {s.product: s.step_id for s in steps},
     }
 

@@ -1,16 +1,20 @@
 """The command line on a small project: the whole way, and bad input that leaves the project as it was."""
 
+import dataclasses
 import hashlib
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
-from monitor.cli import results, run
+from monitor.chain import process_epoch
+from monitor.cli import results, run, working
 from projects import Project
+from projects.model import Step
 from reports import html
 from reports.quantities import percent
 
@@ -124,6 +128,21 @@ def test_a_light_model_of_a_comparison_is_refused_and_not_left_out_without_a_wor
     assert run([*given, "ply,screen"]) == 2
     assert "screen is the light model of one epoch; of a comparison take ply, glb, obj" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_holes_that_stay_open_are_told_on_the_screen_and_as_json(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def leave_open(*given: Any) -> list[Step]:
+        asked = {"parameters": {"surface": {"watertight": True}}, "counts": {"holes_left_open": 2}}
+        return [dataclasses.replace(s, **asked) if s.product == "surface" else s for s in process_epoch(*given)]
+
+    monkeypatch.setattr(working, "process_epoch", leave_open)
+    assert run(["process", str(made / "project"), "relief", "e1", "--json"]) == 0
+    said = capsys.readouterr()
+    told = "not watertight: 2 holes stay open, since faces over them would meet others"
+    assert f"mind: relief e1: {told}\n" in said.err
+    assert json.loads(said.out)[0]["open_holes"] == told
 
 
 def test_a_second_process_makes_nothing_new(made: Path) -> None:

@@ -341,6 +341,19 @@ def test_a_surface_made_again_after_the_comparison_is_pointed_out():
     assert facts_of().remarks == ()
 
 
+def test_holes_that_stay_open_are_remarked_and_counted():
+    before, after = example_epochs()
+    made = next(s for s in after.steps if s.product == "surface")
+    for asked, words in (({"watertight": True}, "not watertight"), ({"close_holes": 0.01}, "not closed as asked")):
+        left = dataclasses.replace(made, parameters={"surface": asked}, counts={**made.counts, "holes_left_open": 1})
+        steps = tuple(left if s is made else s for s in after.steps)
+        facts = facts_of(epochs=(before, dataclasses.replace(after, steps=steps)))
+        expected = f"The surface of epoch e2 is {words}: 1 hole stays open, since faces over it would meet others."
+        assert facts.remarks == (expected,)
+    rows = rows_of(facts, "From the scanner to the surface")
+    assert rows["holes that could not be closed"][1] == "1"
+
+
 def test_facts_are_gathered_from_a_project(tmp_path):
     project = Project.create(tmp_path / "p", name="Tor", crs="EPSG:31256")
     record, (before, after) = example_object(), example_epochs()
