@@ -57,7 +57,8 @@ def merge_scans(
     copies = find_copies(merged.points)
     merged = merged.take(~copies) if copies.any() else merged
     index = build_index(merged.points)
-    planes = fit_planes(index, orientation_of(merged), settings.normals)
+    towards = orientation_of(merged)
+    planes = fit_planes(index, towards, settings.normals, towards if towards is merged.normals else None)
     keep = ~planes.is_outlier
     cloud, thinned, automatic = thin_cloud(merged, index, planes, keep, settings.thinning)
     automatic |= left_out

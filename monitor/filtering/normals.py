@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
 from monitor.filtering.copies import find_copies
+from monitor.filtering.facing import same_facing
 from monitor.filtering.nearest import (
     PointIndex,
     build_index,
@@ -34,6 +35,7 @@ from projects.model import Bools, Floats, Ints, PointCloud, require_noun
 BLOCK = 32_768  # points whose neighbours are in memory at once; a multiple of LEAF
 N_SIZES = 14
 LEAST_SIZE = 10
+WIDER = 3  # times as many are looked at in a sample where those that look away are left out
 BAND = 3.0  # sigmas of the noise that a neighbourhood's radius must exceed for its normal to mean something
 
 
@@ -124,13 +126,18 @@ def clean_limits(n_max: int) -> Floats:
     return chi2.ppf(0.99, degrees) / degrees
 
 
-def sample_neighbourhoods(index: PointIndex, settings: NormalSettings) -> NeighbourhoodModel:
-    """Estimate neighbourhood size and noise at points sampled evenly along the space-filling curve."""
+def sample_neighbourhoods(
+    index: PointIndex, settings: NormalSettings, facing: Floats | None = None
+) -> NeighbourhoodModel:
+    """Estimate neighbourhood size and noise at points sampled evenly along the space-filling curve.
+
+    Where normals `facing` (n, 3) are given, of neighbours that look the same way.
+    """
     n_points = len(index.points)
     largest = min(max(settings.max_neighbours, settings.n_neighbours or 0), n_points)
     sizes = np.unique(np.rint(np.geomspace(min(LEAST_SIZE, largest), largest, N_SIZES)).astype(np.int64))
     which = np.unique(np.linspace(0, n_points - 1, min(settings.n_samples, n_points)).astype(np.int64))
-    near = find_nearest_sorted(index, which, largest)
+    near = _nearest_of_sample(index, which, largest, facing)
 
     def fit_sizes(noise: Floats) -> Floats:
         return np.stack(
@@ -149,13 +156,24 @@ def sample_neighbourhoods(index: PointIndex, settings: NormalSettings) -> Neighb
     return dataclasses.replace(model, sizes=np.clip(best, min(settings.min_neighbours, largest), largest))
 
 
+def _nearest_of_sample(index: PointIndex, which: Ints, k: int, facing: Floats | None) -> Ints:
+    """Return the k nearest (m, k) of the points `which`, where there are as many of those that look the same way."""
+    if facing is None:
+        return find_nearest_sorted(index, which, k)
+    near = find_nearest_sorted(index, which, min(WIDER * k, len(index.points)))
+    same, n_same = same_facing(which, near, np.full(len(which), near.shape[1]), facing)
+    return np.where((n_same >= k)[:, None], same[:, :k], near[:, :k])
+
+
 def _fit(index: PointIndex, which: Ints, near: Ints, n: Ints, noise: Floats, settings: NormalSettings) -> Floats:
     """Return the rows of `tangents.COLUMNS` for the points `which`."""
     limits = clean_limits(near.shape[1])
     return fit_tangents(index.points, which, np.ascontiguousarray(near), n, noise, limits, settings.h_share)
 
 
-def fit_planes(index: PointIndex, towards: Floats | None, settings: NormalSettings) -> TangentPlanes:
+def fit_planes(
+    index: PointIndex, towards: Floats | None, settings: NormalSettings, facing: Floats | None = None
+) -> TangentPlanes:
     """Return the robust tangent planes of all points of the index, block by block.
 
     Parameters
@@ -163,15 +181,20 @@ def fit_planes(index: PointIndex, towards: Floats | None, settings: NormalSettin
     towards : where the scanner stood (3,), or directions (n, 3) that each normal shall have a positive product with:
         to the scanner, or of an earlier normal. None: neighbouring normals are made to agree and to look outward
         (`consistent_signs`).
+    facing : (n, 3) oriented normals where they are known: neighbours that look away, on the other side of a thin part,
+        have no part in a plane. None: neighbours are taken by position alone.
     """
-    model, n_points = sample_neighbourhoods(index, settings), len(index.points)
+    model, n_points = sample_neighbourhoods(index, settings, facing), len(index.points)
     planes = _no_planes(n_points)
     for first in range(0, n_points, BLOCK):
         block = slice(first, min(first + BLOCK, n_points))
         points = index.points[block]
         n, noise = model.at(points)
         n = np.minimum(n, n_points)
-        rows = _fit(index, np.arange(first, block.stop), find_nearest(index, first, block.stop, n), n, noise, settings)
+        which, near = np.arange(first, block.stop), find_nearest(index, first, block.stop, n)
+        if facing is not None:
+            near, n = same_facing(which, near, n, facing)
+        rows = _fit(index, which, near, n, noise, settings)
         ahead = None if towards is None else towards - points if towards.ndim == 1 else towards[block]
         for name, values in vars(_planes(rows, n, noise, ahead)).items():
             getattr(planes, name)[block] = values
