@@ -153,6 +153,7 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
         ("scatter (robust sigma, NMAD)", *(_length(f, "nmad_m") for f in fitted)),
         ("95\u00a0% of the points within", *(_length(f, "p95_m") for f in fitted)),
         ("points without surface", *(percent(float(f.get("unknown_share", NAN))) for f in fitted)),
+        ("Area between the points without surface", *(_share(f, "surface", "uncovered_share") for f in found)),
     )
     doubts = [str(f.get("network", {}).get("doubt", "")) for f in found]
     if any(doubts):
@@ -178,6 +179,10 @@ def _adjusted(network: Mapping[str, Any]) -> str:
 def _figures(found: Mapping[str, Mapping[str, Any]], product: str, name: str) -> Mapping[str, Any]:
     """Return a group of figures of a product, empty where there is none."""
     return found.get(product, {}).get(name) or {}
+
+
+def _share(found: Mapping[str, Mapping[str, Any]], product: str, name: str) -> str:
+    return percent(float(found.get(product, {}).get(name, NAN)))
 
 
 def _lengths(found: list[dict[str, Mapping[str, Any]]], product: str, name: str) -> tuple[str, ...]:

@@ -1,13 +1,17 @@
 """Which points got no surface, and why: too sparse for the epoch's cell size, or two sheets too near each other.
 
-In: a surface, the cloud it was made of. Out: counts for the record. What is left open is no error, but must be said.
+In: a surface, the cloud it was made of. Out: counts and the share of the area for the record. What is left open is no
+error, but must be said.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import jit
+from scipy.spatial import cKDTree
 
+from monitor.reconstruction.cell_size import Sampling
+from monitor.reconstruction.distances import is_covered
 from monitor.reconstruction.gathering import (
     NORMAL_X,
     NORMAL_Y,
@@ -28,6 +32,11 @@ from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
 COS_SAME_SHEET, COS_OPPOSITE = 0.0, -0.7
+N_PROBES, N_PLACES = 30_000, 16  # points that tell the share of the area, and places looked at around each
+FEWEST_AROUND, MOST_AROUND = 12, 48  # neighbours that tell the spacing at a point
+BALL_SIGMAS = 4.0  # of noise: a narrower ball is filled by it, and its points do not lie side by side
+FARTHEST_PLACE = 1.5  # spacings; of an area sampled at random 0.1 % lies farther from the nearest point
+FLATTEST_BALL = 0.3  # rms height of points in a ball over its radius; 0.45 where they fill it, 0 on a plane
 
 
 def count_uncovered(
@@ -41,9 +50,8 @@ def count_uncovered(
     cloud as a level, where there is one.
     """
     assert cloud.normals is not None
-    assert surface.normals is not None
     bucket = BUCKETS_PER_RADIUS * farthest
-    vertices = level_of_points(surface.vertices, surface.normals, bucket)
+    vertices = _measured_vertices(surface, bucket)
     points = sorted_points or level_of_points(cloud.points, cloud.normals, bucket)
     lost = ~has_near(vertices, points.places, points.normals, farthest, COS_SAME_SHEET)
     without, opposite = points.places.compress(lost, axis=0), -points.normals.compress(lost, axis=0)
@@ -51,6 +59,63 @@ def count_uncovered(
     if surface.is_unresolved is not None:
         at_opposite += count_at(surface.is_unresolved, surface, points, farthest)
     return {"points_without_surface": int(np.count_nonzero(lost)), "points_at_unresolved_sheets": at_opposite}
+
+
+def share_uncovered(surface: Surface, cloud: PointCloud, tree: cKDTree, sampling: Sampling, farthest: float) -> float:
+    """Return the share of the area sampled that has no measured face of its sheet within `farthest` (m).
+
+    A point stands for what lies nearer to it than to any other: where points lie wider apart than elsewhere, few of
+    them stand for much area. Places in a disc around each tell, those to which it is the nearest point, weighted by the
+    square of the local spacing, by which the disc grows. Of many points an even selection is asked.
+    """
+    filled = np.pi * (BALL_SIGMAS * sampling.noise / sampling.spacing) ** 2
+    k = min(int(np.clip(filled, FEWEST_AROUND, MOST_AROUND)), len(cloud) - 1)
+    which = np.unique(np.linspace(0, len(cloud) - 1, min(len(cloud), N_PROBES)).astype(np.int64))
+    spacing = local_spacing(cloud, tree, which, k)
+    assert cloud.normals is not None
+    ways = cloud.normals[which]
+    places = (cloud.points[which][:, None] + discs_across(ways, FARTHEST_PLACE * spacing)).reshape(-1, 3)
+    owner = np.repeat(np.arange(len(which)), N_PLACES)
+    own = np.flatnonzero(tree.query(places, workers=2)[1] == which[owner])
+    covered = is_covered(surface, places[own], ways[owner[own]], farthest)
+    return 1.0 - float(np.average(covered, weights=spacing[owner[own]] ** 2))
+
+
+def discs_across(ways: Floats, radii: Floats) -> Floats:
+    """Return places (n, 16, 3) m spread evenly over discs of `radii` (n,) m about the origin, across unit `ways`."""
+    i = np.arange(N_PLACES) + 0.5
+    away, turn = np.sqrt(i / N_PLACES), np.pi * (1.0 + 5.0**0.5) * i  # a sunflower
+    side = np.cross(ways, np.eye(3)[np.abs(ways).argmin(axis=1)])
+    side *= (radii / np.linalg.norm(side, axis=1))[:, None]
+    across = np.cross(ways, side)
+    out: Floats = (away * np.cos(turn))[:, None] * side[:, None] + (away * np.sin(turn))[:, None] * across[:, None]
+    return out
+
+
+def local_spacing(cloud: PointCloud, tree: cKDTree, which: Ints, k: int) -> Floats:
+    """Return the spacing (n,) m at the points `which`: the edge of the square that each has to itself on its sheet.
+
+    From the disc of its k nearest points. Where these lie about it like a ball the point stands off any surface, and
+    has the median spacing.
+    """
+    assert cloud.normals is not None
+    distance, index = tree.query(cloud.points[which], k=k + 1, workers=2)
+    ways, reach = cloud.normals[which], distance[:, -1]
+    n_alike = (np.einsum("ijk,ik->ij", cloud.normals[index], ways) > 0.0).sum(axis=1)
+    spacing = reach * np.sqrt(np.pi / np.maximum(n_alike - 1.0, 1.0))
+    heights = np.einsum("ijk,ik->ij", cloud.points[index] - cloud.points[which][:, None], ways)
+    is_ball = np.sqrt(np.mean(heights**2, axis=1)) > FLATTEST_BALL * reach
+    out: Floats = np.where(is_ball, np.minimum(spacing, np.median(spacing)), spacing)
+    return out
+
+
+def _measured_vertices(surface: Surface, bucket: float) -> Level:
+    """Return the vertices that faces rest on which were measured, sorted for searches as wide as `bucket` (m)."""
+    assert surface.normals is not None
+    if surface.face_invented is None:
+        return level_of_points(surface.vertices, surface.normals, bucket)
+    which = np.unique(surface.faces[~surface.face_invented])
+    return level_of_points(surface.vertices[which], surface.normals[which], bucket)
 
 
 def count_at(marked: Bools, surface: Surface, points: Level, farthest: float) -> int:

@@ -14,6 +14,7 @@ from projects.model import Bools, Floats, Ints, Surface
 from projects.open3d_library import load_open3d
 
 ON_EDGE = 1e-6  # barycentric coordinate below which a foot point is taken to lie on the edge
+COS_OPPOSITE = -0.7  # a face beyond 135 degrees of the way of a place is of another sheet
 COS_LOOKS_THE_SAME_WAY = 0.5  # a point's normal within 60 degrees of the face's
 
 
@@ -53,6 +54,20 @@ def surface_to_points(surface: Surface, points: Floats, normals: Floats | None =
     if normals is not None:
         is_over &= np.einsum("ij,ij->i", normal, normals) > COS_LOOKS_THE_SAME_WAY
     return np.where(is_over, distance, np.nan)
+
+
+def is_covered(surface: Surface, places: Floats, ways: Floats, farthest: float) -> Bools:
+    """Return which places (n, 3) lie over a measured face, not beside a free edge, within `farthest` (m).
+
+    The face must not look against the way (n, 3) of the place: beyond an edge it may lie across, but on the other sheet
+    of a plate it looks away.
+    """
+    face = nearest_faces(surface, places)
+    foot, weights = closest_on_triangles(places, surface.vertices[surface.faces[face]])
+    invented = np.zeros(len(surface.faces), bool) if surface.face_invented is None else surface.face_invented
+    out: Bools = ~(invented[face] | _on_free_edge(surface.faces, ~invented, face, weights))
+    out &= np.linalg.norm(places - foot, axis=1) < farthest
+    return out & (np.einsum("ij,ij->i", _foot_normals(surface, face, weights), ways) > COS_OPPOSITE)
 
 
 def nearest_faces(surface: Surface, points: Floats) -> Ints:

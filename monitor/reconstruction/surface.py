@@ -24,7 +24,7 @@ from monitor.reconstruction.cell_size import (
     tree_of_points,
 )
 from monitor.reconstruction.corners import find_corners
-from monitor.reconstruction.coverage import count_uncovered
+from monitor.reconstruction.coverage import count_uncovered, share_uncovered
 from monitor.reconstruction.crests import snap, split_along
 from monitor.reconstruction.faces import least_cosines
 from monitor.reconstruction.furrows import choose_fits
@@ -200,9 +200,12 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     surface = replace(finish(settled.projection, faces, samples, cloud), **marks)
     if n_invented:
         surface = replace(surface, face_invented=np.arange(len(faces)) >= len(faces) - n_invented)
-    counts |= count_uncovered(surface, cloud, cell_used + GATE_SIGMAS * sampling.noise, finest)
-    n_finite = counts["points_used"] + counts["points_without_normal"]
-    automatic["uncovered_share"] = (counts["points_without_surface"] + counts["points_without_normal"]) / n_finite
+    farthest = cell_used + GATE_SIGMAS * sampling.noise
+    counts |= count_uncovered(surface, cloud, farthest, finest)
+    share_used = counts["points_used"] / (counts["points_used"] + counts["points_without_normal"])
+    automatic["uncovered_share"] = 1.0 - share_used * (
+        1.0 - share_uncovered(surface, cloud, samples, sampling, farthest)
+    )
     counts |= {"vertices": len(surface.vertices), "faces": len(surface.faces)}
     return ReconstructionResult(replace(surface, vertices=surface.vertices + shift), automatic, counts)
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction import SurfaceSettings, reconstruct, reconstruct_with_record, surface_to_points
+from monitor.reconstruction.distances import is_covered
 from monitor.reconstruction.mesh import bow_ties, compact, edge_table, weld
 from projects.errors import ParameterError, ReconstructionError
 from projects.model import PointCloud, Surface
@@ -218,6 +219,15 @@ def test_point_over_an_invented_face_or_the_edge_of_its_hole_is_not_over_the_sur
     assert np.isnan(distance[1:]).all()
     open_ = Surface(square().vertices, square().faces[:1])
     np.testing.assert_array_equal(surface_to_points(open_, points), distance)
+
+
+def test_places_are_covered_by_measured_faces_near_them_that_do_not_look_away():
+    over, beside, far = [0.3, 0.2, 0.05], [1.2, 0.5, 0.0], [0.3, 0.2, 0.3]
+    ways = np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0, 1.0], [1.0, 0, 0], [0, 0, -1.0]])
+    places = np.array([over, beside, far, over, over])
+    assert is_covered(square(), places, ways, 0.2).tolist() == [True, False, False, True, False]
+    closed = Surface(square().vertices, square().faces, face_invented=[True, False])
+    assert not is_covered(closed, places, ways, 0.2).any()
 
 
 def test_distances_keep_their_precision_far_from_the_origin():
