@@ -26,7 +26,7 @@ METHOD = {
     "filtered": 7,
     "surface": 23,
     "mesh": 6,
-    "quality": 2,
+    "quality": 3,
     "comparison": 28,
     "series": 3,
 }

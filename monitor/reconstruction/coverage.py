@@ -32,7 +32,7 @@ from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
 COS_SAME_SHEET, COS_OPPOSITE = 0.0, -0.7
-N_PROBES, N_PLACES = 30_000, 16  # points that tell the share of the area, and places looked at around each
+N_PROBES, N_PLACES = 10_000, 16  # points that tell the share of the area, and places looked at around each
 FEWEST_AROUND, MOST_AROUND = 12, 48  # neighbours that tell the spacing at a point
 BALL_SIGMAS = 4.0  # of noise: a narrower ball is filled by it, and its points do not lie side by side
 FARTHEST_PLACE = 1.5  # spacings; of an area sampled at random 0.1 % lies farther from the nearest point
