@@ -266,8 +266,11 @@ def _prepare(clouds: Iterable[PointCloud], settings: AdjustmentSettings, ties: T
     n = len(sides)
     meet = [(i, j) for i in range(n) for j in range(n) if i != j and np.all((low[i] < high[j]) & (low[j] < high[i]))]
     shift = origin + offset
+    lies_near = first <= NEAR * spacing
+    for side in sides:  # else two scans may share too little besides, and swing
+        side.has_wide_rims = lies_near
     overlaps = Overlaps(tuple(sides), samples, tuple(meet), spacing)
-    return _Network(overlaps, radius, finest, shift, ties.shifted(shift), first <= NEAR * spacing)
+    return _Network(overlaps, radius, finest, shift, ties.shifted(shift), lies_near)
 
 
 def _iterate(network: _Network, max_iterations: int) -> _State:

@@ -20,8 +20,9 @@ N_COVER = 50_000  # points over the whole of a mesh, where its faces are larger 
 LARGE_IN_CELLS = 4.0  # a face of so many of their cells gets points of its own
 FEW_FACES = 400_000  # meshes with more need no cover
 RAGGED = 0.3  # share of vertices on free edges above which corners are joined first
-N_RIM_NEIGHBOURS = 128  # a straight rim is told from one within two spacings of it: so far spots reach past a limb
-RIM_SHARE, FEWEST_RIM_NEIGHBOURS = 50, 32  # one in so many of the points of a side is enough, and no fewer than these
+N_RIM_NEIGHBOURS = 32  # tell a rim within about one spacing
+WIDE_RIM_NEIGHBOURS = 128  # tell it within two: so far spots reach past a limb
+RIM_SHARE = 50  # one in so many of the points of a side is enough for these
 RIMS_AT_ONCE = 8192  # points, of which all neighbours are held in memory
 RIM_OFFSET = 0.4  # of the neighbours' mean distance; 0.64 at a straight rim, by chance once in a hundred points
 N_SPACING_NEIGHBOURS = 6  # a surface point has about six natural neighbours
@@ -32,7 +33,8 @@ class Side:
 
     `cosines` (n,) are of the incidence at which each point was seen, 1 where that is not known; `views` (n, 3) the unit
     directions to look along at the rims of what a scan saw (None: nothing ends where the points end); `shared`
-    (n,) [m] is one sigma of the error that whole neighbourhoods share (0 where none is stated).
+    (n,) [m] is one sigma of the error that whole neighbourhoods share (0 where none is stated). Where a side
+    `has_wide_rims`, what lies within two spacings of a rim counts as one.
     """
 
     def __init__(
@@ -48,6 +50,7 @@ class Side:
         self._rim = np.full(len(points), np.nan)
         self.is_oriented = normals is not None
         self._normals = np.full(points.shape, np.nan) if normals is None else normals  # filled only where own
+        self.has_wide_rims = False
         self._around = Surroundings.of_none(len(points))
         self._tree: SearchTree | None = None
 
@@ -121,7 +124,8 @@ class Side:
             return self.cosines[which]
         unknown = np.unique(which[np.isnan(self._rim[which])])
         if len(unknown):
-            self._rim[unknown] = at_rim(self.tree, unknown, self.views[unknown])
+            wide = min(WIDE_RIM_NEIGHBOURS, len(self) // RIM_SHARE) if self.has_wide_rims else 0
+            self._rim[unknown] = at_rim(self.tree, unknown, self.views[unknown], max(N_RIM_NEIGHBOURS, wide))
         return np.where(self._rim[which] > 0.0, 0.0, self.cosines[which])
 
 
@@ -166,13 +170,13 @@ def scatter_along(offsets: Floats, normals: Floats) -> Floats:
     return np.asarray(np.sqrt(np.einsum("nk,nk->n", heights, heights) / max(heights.shape[1] - 1, 1)))
 
 
-def at_rim(tree: SearchTree, which: Ints, views: Floats) -> Bools:
-    """Return the points (k,) that have all neighbours to one side, seen along `views` (k, 3).
+def at_rim(tree: SearchTree, which: Ints, views: Floats, n_around: int) -> Bools:
+    """Return the points (k,) that have all `n_around` neighbours to one side, seen along `views` (k, 3).
 
     There a surface ends or turns away, and part of the spot misses it. The middle of the neighbours of a point on a
     straight rim lies 0.64 of their mean distance away from it, that of one in a field without end 0.16 on average.
     """
-    k = min(max(min(N_RIM_NEIGHBOURS, tree.n // RIM_SHARE), FEWEST_RIM_NEIGHBOURS) + 1, tree.n)
+    k = min(n_around + 1, tree.n)
     out = np.empty(len(which), dtype=bool)
     for first in range(0, len(which), RIMS_AT_ONCE):
         block = slice(first, first + RIMS_AT_ONCE)
