@@ -29,15 +29,15 @@ def find_step(points: Floats) -> float:
     some = points[:: max(len(points) // N_TOLD, 1)]
     levels = [np.unique(some[:, axis]) for axis in range(3)]
     told = [np.diff(level) for level in levels if len(level) >= LEAST_LEVELS]
-    if len(told) < 2 or not all(_are_multiples(level) for level in levels):
+    if len(told) < 2 or not all(_has_step(level) for level in levels):
         return 0.0
     step = _common_measure(np.unique(np.concatenate(told)))
     step = float(f"{step:.9g}")  # whichever points told it
     return 0.0 if step == 0.0 or _is_grid(points, step) else step
 
 
-def _are_multiples(levels: Floats) -> bool:
-    """Return whether there is a step at all between the levels of an axis, so that most axes need no more."""
+def _has_step(levels: Floats) -> bool:
+    """Return whether the levels of an axis are multiples of a step, or too few to tell."""
     return len(levels) < LEAST_LEVELS or _common_measure(np.unique(np.diff(levels))) > 0.0
 
 

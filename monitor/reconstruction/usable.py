@@ -12,6 +12,7 @@ import numpy as np
 from numba import jit
 from scipy.spatial import cKDTree
 
+from monitor.filtering import estimate_normals
 from monitor.filtering.copies import without_copies
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, PointCloud
@@ -71,8 +72,6 @@ def own_points(cloud: PointCloud) -> PointCloud:
 
 def with_normals(cloud: PointCloud) -> tuple[PointCloud, int]:
     """Return the cloud with unit normals, and of how many points they were estimated robustly, for want of any."""
-    from monitor.filtering import estimate_normals  # here, so that a cloud with normals needs no filtering
-
     if cloud.normals is None:
         return replace(estimate_normals(cloud), sigma=cloud.sigma), len(cloud)  # it gives points their spread
     if mark_usable(cloud.points, cloud.normals).all():
