@@ -150,7 +150,8 @@ def test_points_whose_normal_cannot_be_told_are_counted_as_uncovered(rng, monkey
     normals = np.where(cloud.points[:, :1] > 0.5 * RADIUS, 0.0, cloud.normals)
     points = np.r_[cloud.points, [[np.nan, 0.0, 0.0]]]
     monkeypatch.setattr(
-        "monitor.filtering.estimate_normals", lambda seen: replace(seen, normals=np.full_like(seen.points, np.nan))
+        "monitor.reconstruction.usable.estimate_normals",
+        lambda seen: replace(seen, normals=np.full_like(seen.points, np.nan)),
     )
     result = reconstruct_with_record(PointCloud(points, normals=np.r_[normals, [[0.0, 0.0, 1.0]]]))
     n_lacking = int((cloud.points[:, 0] > 0.5 * RADIUS).sum())
