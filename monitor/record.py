@@ -20,10 +20,10 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 4,
-    "scan": 5,
+    "scan": 6,
     "targets": 1,
     "network": 15,
-    "filtered": 7,
+    "filtered": 8,
     "surface": 23,
     "mesh": 6,
     "quality": 3,

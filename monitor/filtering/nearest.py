@@ -138,15 +138,41 @@ def find_nearest(index: PointIndex, first: int, last: int, k: Ints) -> Ints:
 
     Not in order of distance; places beyond the k of a point hold -1. `first` must be a multiple of `LEAF`.
     """
-    return _nearest(index.points, index.low, index.high, first, last, np.minimum(k, len(index.points)), int(k.max()))
+    return find_nearest_of_every(index, 1, index, first, last, k)
 
 
-def find_nearest_sorted(index: PointIndex, which: Ints, k: int) -> Ints:
-    """Return indices (len(which), k) of the k nearest points of the points `which`, nearest first."""
-    near = _nearest_of_points(index.points, index.low, index.high, np.asarray(which, dtype=np.int64), k)
+def find_nearest_of_every(index: PointIndex, stride: int, some: PointIndex, first: int, last: int, k: Ints) -> Ints:
+    """Return what `find_nearest` does, of each point's neighbours among every `stride`-th point and the point itself.
+
+    `some` is the index of the points [::stride], which along the curve lie evenly; the indices are those of all points.
+    """
+    n = np.minimum(k, len(some.points))
+    is_among = np.arange(first, last) % stride == 0
+    near = _nearest(index.points, stride, some.points, some.low, some.high, first, last, n - ~is_among, int(k.max()))
+    if stride == 1:
+        return near
+    near = np.where(near < 0, -1, near * stride)
+    rows = np.flatnonzero(~is_among)
+    near[rows, n[rows] - 1] = first + rows
+    return near
+
+
+def find_nearest_sorted(
+    index: PointIndex, which: Ints, k: int, stride: int = 1, some: PointIndex | None = None
+) -> Ints:
+    """Return indices (len(which), k) of the k nearest points of the points `which`, nearest first.
+
+    With a stride, each point itself and its nearest among the others of every `stride`-th point, of which `some` is the
+    index.
+    """
+    which = np.asarray(which, dtype=np.int64)
+    some = index if some is None else some
+    near = stride * _nearest_of_points(index.points, stride, some.points, some.low, some.high, which, k)
     near.sort(axis=1)
     d2 = ((index.points[near] - index.points[which][:, None]) ** 2).sum(axis=2)
-    return np.take_along_axis(near, np.argsort(d2, axis=1, kind="stable"), axis=1)
+    near = np.take_along_axis(near, np.argsort(d2, axis=1, kind="stable"), axis=1)
+    is_among = (which % stride == 0)[:, None]
+    return np.where(is_among, near, np.concatenate([which[:, None], near[:, :-1]], axis=1))
 
 
 @njit(cache=True, error_model="numpy")
@@ -208,13 +234,13 @@ def _reach(points: Any, first: int, last: int, k: int, centre: Any) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def end_of_run(points: Any, first: int, last: int, k: int) -> int:
+def end_of_run(points: Any, first: int, last: int, k: int, stride: int, some: Any) -> int:
     """Return where, from `first` on, the points of a leaf stop lying together: farther off than the first's own k.
 
     The curve jumps, at worst from one end of the cloud to the other; what is shared across such a jump would be sought
     in a ball as wide.
     """
-    reach = NEARBY * _reach(points, first, last, k, points[first])
+    reach = NEARBY * _reach(some, first // stride, (last + stride - 1) // stride, k, points[first])
     for i in range(first + 1, last):
         away2 = 0.0
         for axis in range(3):
@@ -225,8 +251,10 @@ def end_of_run(points: Any, first: int, last: int, k: int) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _nearest_of_run(points: Any, low: Any, high: Any, first: int, last: int, k: Any, found: Any, out: Any) -> Any:
-    """Write the neighbours of the points first to last (of one leaf): candidates are gathered once and shared."""
+def _nearest_of_run(
+    points: Any, stride: int, some: Any, low: Any, high: Any, first: int, last: int, k: Any, found: Any, out: Any
+) -> Any:
+    """Write the neighbours, among `some`, of the points first to last (of one leaf): gathered once and shared."""
     stack = np.empty(128, dtype=np.int64)
     centre = np.zeros(3)
     for i in range(first, last):
@@ -237,15 +265,15 @@ def _nearest_of_run(points: Any, low: Any, high: Any, first: int, last: int, k: 
         dx, dy, dz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
         half = max(half, math.sqrt(dx * dx + dy * dy + dz * dz))
     k_max = k.max()
-    loose = _reach(points, first, last, k_max, centre) * (1.0 + 1e-12)
-    found, n = _gather_all(points, low, high, centre, loose * loose, stack, found)
+    loose = _reach(some, first // stride, (last + stride - 1) // stride, k_max, centre) * (1.0 + 1e-12)
+    found, n = _gather_all(some, low, high, centre, loose * loose, stack, found)
     d2, work = np.empty(n), np.empty(n)
-    _squared_distances(points, found, n, centre, d2)
+    _squared_distances(some, found, n, centre, d2)
     reach = (math.sqrt(smallest(d2, n, k_max, work)) + 2.0 * half) * (1.0 + 1e-12)
-    found, n = _gather_all(points, low, high, centre, reach * reach, stack, found)
+    found, n = _gather_all(some, low, high, centre, reach * reach, stack, found)
     d2, work = np.empty(n), np.empty(n)
     for i in range(first, last):
-        _squared_distances(points, found, n, points[i], d2)
+        _squared_distances(some, found, n, points[i], d2)
         _write_nearest(found, d2, n, k[i - first], work, out[i - first])
     return found
 
@@ -268,7 +296,9 @@ def _write_nearest(found: Any, d2: Any, n: int, k: int, work: Any, out: Any) -> 
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _nearest(points: Any, low: Any, high: Any, first: int, last: int, k: Any, width: int) -> Any:
+def _nearest(
+    points: Any, stride: int, some: Any, low: Any, high: Any, first: int, last: int, k: Any, width: int
+) -> Any:
     """Run `_nearest_of_run` over the leaves of a block."""
     out = np.empty((last - first, width), dtype=np.int32)
     leaves_per_chunk = 32
@@ -279,18 +309,18 @@ def _nearest(points: Any, low: Any, high: Any, first: int, last: int, k: Any, wi
         for leaf in range(start, min(last, start + step), LEAF):
             begin, stop = leaf, min(last, leaf + LEAF)
             while begin < stop:
-                end = end_of_run(points, begin, stop, k[begin - first])
+                end = end_of_run(points, begin, stop, k[begin - first], stride, some)
                 run = slice(begin - first, end - first)
-                found = _nearest_of_run(points, low, high, begin, end, k[run], found, out[run])
+                found = _nearest_of_run(points, stride, some, low, high, begin, end, k[run], found, out[run])
                 begin = end
     return out
 
 
 @njit(cache=True, error_model="numpy")
-def _nearest_of_points(points: Any, low: Any, high: Any, which: Any, k: int) -> Any:
+def _nearest_of_points(points: Any, stride: int, some: Any, low: Any, high: Any, which: Any, k: int) -> Any:
     """Run `_nearest_of_run` for single points."""
     out, sizes = np.empty((len(which), k), dtype=np.int32), np.full(1, k, dtype=np.int64)
     found = np.empty(4096, dtype=np.int32)
     for row, i in enumerate(which):
-        found = _nearest_of_run(points, low, high, i, i + 1, sizes, found, out[row : row + 1])
+        found = _nearest_of_run(points, stride, some, low, high, i, i + 1, sizes, found, out[row : row + 1])
     return out

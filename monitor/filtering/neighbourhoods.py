@@ -36,22 +36,30 @@ class NeighbourhoodModel:
     points : (s, 3) float64, m.
     sizes : (s,) float64, n_o within its bounds.
     noise : (s,) float64, m, square root of the sill.
+    strides : (s,) 1 where n_o counts all points, 2, 4, ... where every second, fourth, ...: noise is thick there.
     """
 
     points: Floats
     sizes: Floats
     noise: Floats
+    strides: Ints
 
-    def at(self, points: Floats) -> tuple[Ints, Floats]:
-        """Return n_o (n,) and the noise (n,) [m] at `points`: geometric means of the four nearest samples."""
+    def at(self, points: Floats) -> tuple[Ints, Floats, Ints]:
+        """Return n_o (n,), the noise (n,) [m] and the stride (n,) at `points`.
+
+        The stride is that of the nearest sample; noise and n_o, counted in all points, are geometric means of the four
+        nearest samples, and of that n_o a share is taken by the stride.
+        """
         k = min(4, len(self.points))
         distances, nearest = cKDTree(self.points).query(points, k, workers=2)
         distances, nearest = distances.reshape(len(points), k), nearest.reshape(len(points), k)
         weights = 1.0 / (distances + 1e-3 * distances.max(axis=1, keepdims=True) + 1e-12)
         weights /= weights.sum(axis=1, keepdims=True)
-        sizes = np.exp((weights * np.log(self.sizes)[nearest]).sum(axis=1))
+        strides = self.strides[nearest[:, 0]]
+        sizes = np.exp((weights * np.log(self.sizes * self.strides)[nearest]).sum(axis=1)) / strides
         noise = np.exp((weights * np.log(self.noise)[nearest]).sum(axis=1))
-        return np.rint(sizes).astype(np.int64), noise
+        sizes = np.clip(sizes, self.sizes.min(), self.sizes.max())
+        return np.rint(sizes).astype(np.int64), noise, strides
 
 
 def spherical_variogram(n: Floats | Ints, n_range: float) -> Floats:
@@ -171,7 +179,8 @@ def model_noise(points: Floats, sizes: Ints, lambda3: Floats, radii: Floats, lar
     floor = 1e-12 * float(np.median(curves[:, -1])) + 1e-18
     n_range, sill, _ = fit_spherical(sizes, np.maximum(curves, floor))
     sill = np.maximum(sill, floor)
-    return NeighbourhoodModel(points, np.minimum(n_range, largest), np.sqrt(undo_ball(sill, radii**2)))
+    noise = np.sqrt(undo_ball(sill, radii**2))
+    return NeighbourhoodModel(points, np.minimum(n_range, largest), noise, np.ones(len(points), dtype=np.int64))
 
 
 def undo_ball(lambda3: Floats, radii2: Floats) -> Floats:

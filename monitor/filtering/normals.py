@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
-from monitor.declare import check_settings, setting
 from monitor.filtering.copies import find_copies
 from monitor.filtering.facing import same_facing
 from monitor.filtering.nearest import (
@@ -21,58 +19,19 @@ from monitor.filtering.nearest import (
     build_index,
     canonical_order,
     find_nearest,
-    find_nearest_sorted,
+    find_nearest_of_every,
 )
-from monitor.filtering.neighbourhoods import NeighbourhoodModel, find_sizes, model_noise, undo_ball
+from monitor.filtering.neighbourhoods import undo_ball
 from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.rounding import find_step, spread_rounded
+from monitor.filtering.sizes import NormalSettings, fit_rows, sample_neighbourhoods
 from monitor.filtering.soundness import MIN_POINTS, require_points
-from monitor.filtering.tangents import OUTLIER, fit_tangents
-from projects.errors import ParameterError
+from monitor.filtering.tangents import COLUMNS, MIN_COMPANIONS, OUTLIER
 from projects.model import Bools, Floats, Ints, PointCloud, require_noun
 
 BLOCK = 32_768  # points whose neighbours are in memory at once; a multiple of LEAF
-N_SIZES = 14
-LEAST_SIZE = 10
-WIDER = 3  # times as many are looked at in a sample where those that look away are left out
-BAND = 3.0  # sigmas of the noise that a neighbourhood's radius must exceed for its normal to mean something
-
-
-@dataclass(frozen=True, kw_only=True)
-class NormalSettings:
-    """Robust normals: neighbourhood size and the minimum covariance determinant."""
-
-    n_neighbours: int | None = setting(
-        None,
-        unit="points",
-        meaning="neighbours of a tangent plane; auto: those whose normals have the least error",
-        low=8,
-        high=400,
-    )
-    min_neighbours: int = setting(
-        16,
-        unit="points",
-        meaning="least automatic size: more than 5 times the 3 dimensions (Rousseeuw & van Driessen)",
-        low=8,
-        high=400,
-    )
-    max_neighbours: int = setting(100, unit="points", meaning="largest automatic size", low=8, high=400)
-    n_samples: int = setting(600, unit="points", meaning="points at which the size is estimated", low=20, high=100_000)
-    h_share: float = setting(
-        0.55,
-        unit="1",
-        meaning="share of neighbours that must agree; 1 - h_share of outliers is survived",
-        low=0.5,
-        high=1.0,
-    )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-        if self.min_neighbours > self.max_neighbours:
-            raise ParameterError(
-                f"NormalSettings.min_neighbours = {self.min_neighbours} exceeds max_neighbours = {self.max_neighbours}"
-            )
+NEAR = COLUMNS.index("near")
 
 
 @dataclass(frozen=True)
@@ -88,6 +47,7 @@ class TangentPlanes:
     heights : (n,) m, height of the point above its plane, along the normal.
     sigma_normal : (n,) rad, one sigma of the normal about its less certain axis.
     n_neighbours : (n,) neighbourhood size used.
+    stride : (n,) 1 where these are the nearest points, more where they are the nearest of every `stride`-th point.
     spacing : (n,) m, side of the square that a point has to itself: radius sqrt(pi / n).
     reach : (n,) m, distance to the sixth nearest point.
     is_outlier : (n,) points that belong neither to the plane of their neighbours nor to a surface of their own.
@@ -101,6 +61,7 @@ class TangentPlanes:
     heights: Floats
     sigma_normal: Floats
     n_neighbours: Ints
+    stride: Ints
     spacing: Floats
     reach: Floats
     is_outlier: Bools
@@ -120,57 +81,6 @@ class TangentPlanes:
         return TangentPlanes(**{f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self)})
 
 
-def clean_limits(n_max: int) -> Floats:
-    """Return, for each n up to `n_max`, lambda3 over the noise variance that noise alone exceeds once in a hundred."""
-    degrees = np.maximum(np.arange(n_max + 1) - 3.0, 1.0)
-    return chi2.ppf(0.99, degrees) / degrees
-
-
-def sample_neighbourhoods(
-    index: PointIndex, settings: NormalSettings, facing: Floats | None = None
-) -> NeighbourhoodModel:
-    """Estimate neighbourhood size and noise at points sampled evenly along the space-filling curve.
-
-    Where normals `facing` (n, 3) are given, of neighbours that look the same way.
-    """
-    n_points = len(index.points)
-    largest = min(max(settings.max_neighbours, settings.n_neighbours or 0), n_points)
-    sizes = np.unique(np.rint(np.geomspace(min(LEAST_SIZE, largest), largest, N_SIZES)).astype(np.int64))
-    which = np.unique(np.linspace(0, n_points - 1, min(settings.n_samples, n_points)).astype(np.int64))
-    near = _nearest_of_sample(index, which, largest, facing)
-
-    def fit_sizes(noise: Floats) -> Floats:
-        return np.stack(
-            [_fit(index, which, near[:, :n], np.full(len(which), n), noise, settings) for n in sizes], axis=1
-        )
-
-    rows = fit_sizes(np.zeros(len(which)))
-    model = model_noise(index.points[which], sizes, rows[:, :, 5], rows[:, -1, 10], largest)
-    if settings.n_neighbours is not None:
-        return dataclasses.replace(model, sizes=np.full(len(which), float(min(settings.n_neighbours, n_points))))
-    noise = model.at(model.points)[1]
-    normals = fit_sizes(noise)[:, :, :3]  # once more as they will be estimated, the noise known
-    with np.errstate(divide="ignore"):  # points that coincide never reach beyond the noise
-        least = largest * (BAND * noise / rows[:, -1, 10]) ** 2
-    best = find_sizes(model.points, sizes, normals, least)
-    return dataclasses.replace(model, sizes=np.clip(best, min(settings.min_neighbours, largest), largest))
-
-
-def _nearest_of_sample(index: PointIndex, which: Ints, k: int, facing: Floats | None) -> Ints:
-    """Return the k nearest (m, k) of the points `which`, where there are as many of those that look the same way."""
-    if facing is None:
-        return find_nearest_sorted(index, which, k)
-    near = find_nearest_sorted(index, which, min(WIDER * k, len(index.points)))
-    same, n_same = same_facing(which, near, np.full(len(which), near.shape[1]), facing)
-    return np.where((n_same >= k)[:, None], same[:, :k], near[:, :k])
-
-
-def _fit(index: PointIndex, which: Ints, near: Ints, n: Ints, noise: Floats, settings: NormalSettings) -> Floats:
-    """Return the rows of `tangents.COLUMNS` for the points `which`."""
-    limits = clean_limits(near.shape[1])
-    return fit_tangents(index.points, which, np.ascontiguousarray(near), n, noise, limits, settings.h_share)
-
-
 def fit_planes(
     index: PointIndex, towards: Floats | None, settings: NormalSettings, facing: Floats | None = None
 ) -> TangentPlanes:
@@ -185,18 +95,20 @@ def fit_planes(
         have no part in a plane. None: neighbours are taken by position alone.
     """
     model, n_points = sample_neighbourhoods(index, settings, facing), len(index.points)
+    some = {int(s): index if s == 1 else build_index(index.points[::s]) for s in np.unique(model.strides)}
     planes = _no_planes(n_points)
     for first in range(0, n_points, BLOCK):
         block = slice(first, min(first + BLOCK, n_points))
         points = index.points[block]
-        n, noise = model.at(points)
+        n, noise, strides = model.at(points)
         n = np.minimum(n, n_points)
-        which, near = np.arange(first, block.stop), find_nearest(index, first, block.stop, n)
+        which, near = np.arange(first, block.stop), _find_near(index, some, first, block.stop, n, strides)
         if facing is not None:
             near, n = same_facing(which, near, n, facing)
-        rows = _fit(index, which, near, n, noise, settings)
+        rows = fit_rows(index, which, near, n, noise, settings)
+        rows[:, NEAR] = _nearness(index, first, rows[:, NEAR], strides)
         ahead = None if towards is None else towards - points if towards.ndim == 1 else towards[block]
-        for name, values in vars(_planes(rows, n, noise, ahead)).items():
+        for name, values in vars(_planes(rows, n, noise, strides, ahead)).items():
             getattr(planes, name)[block] = values
     if towards is not None:
         return planes
@@ -206,15 +118,37 @@ def fit_planes(
     return planes
 
 
+def _find_near(index: PointIndex, some: dict[int, PointIndex], first: int, last: int, n: Ints, strides: Ints) -> Ints:
+    """Return indices (last - first, n.max()) of the n nearest of each point, of every `strides`-th point there."""
+    near = np.full((last - first, int(n.max())), -1, dtype=np.int32)
+    for stride in np.unique(strides):
+        its = strides == stride
+        k = np.where(its, n, MIN_COMPANIONS)  # of the others as few as can be
+        found = find_nearest_of_every(index, int(stride), some[int(stride)], first, last, k)
+        near[its, : found.shape[1]] = found[its]
+    return near
+
+
+def _nearness(index: PointIndex, first: int, near: Floats, strides: Ints) -> Floats:
+    """Return the distance [m] to the sixth nearest of all points, given that of those that were looked at."""
+    if (strides == 1).all():
+        return near
+    k = np.full(len(near), min(MIN_COMPANIONS + 1, len(index.points)))
+    all_near = find_nearest(index, first, first + len(near), k)
+    apart = index.points[all_near] - index.points[first : first + len(near), None]
+    return np.where(strides == 1, near, np.sqrt((apart**2).sum(axis=2).max(axis=1)))
+
+
 def _no_planes(n_points: int) -> TangentPlanes:
     """Return room for the planes of so many points."""
     room: dict[str, Any] = {f.name: np.empty(n_points, dtype=np.float32) for f in dataclasses.fields(TangentPlanes)}
     room["normals"] = np.empty((n_points, 3), dtype=np.float32)
     room["n_neighbours"], room["is_outlier"] = np.empty(n_points, dtype=np.int32), np.empty(n_points, dtype=bool)
+    room["stride"] = np.empty(n_points, dtype=np.int16)
     return TangentPlanes(**room)
 
 
-def _planes(rows: Floats, n: Ints, noise: Floats, towards: Floats | None) -> TangentPlanes:
+def _planes(rows: Floats, n: Ints, noise: Floats, strides: Ints, towards: Floats | None) -> TangentPlanes:
     """Return the planes of a block from its rows of `tangents.COLUMNS`."""
     normals, middle, lambda3 = rows[:, :3], rows[:, 4], undo_ball(rows[:, 5], rows[:, 10] ** 2)
     sign = np.ones(len(rows)) if towards is None else np.where((normals * towards).sum(axis=1) < 0, -1.0, 1.0)
@@ -227,8 +161,9 @@ def _planes(rows: Floats, n: Ints, noise: Floats, towards: Floats | None) -> Tan
         heights=rows[:, 6] * sign,
         sigma_normal=np.sqrt(lambda3 / np.maximum(rows[:, 9] * middle, 1e-300)),
         n_neighbours=n.astype(np.int32),
-        spacing=rows[:, 10] * np.sqrt(np.pi / n),
-        reach=rows[:, 12],
+        stride=strides.astype(np.int16),
+        spacing=rows[:, 10] * np.sqrt(np.pi / (n * strides)),
+        reach=rows[:, NEAR],
         is_outlier=rows[:, 8] == OUTLIER,
     )
 

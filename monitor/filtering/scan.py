@@ -265,8 +265,10 @@ def _mean_of_members(values: Any, thinned: ThinnedPoints) -> Any:
 def describe(planes: TangentPlanes, roughness: Ints, targets: Floats, keep: Bools) -> dict[str, Any]:
     """Return the values that were found from the points `keep` (n,): quartiles of sizes and lengths [m], noise."""
     n_points = max(int(keep.sum()), 1)
+    strides = planes.stride[keep]
     return {
         "n_neighbours_quartiles": _quartiles(planes.n_neighbours[keep]),
+        **({"stride_quartiles": _quartiles(strides)} if (strides > 1).any() else {}),
         "spacing_quartiles": _quartiles(planes.spacing[keep]),
         "target_spacing_quartiles": _quartiles(targets[keep]),
         "roughness_shares": {c.name.lower(): float(((roughness == c) & keep).sum() / n_points) for c in Roughness},

@@ -29,10 +29,10 @@ def pose_of(turn, shift):
     return pose
 
 
-def wall_scan(rng, offset=0.0, shift=(0.0, 0.0, 3.0), n_points=12_000, name="a"):
+def wall_scan(rng, offset=0.0, shift=(0.0, 0.0, 3.0), n_points=12_000, name="a", noise=NOISE):
     """Return a scan of the wall z = `offset` (project frame), 1 mm spacing, 1 mm noise, from 3 m before it."""
     side = 0.001 * np.sqrt(n_points)
-    on_wall = np.c_[rng.uniform(0, side, (n_points, 2)), offset + rng.normal(0, NOISE, n_points)]
+    on_wall = np.c_[rng.uniform(0, side, (n_points, 2)), offset + rng.normal(0, noise, n_points)]
     pose = pose_of([0.3, -0.2, 0.5], shift)
     cloud = PointCloud(
         apply(invert(pose), on_wall),
@@ -56,6 +56,23 @@ def test_a_wall_is_thinned_into_the_projects_frame_with_its_noise_reduced(rng):
     assert np.allclose(cloud.origins, [0, 0, 3.0])
     assert (cloud.colors == [10, 200, 30]).all()
     assert np.allclose(cloud.intensity, 0.5)
+
+
+@pytest.mark.parametrize("times", [3, 6])
+def test_a_dense_scan_of_a_noisy_scanner_states_the_noise_it_has(rng, times):
+    """Noise of 3 and 6 spacings; told by neighbourhoods within it, sigma would be 1.3 and 2 times too small."""
+    result = filter_scan_with_record(wall_scan(rng, n_points=90_000, noise=times * 1e-3))
+    cloud = result.cloud
+    assert np.isclose(result.automatic["noise_before"], times * 1e-3, rtol=0.08)
+    assert result.automatic["stride_quartiles"][1] >= times
+    inside = (np.abs(cloud.points[:, :2] - 0.15) < 0.12).all(axis=1)
+    z = (cloud.points[:, 2] / cloud.sigma)[inside]
+    assert np.isclose(np.sqrt((z**2).mean()), 1.0, atol=0.1)
+    assert np.median(cloud.sigma[inside]) < 0.3 * times * 1e-3
+    assert np.quantile(cloud.normals[inside, 2], 0.05) > 0.99
+    lost = {reason: n for reason, n in result.counts.items() if reason in ("outlier", "rim", "grazing", "speck")}
+    assert sum(lost.values()) < 0.01 * len(cloud.points) + 0.01 * result.counts["in"]
+    assert np.isclose(np.median(cloud.spacing), 0.001, rtol=0.15)
 
 
 def test_every_point_that_came_in_is_accounted_for(rng):

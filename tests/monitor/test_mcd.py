@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 
 from monitor.filtering import covariance, mcd, tangents
-from monitor.filtering.normals import clean_limits
+from monitor.filtering.sizes import clean_limits
 
 N_POINTS = 48
 H = int(0.55 * N_POINTS)

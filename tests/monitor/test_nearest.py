@@ -9,6 +9,7 @@ from monitor.filtering.nearest import (
     canonical_order,
     end_of_run,
     find_nearest,
+    find_nearest_of_every,
     find_nearest_sorted,
     gather_ball,
 )
@@ -67,13 +68,31 @@ def test_a_block_of_queries_gives_what_the_whole_gives(rng):
     assert (find_nearest(index, 800, 1601, k[800:1601]) == whole[800:1601]).all()
 
 
+@pytest.mark.parametrize("stride", [2, 7, 64])
+def test_neighbours_among_every_few_points_are_the_nearest_of_those_and_the_point_itself(rng, stride):
+    points = ordered(clouds(rng)["wall"])
+    index, some, k = build_index(points), build_index(points[::stride]), np.full(1600, 20)
+    k[::3] = 12
+    near = find_nearest_of_every(index, stride, some, 800, 2400, k)
+    which = np.arange(0, 1600, 37)
+    chosen = find_nearest_sorted(index, 800 + which, 20, stride, some)
+    tree = cKDTree(points[::stride])
+    for row, listed in zip(which, chosen, strict=True):
+        i = 800 + row
+        among = stride * tree.query(points[i], 20)[1]
+        expected = among if i % stride == 0 else np.r_[i, among[:-1]]
+        assert np.array_equal(listed, expected)
+        assert sorted(near[row, : k[row]]) == sorted(expected[: k[row]])
+        assert (near[row, k[row] :] == -1).all()
+
+
 def test_points_of_a_leaf_are_sought_together_as_far_as_they_lie_together(rng):
     """The curve jumps: were both sides of a jump sought in one ball, it would hold all that lies between them."""
     here, there = rng.uniform(0, 0.01, (20, 3)), rng.uniform(0, 0.01, (20, 3)) + 5.0
-    points = np.concatenate([here, there])
-    assert end_of_run(points, 16, 24, 9) == 20
-    assert end_of_run(points, 20, 24, 9) == 24
-    assert end_of_run(np.zeros((8, 3)), 0, 8, 4) == 8
+    points, same = np.concatenate([here, there]), np.zeros((8, 3))
+    assert end_of_run(points, 16, 24, 9, 1, points) == 20
+    assert end_of_run(points, 20, 24, 9, 1, points) == 24
+    assert end_of_run(same, 0, 8, 4, 1, same) == 8
 
 
 def test_of_points_at_one_distance_the_first_are_taken():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from monitor.filtering.nearest import build_index, canonical_order, find_nearest_sorted
-from monitor.filtering.normals import NormalSettings, _fit, sample_neighbourhoods
+from monitor.filtering.sizes import NormalSettings, fit_rows, sample_neighbourhoods
 
 SPACING = 1e-3  # m, where the scan is nearest; 2.5 times that where it is farthest
 SIZES = np.rint(np.geomspace(16, 100, 12)).astype(int)  # the bounds of the automatic size
@@ -66,7 +66,7 @@ def scan_surface(rng, kind, length, slope, noise):
 def errors(index, which, sizes, noise, truth):
     """Return the error (m,) [rad] of the normals of the points `which`, each from its own size."""
     near = find_nearest_sorted(index, which, int(sizes.max()))
-    rows = _fit(index, which, near, sizes, noise, NormalSettings())
+    rows = fit_rows(index, which, near, sizes, noise, NormalSettings())
     return np.arccos(np.minimum(np.abs((rows[:, :3] * truth).sum(axis=1)), 1.0))
 
 
@@ -76,7 +76,7 @@ def compare_sizes(rng, kind, length, slope, noise):
     index = build_index(points)
     inner = ((points > np.quantile(points, 0.08, axis=0)) & (points < np.quantile(points, 0.92, axis=0)))[:, :2].all(1)
     which = np.sort(rng.permutation(np.flatnonzero(inner))[:N_JUDGED])
-    sizes, sigma = sample_neighbourhoods(index, NormalSettings()).at(points[which])
+    sizes, sigma, _ = sample_neighbourhoods(index, NormalSettings()).at(points[which])
     ours = errors(index, which, sizes, sigma, normals[which])
     theirs = np.array([errors(index, which, np.full(len(which), n), sigma, normals[which]) for n in SIZES])
     found = []

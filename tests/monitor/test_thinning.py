@@ -25,7 +25,8 @@ def thin_all(points, normals, noise, targets, spacing=0.001, seed=0, relief2=0.0
     planes = TangentPlanes(
         normals=normals, lambda3=ones, relief2=relief2 * ones, surface_variation=ones,
         noise=noise * ones, heights=ones,
-        sigma_normal=ones, n_neighbours=40 * ones.astype(int), spacing=spacing * ones, reach=ones, is_outlier=ones < 0,
+        sigma_normal=ones, n_neighbours=40 * ones.astype(int), stride=ones.astype(int), spacing=spacing * ones,
+        reach=ones, is_outlier=ones < 0,
     )  # fmt: skip
     return thin(build_index(points), planes, ones.astype(int), targets * ones, seed)
 
