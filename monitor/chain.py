@@ -19,6 +19,7 @@ from monitor.comparison import compare
 from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
 from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
+from monitor.measured import measured_points, raw_scans
 from monitor.quality import (
     assess_placement,
     assess_rounding,
@@ -37,10 +38,10 @@ from monitor.repeats import filter_repeats, is_averaged
 from monitor.same_survey import require_own_scans
 from monitor.scan_network import adjust_epoch, frames_between
 from monitor.scans import read_within
-from monitor.second_opinion import ask_m3c2, filtered, gather_sights, points_of
+from monitor.second_opinion import ask_m3c2, filtered, gather_sights
 from monitor.settings import Settings, as_mapping
 from monitor.setups import join_setups
-from monitor.strays import raw_scans, share_of_strays
+from monitor.strays import share_of_strays
 from monitor.target_search import search_targets
 from projects.errors import ParameterError
 from projects.extent import Extent, inside
@@ -113,7 +114,7 @@ def compare_epochs(
         sights = gather_sights(earlier), gather_sights(place)
         frames = tied.about(motion.centre) if tied is not None else None
         found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames,
-                        points=lambda: (points_of(filtered(earlier)), points_of(filtered(place))))  # fmt: skip
+                        points=lambda: (measured_points(earlier), measured_points(place)))  # fmt: skip
         if len(found.regions):  # what moved as a whole shows as regions of change
             parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.is_changed)
             found = tell_moved(found, parts, compared.vertices)

@@ -27,7 +27,7 @@ METHOD = {
     "surface": 23,
     "mesh": 6,
     "quality": 3,
-    "comparison": 28,
+    "comparison": 29,
     "series": 3,
 }
 

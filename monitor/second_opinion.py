@@ -52,11 +52,6 @@ def filtered(place: Place) -> PointCloud | None:
     return None if step is None else place.get(step)
 
 
-def points_of(cloud: PointCloud | None) -> Floats | None:
-    """Return the points (n, 3) [m] of a cloud, where there is one."""
-    return None if cloud is None else cloud.points
-
-
 def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud) -> dict[str, Any]:
     """Return what M3C2 says of the filtered points of both epochs, each in its own coordinates, at some vertices.
 

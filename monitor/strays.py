@@ -7,8 +7,7 @@ another survey make another.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numba import jit
@@ -20,50 +19,15 @@ from monitor.comparison.mesh_tree import MeshTree, build_tree
 from monitor.comparison.search import ANY, DEPTH, nearest_point
 from monitor.comparison.stars import Neighbours, gather_neighbours
 from monitor.comparison.triangles import FACE
-from monitor.filtering import Calibration, correct_range
-from monitor.record import Place
-from monitor.scans import iterate_within
+from monitor.measured import RawScan
 from monitor.threads import run_tasks
-from projects.model import Bools, Floats, Ints, Step, Surface
-from projects.transforms import apply
+from projects.model import Bools, Floats, Ints, Surface
 
 REACH = 2.5  # spacings of the vertices: points farther from the surface are of something else
 OFF_SPACINGS, OFF_SIGMAS = 0.25, 4.0  # a point farther from the surface than both of these is off it
 WIDE = 16.0  # spacings: an edge of the blocks, in threes each way, whose points show what is usual there
 N_STEPS, FINEST = 60, 1e-3  # of distances, from so many spacings on, among which their median is found
 ANY_ANGLE = np.pi / 2  # between normals, which nothing here asks for
-
-
-class RawScan(NamedTuple):
-    """The raw points of a scan, in pieces (n, 3) [m] in the surface's frame, and one sigma [m] of what they may lie off
-    it by: their noise, and what the scans of the epoch disagree by."""
-
-    sigma: float
-    pieces: Iterable[Floats]
-
-
-def raw_scans(
-    place: Place, scans: Sequence[Step], motions: Sequence[Floats], calibrations: Sequence[Calibration | None],
-    disagreement: float,
-) -> Iterator[RawScan]:  # fmt: skip
-    """Yield what each scan of an epoch measured within the object's extent, calibrated and where the adjustment put it.
-
-    `scans` are the steps that filtered them, which know their noise; one that was skipped has none, and is left out.
-    `motions` (4, 4) are those of the adjustment, T_project_given; `disagreement` [m] is what its scans still disagree
-    by, NaN where no two overlap.
-    """
-    shared = disagreement if np.isfinite(disagreement) else 0.0
-    for k, (step, motion, calibration) in enumerate(zip(scans, motions, calibrations, strict=True)):
-        noise = step.automatic.get("noise_before")
-        if noise is not None and np.isfinite(noise):
-            yield RawScan(float(np.hypot(noise, shared)), _pieces(place, k, motion, calibration))
-
-
-def _pieces(place: Place, index: int, motion: Floats, calibration: Calibration | None) -> Iterator[Floats]:
-    """Yield the points (n, 3) [m] of a raw scan in the epoch's coordinates."""
-    for _, chunk in iterate_within(place.project, place.object_id, place.epoch_id, index):
-        scan = chunk if calibration is None else correct_range(chunk, calibration)
-        yield apply(motion @ scan.pose, scan.cloud.points)
 
 
 def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats | None:

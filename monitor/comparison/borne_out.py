@@ -24,7 +24,7 @@ from monitor.comparison.shell import make_shell
 from monitor.comparison.side import Side
 from monitor.comparison.stars import Neighbours
 from monitor.reconstruction.bow import bow_at
-from monitor.registration.weights import winsorized_mean
+from monitor.registration.weights import draw_in
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
 Points = Callable[[], tuple[Floats | None, Floats | None]]  # (n, 3) m of each epoch, in its own coordinates
@@ -82,10 +82,11 @@ def shares_shown(
     """Return which share (n + 1,) of the change told of the regions 1 to `n` the points (m, 3) m of side `k` show.
 
     Each point's own change m, its perpendicular distance to the other side, is held against the change c told of the
-    vertex next to it; m / c speaks for the vertices that it is nearest to. The share is the mean over the region's
-    vertices, weighted by area and |c|, strays drawn in: neither these nor where points are dense move it. 0 where a
-    region holds no point of this epoch; 1 where it has no vertex or no foot here, and for entry 0, of no region: this
-    epoch says nothing then.
+    vertex next to it. What the points of a vertex show is the mean of theirs, all of them: where they lie on several
+    sheets, a surface follows one, and the points on it alone would always bear it out. The share is the sum of m over
+    that of c, over vertices with points, weighted by area: where points are dense does not move it, and strays are
+    drawn in. 0 where a region holds no point of this epoch; 1 where it has no vertex or no foot here, and for entry 0,
+    of no region: this epoch says nothing then.
     """
     side, other = sides[k], sides[1 - k]
     label, claim = told_at(side, other, regions[k], regions[1 - k])
@@ -98,13 +99,19 @@ def shares_shown(
     around = spread_rings(other.neighbours, _asked_of(side, label, regions[1 - k]), RINGS)
     change = SIGNS[k] * distances_to_part(points[which], side.normals[vertex], other.surface, around, limits)
     known = np.flatnonzero(np.isfinite(change) & (claim[vertex] != 0.0))
-    places, ratio, numbers = points[which[known]], change[known] / claim[vertex[known]], label[vertex[known]]
-    weight = np.abs(claim) * side.areas
-    for number in np.unique(numbers):
-        here, own = told[label[told] == number], numbers == number
-        _, nearest = cKDTree(places[own]).query(side.surface.vertices[here], workers=2)
-        out[number] = winsorized_mean(ratio[own][nearest], weight[here])
+    vertex, change = vertex[known], change[known]
+    for number in np.unique(label[vertex]):
+        own = label[vertex] == number
+        out[number] = _share_of(vertex[own], change[own], claim, side.areas)
     return out
+
+
+def _share_of(vertex: Ints, change: Floats, claim: Floats, areas: Floats) -> float:
+    """Return the share of one region's change that points (m,) next to the vertices `vertex` show of theirs."""
+    beyond = draw_in(change - claim[vertex])
+    at, place, counts = np.unique(vertex, return_inverse=True, return_counts=True)
+    mean, weight = np.bincount(place, beyond) / counts, areas[at] * np.sign(claim[at])
+    return float(1.0 + weight @ mean / (weight @ claim[at]))
 
 
 def told_at(side: Side, other: Side, own: Ints, others: Ints) -> tuple[Ints, Floats]:

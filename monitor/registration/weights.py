@@ -32,11 +32,11 @@ def weighted_median(values: Floats, weights: Floats) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def winsorized_mean(values: Floats, weights: Floats) -> float:
-    """Return the weighted mean of values, those beyond three robust sigmas of their median drawn in to there."""
-    middle = weighted_median(values, weights)
-    away = 3.0 * 1.4826 * weighted_median(np.abs(values - middle), weights)
-    return float(np.average(np.clip(values, middle - away, middle + away), weights=weights))
+def draw_in(values: Floats) -> Floats:
+    """Return the values (n,), those beyond three robust sigmas of their median drawn in to there (winsorized)."""
+    middle = float(np.median(values))
+    away = 3.0 * robust_scale(values - middle)
+    return np.clip(values, middle - away, middle + away)
 
 
 def residual_sigma(residuals: Floats, causes: Sequence[Floats], is_kept: Bools, least: float = 1e-15) -> Floats:

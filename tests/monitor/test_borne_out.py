@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from monitor.comparison import borne_out, compare
-from monitor.registration.weights import weighted_median, winsorized_mean
+from monitor.registration.weights import draw_in, weighted_median
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
 SIDE, EDGE, HIGH, WIDE = 91, 2e-3, 2e-3, 0.016  # m: of the sheets; of the bump, its height and its radius
@@ -131,6 +131,22 @@ def test_points_that_lie_off_their_own_surface_alike_in_both_epochs_hide_nothing
         assert len(found.regions) == 1, off
 
 
+def test_points_on_two_sheets_in_both_epochs_bear_no_change_of_sheet_out(rng: np.random.Generator) -> None:
+    """Spray, leaves, a joint: the earlier surface follows one sheet of what was measured, the later one the other."""
+    both = tuple(np.vstack([points(rng, 0.0), points(rng, 1.0)]) for _ in range(2))
+    assert not len(compared_with(rng, (both[0], both[1])).regions)
+
+
+def test_a_change_far_below_the_noise_of_single_points_is_borne_out_by_many(rng: np.random.Generator) -> None:
+    """2 mm of bump, 4 mm of noise, 120 points a square centimetre."""
+
+    def many(height: float) -> np.ndarray:
+        return np.vstack([points(rng, height, sigma=4e-3) for _ in range(10)])
+
+    assert len(compared_with(rng, (many(0.0), many(1.0))).regions) == 1
+    assert not len(compared_with(rng, (many(0.0), many(0.0))).regions)
+
+
 def test_where_points_are_dense_does_not_decide(rng: np.random.Generator) -> None:
     before, after = points(rng, 0.0), points(rng, 1.0)
     dense = MIDDLE + rng.uniform(-4e-3, 4e-3, (4000, 2)) + [0.6 * WIDE, 0.0]  # on a third of the bump, and flat there
@@ -148,8 +164,8 @@ def test_a_part_whose_counterpart_is_gone_was_lost_or_added(monkeypatch: pytest.
 
 def test_strays_are_drawn_in_to_three_sigmas() -> None:
     values = np.array([0.9, 1.0, 1.0, 1.1, 9.0])
-    assert winsorized_mean(values, np.ones(5)) == pytest.approx((4.0 + 1.0 + 3.0 * 1.4826 * 0.1) / 5.0)
-    assert winsorized_mean(np.array([1.0, 2.0]), np.array([3.0, 1.0])) == 1.0  # no scatter is known
+    assert draw_in(values) == pytest.approx([0.9, 1.0, 1.0, 1.1, 1.0 + 3.0 * 1.4826 * 0.1])
+    assert draw_in(np.array([1.0, 1.0, 1.0, 2.0])) == pytest.approx([1.0] * 4)  # no scatter is known
 
 
 def test_half_of_the_weight_lies_below_the_median() -> None:

@@ -7,11 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from monitor import strays
+from monitor import measured
 from monitor.cli import run as run_monitor
 from monitor.comparison import CompareSettings, compare
+from monitor.measured import RawScan, raw_scans
 from monitor.simulation.campaign import write_extent
-from monitor.strays import FINEST, N_STEPS, REACH, RawScan, raw_scans, share_of_strays, usual_sigma
+from monitor.strays import FINEST, N_STEPS, REACH, share_of_strays, usual_sigma
 from projects import Project
 from projects.errors import ComparisonError
 from projects.model import Floats, NotAssessed, PointCloud, Registration, Scan, Surface
@@ -111,8 +112,8 @@ def test_points_are_corrected_in_range_then_posed_then_moved(monkeypatch: pytest
     motion[:3, :3], motion[:3, 3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [0.1, 0.0, 0.0]
     scan = Scan("a", PointCloud(np.array([[1.0, 0.0, 0.0]])), pose)
     twice = lambda scan, _: replace(scan, cloud=replace(scan.cloud, points=2.0 * scan.cloud.points))  # noqa: E731
-    monkeypatch.setattr(strays, "iterate_within", lambda *_: [(1, scan)])
-    monkeypatch.setattr(strays, "correct_range", twice)
+    monkeypatch.setattr(measured, "iterate_within", lambda *_: [(1, scan)])
+    monkeypatch.setattr(measured, "correct_range", twice)
     place = SimpleNamespace(project=None, object_id="", epoch_id="")
     step = SimpleNamespace(automatic={"noise_before": 3e-4})
     for calibration, x in ((None, 1.0), ("some", 2.0)):
