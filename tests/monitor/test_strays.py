@@ -2,24 +2,20 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from ivy_wall import IVY, processed
 
-from monitor import measured
-from monitor.cli import run as run_monitor
 from monitor.comparison import CompareSettings, compare
-from monitor.measured import RawScan, raw_scans
+from monitor.measured import RawScan
 from monitor.simulation.campaign import write_extent
 from monitor.strays import FINEST, N_STEPS, REACH, share_of_strays, usual_sigma
-from projects import Project
 from projects.errors import ComparisonError
-from projects.model import Floats, NotAssessed, PointCloud, Registration, Scan, Surface
+from projects.model import Floats, NotAssessed, Registration, Surface
 
 SIDE, EDGE = 21, 0.01
 MIDDLE = SIDE * SIDE // 2
-IVY = (0.039, -0.008)  # m, before a crest of the wall
 
 
 def plate(side: int = SIDE, **known: Floats) -> Surface:
@@ -96,30 +92,6 @@ def test_scans_add_up_each_by_its_own_noise() -> None:
     share = share_of_strays(surface, scans)
     assert share is not None
     assert share[MIDDLE] == pytest.approx(0.25)
-
-
-def test_scans_may_lie_off_by_their_noise_and_by_what_they_disagree_by() -> None:
-    steps = [SimpleNamespace(automatic=known) for known in ({"noise_before": 3e-4}, {}, {"noise_before": None},
-                                                            {"noise_before": float("nan")})]  # fmt: skip
-    for disagreement, sigma in ((4e-4, 5e-4), (np.nan, 3e-4)):
-        found = raw_scans(None, steps, [np.eye(4)] * 4, [None] * 4, disagreement)
-        assert [scan.sigma for scan in found] == pytest.approx([sigma])
-
-
-def test_points_are_corrected_in_range_then_posed_then_moved(monkeypatch: pytest.MonkeyPatch) -> None:
-    pose, motion = np.eye(4), np.eye(4)
-    pose[:3, :3], pose[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1.0, 2.0, 3.0]
-    motion[:3, :3], motion[:3, 3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [0.1, 0.0, 0.0]
-    scan = Scan("a", PointCloud(np.array([[1.0, 0.0, 0.0]])), pose)
-    twice = lambda scan, _: replace(scan, cloud=replace(scan.cloud, points=2.0 * scan.cloud.points))  # noqa: E731
-    monkeypatch.setattr(measured, "iterate_within", lambda *_: [(1, scan)])
-    monkeypatch.setattr(measured, "correct_range", twice)
-    place = SimpleNamespace(project=None, object_id="", epoch_id="")
-    step = SimpleNamespace(automatic={"noise_before": 3e-4})
-    for calibration, x in ((None, 1.0), ("some", 2.0)):
-        (found,) = raw_scans(place, [step], [motion], [calibration], np.nan)
-        # posed (1, 2 + x, 3); moved: y and z are turned
-        np.testing.assert_allclose(np.vstack(list(found.pieces)), [[1.1, -3.0, 2.0 + x]])
 
 
 def known_motion(n: int) -> Registration:
@@ -211,37 +183,8 @@ def test_without_a_scan_nothing_is_known() -> None:
     assert share_of_strays(plate(), [RawScan(1e-5, [np.array([[0.0, 0.0, 1.0]])])]) is None  # a metre away
 
 
-def wall_with_ivy(rng: np.random.Generator, *, is_level: bool = False) -> Floats:
-    """Return points of a bent wall of 0.2 m, 3 mm apart, seven of ten before it where ivy grows.
-
-    The ivy stands 2 to 12 mm before the wall, or `is_level`, before its crest, at heights of 11.5 to 13 mm, where no
-    wall is.
-    """
-    x, y = (g.ravel() + rng.uniform(-1e-3, 1e-3, g.size) for g in np.meshgrid(*[np.arange(-0.1, 0.1, 0.003)] * 2))
-    z = 0.01 * np.sin(40.0 * x) * np.cos(50.0 * y + 0.4) + 3e-4 * rng.normal(size=len(x))
-    leaf = (np.hypot(x - IVY[0], y - IVY[1]) < (0.015 if is_level else 0.03)) & (rng.random(len(x)) < 0.7)
-    z[leaf] = rng.uniform(1.15e-2, 1.3e-2, leaf.sum()) if is_level else z[leaf] + rng.uniform(2e-3, 1.2e-2, leaf.sum())
-    return np.c_[x, y, z]
-
-
-def processed(folder: Path, *options: str, extent: Path | None = None) -> Surface:
-    """Return the surface that `monitor` makes of two scans of the wall, with level ivy where there is an extent."""
-    project, files = folder / "project", [folder / "a.xyz", folder / "b.xyz"]
-    for k, file in enumerate(files):
-        np.savetxt(file, wall_with_ivy(np.random.default_rng([k, 3]), is_level=extent is not None), fmt="%.6f")
-    pose = " ".join(f"{v:g}" for v in np.eye(4).ravel())
-    (folder / "poses").write_text("".join(f"{file.name} {pose} 0 0 2\n" for file in files))
-    assert run_monitor(["init", str(project)]) == 0
-    given = [] if extent is None else ["--extent", str(extent)]
-    assert run_monitor(["add-object", str(project), "wall", *given]) == 0
-    files_given = ["--poses", str(folder / "poses"), *map(str, files)]
-    assert run_monitor(["add-epoch", str(project), "wall", "e1", "--date", "2026-01-01", *options, *files_given]) == 0
-    assert run_monitor(["process", str(project)]) == 0
-    return Project.open(project).get("wall", "e1", "surface")
-
-
 def test_the_chain_counts_what_each_scan_measured(tmp_path: Path) -> None:
-    surface = processed(tmp_path)
+    surface = processed(tmp_path).get("wall", "e1", "surface")
     way = np.linalg.norm(surface.vertices[:, :2] - IVY, axis=1)
     assert surface.stray_share is not None
     assert np.mean(surface.stray_share[way < 0.02] > 0.5) > 0.9
@@ -251,14 +194,14 @@ def test_the_chain_counts_what_each_scan_measured(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("top", "least", "most"), [(0.011, 0.0, 0.0), (0.05, 0.2, 1.0)])
 def test_what_lies_outside_of_the_extent_is_no_stray(tmp_path: Path, top: float, least: float, most: float) -> None:
     box = write_extent(tmp_path / "box.json", np.array([[-0.1, -0.1, -0.1], [0.1, 0.1, top]]))
-    surface = processed(tmp_path, extent=box)
+    surface = processed(tmp_path, extent=box).get("wall", "e1", "surface")
     assert surface.stray_share is not None
     way = np.linalg.norm(surface.vertices[:, :2] - IVY, axis=1)
     assert least <= np.nanmax(surface.stray_share[way < 0.012]) <= most
 
 
 def test_repeated_scans_drift_and_are_not_asked(tmp_path: Path) -> None:
-    assert processed(tmp_path, "--repeated").stray_share is None
+    assert processed(tmp_path, "--repeated").get("wall", "e1", "surface").stray_share is None
 
 
 def test_a_region_ends_where_the_points_are_of_no_one_surface() -> None:
