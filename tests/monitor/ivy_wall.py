@@ -27,7 +27,7 @@ def wall_with_ivy(rng: np.random.Generator, *, is_level: bool = False) -> Floats
 
 
 def processed(folder: Path, *options: str, extent: Path | None = None) -> Project:
-    """Return the project in which `monitor` processed two scans of the wall, with level ivy where there is an extent."""
+    """Return the project in which two scans of the wall were processed, with level ivy where there is an extent."""
     project, files = folder / "project", [folder / "a.xyz", folder / "b.xyz"]
     for k, file in enumerate(files):
         np.savetxt(file, wall_with_ivy(np.random.default_rng([k, 3]), is_level=extent is not None), fmt="%.6f")
