@@ -29,6 +29,7 @@ from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
 Points = Callable[[], tuple[Floats | None, Floats | None]]  # (n, 3) m of each epoch, in its own coordinates
 LEAST_SHOWN = 0.5  # of the change told of the vertices: points that show less lie nearer to no change at all
+SURE = 3.0  # standard errors of what they show, by their scatter: few points on rough stone show something by chance
 MOVED = "moved"
 RINGS = 3  # of vertices around those that are asked for, so that no foot lies at the end of what was cut out
 FARTHEST_BESIDE = 2.0  # spacings of the vertices: a point farther along the surface from its vertex is beside it
@@ -42,7 +43,7 @@ def keep_borne_out(
 
     Where surfaces change by c, and the points of both lie b off their own (pits, grains and joints are not even about
     a surface), those of the one epoch show 1 + b / c of it, those of the other 1 - b / c. The sum of both shares, less
-    1, is the change from points to points: at least `LEAST_SHOWN` of what is told.
+    1, is the change from points to points: at least `LEAST_SHOWN` of what is told, and `SURE` times its standard error.
 
     Parameters
     ----------
@@ -53,11 +54,12 @@ def keep_borne_out(
     is_gone : (r,) what was looked through, which needs no surface to be told.
     """
     seen, n = regions.seen, len(regions.table)
-    shown = np.ones(n + 1)
+    shown, variance = np.ones(n + 1), np.zeros(n + 1)
     for k, own in enumerate(points):
         if own is not None:
-            shown += shares_shown(sides, seen, k, own, limits, n) - 1.0
-    is_borne_out = ~(shown < LEAST_SHOWN)
+            share, error2 = shares_shown(sides, seen, k, own, limits, n)
+            shown, variance = shown + share - 1.0, variance + error2
+    is_borne_out = shown >= np.maximum(LEAST_SHOWN, SURE * np.sqrt(variance))
     is_borne_out[1:] |= is_gone
     if is_borne_out.all():
         return regions, sides
@@ -78,8 +80,9 @@ def name_anew(table: pd.DataFrame, sides: tuple[Side, Side], regions: tuple[Ints
 
 def shares_shown(
     sides: tuple[Side, Side], regions: tuple[Ints, Ints], k: int, points: Floats, limits: tuple[float, float], n: int
-) -> Floats:
-    """Return which share (n + 1,) of the change told of the regions 1 to `n` the points (m, 3) m of side `k` show.
+) -> tuple[Floats, Floats]:
+    """Return which share (n + 1,) of the change told of the regions 1 to `n` the points (m, 3) m of side `k` show, and
+    its variance (n + 1,).
 
     Each point's own change m, its perpendicular distance to the other side, is held against the change c told of the
     vertex next to it. What the points of a vertex show is the mean of theirs, all of them: where they lie on several
@@ -90,28 +93,33 @@ def shares_shown(
     """
     side, other = sides[k], sides[1 - k]
     label, claim = told_at(side, other, regions[k], regions[1 - k])
-    out, told = np.ones(n + 1), np.flatnonzero(label > 0)
+    out, variance, told = np.ones(n + 1), np.zeros(n + 1), np.flatnonzero(label > 0)
     which, vertex = points_next_to(side, label, points, limits[0])
     has_points = np.bincount(label[vertex], minlength=n + 1) > 0
     out[label[told][~has_points[label[told]]]] = 0.0
     if not len(which):
-        return out
+        return out, variance
     around = spread_rings(other.neighbours, _asked_of(side, label, regions[1 - k]), RINGS)
     change = SIGNS[k] * distances_to_part(points[which], side.normals[vertex], other.surface, around, limits)
     known = np.flatnonzero(np.isfinite(change) & (claim[vertex] != 0.0))
     vertex, change = vertex[known], change[known]
     for number in np.unique(label[vertex]):
         own = label[vertex] == number
-        out[number] = _share_of(vertex[own], change[own], claim, side.areas)
-    return out
+        out[number], variance[number] = _share_of(vertex[own], change[own], claim, side.areas)
+    return out, variance
 
 
-def _share_of(vertex: Ints, change: Floats, claim: Floats, areas: Floats) -> float:
-    """Return the share of one region's change that points (m,) next to the vertices `vertex` show of theirs."""
+def _share_of(vertex: Ints, change: Floats, claim: Floats, areas: Floats) -> tuple[float, float]:
+    """Return the share of one region's change that points (m,) next to the vertices `vertex` show, and its variance.
+
+    The variance is that of points that scatter by themselves about what is told; of a single one it is not known.
+    """
     beyond = draw_in(change - claim[vertex])
     at, place, counts = np.unique(vertex, return_inverse=True, return_counts=True)
     mean, weight = np.bincount(place, beyond) / counts, areas[at] * np.sign(claim[at])
-    return float(1.0 + weight @ mean / (weight @ claim[at]))
+    told = float(weight @ claim[at])
+    scatter2 = float(np.var(beyond, ddof=1)) if len(beyond) > 1 else np.inf
+    return 1.0 + float(weight @ mean) / told, scatter2 * float(np.sum(areas[at] ** 2 / counts)) / told**2
 
 
 def told_at(side: Side, other: Side, own: Ints, others: Ints) -> tuple[Ints, Floats]:
