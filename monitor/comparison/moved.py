@@ -10,15 +10,26 @@ covariance by `registration.parts`, and `moved_parts` then calls their regions m
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
+from monitor.comparison.region_shapes import principal_axes
 from monitor.comparison.side import Side
-from projects.model import Floats, Ints
+from projects.model import Bools, Floats, Ints
 
-EXPLAINED = 0.9  # of the squared change of both regions, by one rigid motion
+EXPLAINED = 0.9  # of the squared change of each of both regions, and of all together, by one rigid motion
 FEWEST_VERTICES = 12  # twice the parameters
+
+
+class Sample(NamedTuple):
+    """Vertices of both sides: points (n, 3) [m], normals (n, 3) and changes (n,) [m]."""
+
+    points: Floats
+    normals: Floats
+    change: Floats
 
 
 def name_moved(table: pd.DataFrame, sides: tuple[Side, Side], regions: tuple[Ints, Ints]) -> list[str]:
@@ -27,19 +38,20 @@ def name_moved(table: pd.DataFrame, sides: tuple[Side, Side], regions: tuple[Int
     Only a loss and a gain that lie no farther apart than they are long can be sides of one part.
     """
     kinds = [str(kind) for kind in table["kind"]]
-    samples = [_sample(int(number), sides, regions) for number in table["region"]]
-    trees = [cKDTree(points) if len(points) else None for points, _, _ in samples]
-    means = [float(np.sum(change)) for _, _, change in samples]
+    samples = [_sample(sides, (regions[0] == number, regions[1] == number)) for number in table["region"]]
+    trees = [cKDTree(sample.points) if len(sample.points) else None for sample in samples]
+    means = [float(np.sum(sample.change)) for sample in samples]
     for i, j in _close_pairs(table, samples):
         is_pair = means[i] * means[j] < 0.0 and trees[i] is not None and trees[j] is not None
-        if is_pair and is_explained(*(np.concatenate(both) for both in zip(samples[i], samples[j], strict=True))):
+        if is_pair and is_explained((samples[i], samples[j]), _between(samples[i], samples[j], sides, regions)):
             kinds[i] = kinds[j] = "moved"
     return kinds
 
 
-def _close_pairs(table: pd.DataFrame, samples: list[tuple[Floats, Floats, Floats]]) -> list[tuple[int, int]]:
+def _close_pairs(table: pd.DataFrame, samples: list[Sample]) -> list[tuple[int, int]]:
     """Return the pairs of regions whose centres lie no farther apart than both are long together."""
-    length = np.array([float(np.linalg.norm(np.ptp(p, axis=0))) if len(p) else 0.0 for p, _, _ in samples])
+    length = np.array([float(np.linalg.norm(np.ptp(s.points, axis=0))) if len(s.points) else 0.0
+                       for s in samples])  # fmt: skip
     centres = table[["x", "y", "z"]].to_numpy(dtype=float)
     if len(centres) < 2 or not np.isfinite(centres).all():
         return []
@@ -48,21 +60,49 @@ def _close_pairs(table: pd.DataFrame, samples: list[tuple[Floats, Floats, Floats
     return [(int(i), int(j)) for i, j in pairs[apart <= length[pairs[:, 0]] + length[pairs[:, 1]]]]
 
 
-def _sample(number: int, sides: tuple[Side, Side], regions: tuple[Ints, Ints]) -> tuple[Floats, Floats, Floats]:
-    """Return points (n, 3), normals (n, 3) and changes (n,) [m] of a region's assessed vertices on both sides."""
-    masks = [(r == number) & s.is_assessed for s, r in zip(sides, regions, strict=True)]
-    points = np.vstack([s.surface.vertices[m] for s, m in zip(sides, masks, strict=True)])
-    normals = np.vstack([s.normals[m] for s, m in zip(sides, masks, strict=True)])
-    return points, normals, np.concatenate([s.distances[m] for s, m in zip(sides, masks, strict=True)])
+def _sample(sides: tuple[Side, Side], which: tuple[Bools, Bools]) -> Sample:
+    """Return the assessed vertices among those in `which` (n,) of both sides."""
+    masks = [mask & side.is_assessed for mask, side in zip(which, sides, strict=True)]
+    return Sample(
+        np.vstack([s.surface.vertices[m] for s, m in zip(sides, masks, strict=True)]),
+        np.vstack([s.normals[m] for s, m in zip(sides, masks, strict=True)]),
+        np.concatenate([s.distances[m] for s, m in zip(sides, masks, strict=True)]),
+    )
 
 
-def is_explained(points: Floats, normals: Floats, change: Floats) -> bool:
-    """Whether one rigid motion explains nearly all of the change (n,) [m]: n' (t + w x (x - c)), by least squares."""
+def _between(first: Sample, second: Sample, sides: tuple[Side, Side], regions: tuple[Ints, Ints]) -> Sample:
+    """Return what did not change in the box around two regions, laid along their principal directions."""
+    points = np.vstack([first.points, second.points])
+    axes, _ = principal_axes(points, np.ones(len(points)))
+    low, high = (points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0)
+
+    def inside(side: Side, region: Ints) -> Bools:
+        along = side.surface.vertices @ axes.T
+        return np.asarray((region == 0) & (along >= low).all(axis=1) & (along <= high).all(axis=1))
+
+    return _sample(sides, (inside(sides[0], regions[0]), inside(sides[1], regions[1])))
+
+
+def is_explained(parts: tuple[Sample, Sample], between: Sample) -> bool:
+    """Whether one rigid motion explains nearly all of the change of both parts, n' (t + w x (x - c)) by least squares.
+
+    Each of both by itself: beside a deep loss all is explained that leaves the loss. And what did not change `between`
+    them must not have to: any two layers can be laid on one motion, but a part moves with what lies within it. There
+    counts by how much the motion leaves more than no motion does.
+    """
+    points, normals, change = (np.concatenate(both) for both in zip(*parts, strict=True))
     if len(change) < FEWEST_VERTICES:
         return False
-    arm = points - points.mean(axis=0)
-    scale = max(float(np.sqrt(np.mean(arm**2))), 1e-300)
-    rows = np.hstack([np.cross(arm / scale, normals), normals])
-    motion, *_ = np.linalg.lstsq(rows, change, rcond=1e-6)
-    left = change - rows @ motion
-    return bool(left @ left <= (1.0 - EXPLAINED) * (change @ change))
+    centre = points.mean(axis=0)
+    scale = max(float(np.sqrt(np.mean((points - centre) ** 2))), 1e-300)
+
+    def rows(sample: Sample) -> Floats:
+        return np.hstack([np.cross((sample.points - centre) / scale, sample.normals), sample.normals])
+
+    motion, *_ = np.linalg.lstsq(rows(Sample(points, normals, change)), change, rcond=1e-6)
+    left = [float(np.sum((part.change - rows(part) @ motion) ** 2)) for part in parts]
+    whole = [float(part.change @ part.change) for part in parts]
+    told = rows(between) @ motion
+    beside = max(float(told @ (told - 2.0 * between.change)), 0.0)
+    each = all(rest <= (1.0 - EXPLAINED) * size for rest, size in zip(left, whole, strict=True))
+    return each and sum(left) + beside <= (1.0 - EXPLAINED) * sum(whole)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.moved import is_explained
+from monitor.comparison.moved import Sample, is_explained
 from monitor.comparison.region_shapes import principal_axes
 from monitor.simulation.solid import contour
 from projects.model import Comparison, Registration, Surface
@@ -57,9 +57,45 @@ def test_a_rigid_motion_is_told_from_another_change(rng: np.random.Generator) ->
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     motion = (points - 5.0) @ (rotation_from_vector(np.array([0.02, 0.05, -0.03])) - np.eye(3)).T + [1e-3, 0.0, 2e-4]
     change = np.einsum("ij,ij->i", normals, motion)
-    assert is_explained(points, normals, change + rng.normal(0, 1e-5, 300))
-    assert not is_explained(points, normals, np.abs(change))
-    assert not is_explained(points[:5], normals[:5], change[:5])
+
+    def both(change: np.ndarray) -> tuple[Sample, Sample]:
+        lost = np.einsum("ij,ij->i", normals, motion) < 0.0
+        a, b = (Sample(points[k], normals[k], change[k]) for k in (lost, ~lost))
+        return a, b
+
+    nothing = Sample(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    moved = both(change + rng.normal(0, 1e-5, 300))
+    assert is_explained(moved, nothing)
+    assert not is_explained(both(np.abs(change)), nothing)
+    assert not is_explained(tuple(Sample(*(v[:3] for v in part)) for part in moved), nothing)  # type: ignore[arg-type]
+    between = Sample(points, normals, change)
+    assert is_explained(moved, between)
+    assert not is_explained(moved, between._replace(change=np.zeros(300)))  # all of it stood still
+
+
+def layers(rng: np.random.Generator, *patches: tuple[float, float, float]) -> Surface:
+    """Return a sheet of 0.12 m with discs on it: where along x, their radius and their thickness [m]."""
+    x, y = (g.ravel() for g in np.meshgrid(*2 * [np.arange(-50, 51) * 1.2e-3], indexing="ij"))
+    z = rng.normal(0, NOISE, x.size)
+    for centre, radius, thickness in patches:
+        z[np.hypot(x - centre, y) < radius] += thickness
+    i = np.arange(100 * 101).reshape(100, 101)[:, :-1].ravel()
+    return Surface(np.column_stack([x, y, z]), np.vstack([np.c_[i, i + 101, i + 102], np.c_[i, i + 102, i + 1]]),
+                   sigma=np.full(x.size, NOISE))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("patches", "kinds"),
+    [
+        (((-0.022, 0.011, 3e-4), (0.022, 0.011, -3e-4)), ["cleaned", "coated"]),
+        (((-0.012, 0.010, -2e-3), (0.010, 0.008, 2e-4)), ["coated", "lost"]),
+    ],
+)
+def test_layers_that_came_and_went_side_by_side_are_no_part_that_moved(
+    rng: np.random.Generator, patches: tuple[tuple[float, float, float], ...], kinds: list[str]
+) -> None:
+    """A tilt explains two layers but for what lies between them, and a deep loss all but for what lies beside it."""
+    assert sorted(result_of(layers(rng), layers(rng, *patches)).regions.kind) == kinds
 
 
 def test_principal_directions_of_a_strip_are_its_own() -> None:
