@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 from numba import jit
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.closing import Closing, border_edges, close_gap, cone_volume
 from monitor.comparison.correlation import kept_variance
@@ -99,7 +101,8 @@ def grow_regions(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, 
 
     `signs` (r + 1,) of each region; `least` [m] of a change that counts. On the exposed side (before a loss, after a
     gain) a region spreads along the surface over vertices outside of the other surface, at most as deep as a piece may
-    be. On the buried side it takes the vertices whose nearest point is of it, and what hangs together with them.
+    be. On the buried side it takes the vertices whose nearest point is of it, and what hangs together with them inside
+    of the other surface: of the wall of a hole the nearest point lies on the rim as often as within it.
     """
     grown = [r.copy() for r in regions]
     outside = [np.nan_to_num(c) * sign > least for c, sign in zip(beyond.change, SIGNS, strict=True)]
@@ -110,8 +113,7 @@ def grow_regions(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, 
             _take_connected(grown, side, k, outside[k], signs == SIGNS[k], beyond.limit)
         for k, side in enumerate(sides):
             _take_nearest(grown, beyond, k, inside[k], signs == -SIGNS[k])
-            under = inside[k] & np.append(outside[1 - k], False)[beyond.nearest[k]]
-            _take_connected(grown, side, k, under, signs == -SIGNS[k], beyond.limit)
+            _take_connected(grown, side, k, inside[k], signs == -SIGNS[k], beyond.limit)
     return grown[0], grown[1]
 
 
@@ -133,6 +135,36 @@ def _take_connected(grown: list[Ints], side: Side, k: int, allowed: Bools, fitti
         source = spread_along(side, seeds, allowed | is_seed, limit)
         spread = np.flatnonzero((source >= 0) & (grown[k] == 0))
         grown[k][spread] = grown[k][source[spread]]
+
+
+def join_grown(sides: tuple[Side, Side], grown: tuple[Ints, Ints], signs: Floats) -> Ints:
+    """Return the number (r + 1,) of each region once those that grew together are one; entry 0 is of no region.
+
+    Grown together are regions of one sign that share an edge from a vertex without a perpendicular: both mouths of a
+    hole, or patches of a piece that broke off, of which the perpendicular tells a part here and a part there. Each by
+    itself would be closed by a surface through the middle of what is gone.
+    """
+    joins = np.vstack([_touching(side, region, signs) for side, region in zip(sides, grown, strict=True)])
+    n = len(signs)
+    graph = coo_matrix((np.ones(len(joins)), joins.T), shape=(n, n))
+    _, part = connected_components(graph, directed=False)
+    _, first, number = np.unique(part, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first)).astype(np.int32)[number])
+
+
+def _touching(side: Side, region: Ints, signs: Floats) -> Ints:
+    """Return the pairs (e, 2) of regions of one sign that share an edge from a vertex that is not assessed."""
+    ends = _edges_from(side, np.flatnonzero((region > 0) & ~side.is_assessed))
+    pairs = region[ends].astype(np.int64)
+    return pairs[(pairs[:, 1] > 0) & (signs[pairs[:, 0]] == signs[pairs[:, 1]])]
+
+
+def _edges_from(side: Side, vertices: Ints) -> Ints:
+    """Return the ends (e, 2) of the edges from some vertices: these, and their neighbours."""
+    starts = side.neighbours.starts[vertices]
+    degrees = side.neighbours.starts[vertices + 1] - starts
+    first = np.repeat(starts - np.cumsum(degrees) + degrees, degrees)
+    return np.column_stack([np.repeat(vertices, degrees), side.neighbours.vertices[first + np.arange(len(first))]])
 
 
 def spread_over_assessed(side: Side, region: Ints, width: float) -> Ints:

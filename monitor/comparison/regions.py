@@ -21,6 +21,7 @@ from monitor.comparison.enclosure import (
     SIGNS,
     Beyond,
     grow_regions,
+    join_grown,
     measure_body,
     over_each_other,
     spread_over_assessed,
@@ -92,9 +93,12 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     seen = before, after
     signs = np.array([0.0, *(sign_of_region(k, sides, seen, beyond) for k in range(1, len(kept) + 1))])
     whole = grow_regions(sides, beyond, seen, signs, least_beyond(sides, found))
+    one = join_grown(sides, whole, signs)
+    seen, whole = (one[seen[0]], one[seen[1]]), (one[whole[0]], one[whole[1]])
+    gone = np.asarray(np.bincount(one[1:] - 1, gone[kept]), dtype=np.float64)
     width = margin_width(sides, found)
     margins = [spread_margin(s, r, width) for s, r in zip(sides, seen, strict=True)]
-    views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(kept) + 1)]
+    views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(gone) + 1)]
     table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
     table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
@@ -102,7 +106,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     z = np.array([stands_out(v) for v in views])[order]
     ordered = Regions(table, seen, whole).keep(order)
-    return keep_significant(ordered, sides, z, gone[kept][order] >= least, level)
+    return keep_significant(ordered, sides, z, gone[order] >= least, level)
 
 
 def keep_significant(regions: Regions, sides: tuple[Side, Side], z: Floats, is_gone: Bools, level: float) -> Regions:

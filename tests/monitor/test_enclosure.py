@@ -175,3 +175,29 @@ def test_a_patch_that_ends_before_the_others_where_both_have_surface_makes_no_vo
     found = compare(before, after, known(after))
     assert len(found.regions) == 1
     assert found.regions.volume_m3[0] == pytest.approx(truth, rel=0.05)
+
+
+def test_a_hole_through_a_plate_is_one_loss_with_the_volume_of_what_was_drilled_out(rng: np.random.Generator) -> None:
+    """Its mouths were regions of their own, each closed by a film inside the hole: a twelfth of what is gone."""
+
+    def plate(radius: float, noise: float) -> Surface:
+        def field(p: np.ndarray) -> np.ndarray:
+            q = np.abs(p) - np.array([0.05, 0.05, 0.01])[:, None] + 0.004
+            body = np.linalg.norm(np.maximum(q, 0.0), axis=0) + np.minimum(q.max(axis=0), 0.0) - 0.004
+            return np.maximum(body, radius - np.hypot(p[0], p[1]))
+
+        vertices, faces = contour(field, np.array([[-0.06, -0.06, -0.02], [0.06, 0.06, 0.02]]), cell=0.0015)
+        normals = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+        return Surface(vertices + normals * rng.normal(0, noise, (len(vertices), 1)), faces,
+                       sigma=np.full(len(vertices), NOISE))  # fmt: skip
+
+    truth = float(np.diff([trimesh.Trimesh(s.vertices, s.faces, process=False).volume
+                           for s in (plate(-1.0, 0.0), plate(0.006, 0.0))])[0])  # fmt: skip
+    assert truth == pytest.approx(-np.pi * 0.006**2 * 0.02, rel=0.03)
+    before, after = plate(-1.0, NOISE), plate(0.006, NOISE)
+    region = compare(before, after, known(after)).regions
+    assert list(region.kind) == ["lost"]
+    assert region.volume_m3[0] == pytest.approx(truth, rel=0.01)
+    assert region.sigma_volume_m3[0] < 0.01 * abs(truth)
+    assert region.area_m2[0] == pytest.approx(2.0 * np.pi * 0.006**2, rel=0.2)  # both mouths, to half an edge
+    assert np.linalg.norm(region[["x", "y", "z"]].to_numpy()[0]) < 1e-3
