@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.comparison.correlation import Correlation, kept_variance
-from monitor.comparison.detection import Detected, Detection
+from monitor.comparison.detection import Detected
 from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
@@ -174,7 +174,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         sign=SIGNS[which],
         unmatched_share=1.0 - float(weight.sum()) / area,
         area=area,
-        sigma_area=sigma_of_area(side, here, whole, margin, correlation),
+        sigma_area=sigma_of_area(side, np.sign(mean) * here.smooth, here.smooth_lod95, (whole, margin), correlation),
         volume=np.nan
         if not len(margin)
         else float((side.areas[margin] * cosine_to_foot(side, margin)) @ side.distances[margin]),
@@ -243,12 +243,15 @@ def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
     return np.sqrt(found.noise.variance_of(side, vertices) + common**2)
 
 
-def sigma_of_area(side: Side, found: Detection, vertices: Ints, margin: Ints, correlation: Correlation) -> float:
+def sigma_of_area(side: Side, size: Floats, level: Floats, parts: tuple[Ints, Ints], correlation: Correlation) -> float:
     """Return one sigma [m2] of the area: how far the border moves when the change there is a sigma more or less.
 
-    Errors along the border agree over a correlation length only, so the whole border moves less than a part of it.
+    `size` (n,) [m] is the smoothed change in the direction of the region's, `level` (n,) [m] that from which it counts;
+    `parts` are the vertices of the region and those of it with its margin. Errors along the border agree over a
+    correlation length only, so the whole border moves less than a part of it.
     """
-    size, level, weight = np.abs(found.smooth[margin]), found.smooth_lod95[margin], side.areas[margin]
+    vertices, margin = parts
+    size, level, weight = size[margin], level[margin], side.areas[margin]
     low = float(weight[size > level * (1.0 + 1.0 / Z95)].sum())
     high = float(weight[size > level * (1.0 - 1.0 / Z95)].sum())
     perimeter = 2.0 * np.sqrt(np.pi * float(side.areas[vertices].sum()))

@@ -164,14 +164,15 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
 
 
 def margin_width(sides: tuple[Side, Side], found: Detected) -> float:
-    """Return how far [m] around a region its volume is looked for: over what errs together, and as far as fits reach.
+    """Return how far [m] around a region its volume is looked for: over one unit, and as far as fits reach.
 
-    The flanks of a change that fades out lie below the level of detection. Beside a step a surface of quadric fits
-    swings to the other side, and keeps the volume only over the reach of its fits: weighted by 1 - t^2, t the distance
-    over the radius, they act as the kernel (1 - 2 t^2) (1 - t^2), whose response to a step is below zero from t = 0.42.
+    The flanks of a change that fades out lie below the level of detection, and a step ends between its last vertex and
+    the next: a margin narrower than an edge, as where errors hardly agree from vertex to vertex, would hold neither.
+    Beside a step a surface of quadric fits swings to the other side, and keeps the volume only over the reach of its
+    fits: weighted by 1 - t^2, t the distance over the radius, they act as the kernel (1 - 2 t^2) (1 - t^2), whose
+    response to a step is below zero from t = 0.42.
     """
-    together = min(found.noise.correlation.length, found.test.size)
-    return max(together, *(SWING * reach_of_fits(side.surface) for side in sides))
+    return max(found.test.size, *(SWING * reach_of_fits(side.surface) for side in sides))
 
 
 def reach_of_fits(surface: Surface) -> float:

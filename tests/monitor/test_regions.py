@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,9 +12,10 @@ from scipy.signal import fftconvolve
 from scipy.stats import norm
 
 from monitor.comparison import compare, lague_lod95, level_of_detection
+from monitor.comparison.correlation import Correlation
 from monitor.comparison.level_of_detection import estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
-from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, stands_out
+from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, sigma_of_area, stands_out
 from projects.model import Registration, Surface
 
 
@@ -85,6 +87,38 @@ def test_the_volume_of_a_step_holds_what_its_fits_swing_to_the_other_side(rng: n
     truth = depth * ((2 * half + 1) * edge) ** 2
     assert len(result.regions) == 1
     assert result.regions.volume_m3[0] == pytest.approx(truth, rel=0.01)  # up to the first zero: 4 % more
+
+
+@pytest.mark.parametrize("depth", [3e-4, -2e-3])
+def test_the_volume_of_a_step_is_whole_where_errors_of_neighbours_have_nothing_in_common(
+    rng: np.random.Generator, depth: float
+) -> None:
+    """The margin was narrower than an edge there, and the faces that hold the step were left out: a seventh of it."""
+    side, edge, half = 101, 1.2e-3, 8
+    step = np.zeros((side, side))
+    step[50 - half : 51 + half, 50 - half : 51 + half] = depth
+    noise = 2e-5 * rng.normal(size=(2, side, side))
+    before, after = (replace(sheet(h, side, edge, edge), n_support=None, sample_distance=None)
+                     for h in (noise[0], step + noise[1]))  # fmt: skip
+    region = compare(before, after, known(after)).regions.iloc[0]
+    truth = depth * ((2 * half + 1) * edge) ** 2
+    assert region.volume_m3 == pytest.approx(truth, abs=3.0 * region.sigma_volume_m3)
+    assert region.sigma_volume_m3 < 0.02 * abs(truth)
+
+
+def test_noise_around_a_region_that_points_the_other_way_leaves_its_border_where_it_is() -> None:
+    side = SimpleNamespace(areas=np.ones(400))
+    correlation = Correlation(np.array([1.0]), np.array([10.0]))
+    inside, size, level = np.arange(100), np.full(400, 0.0), np.full(400, 1.0)
+    size[:100] = 5.0
+    size[100:] = -0.8  # of the level: within a sigma of it, were it a gain
+
+    def sigma(change: np.ndarray) -> float:
+        return sigma_of_area(side, change, level, (inside, np.arange(400)), correlation)  # type: ignore[arg-type]
+
+    a_vertex_in_or_out = np.sqrt(2.0 * np.sqrt(np.pi * 100.0))
+    assert sigma(size) == pytest.approx(a_vertex_in_or_out)
+    assert sigma(np.abs(size)) > 5.0 * a_vertex_in_or_out
 
 
 def test_the_extreme_is_not_where_the_change_is_known_worst(rng: np.random.Generator) -> None:
