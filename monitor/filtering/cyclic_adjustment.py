@@ -20,6 +20,7 @@ BIWEIGHT = 4.685  # standard deviations: 95 % efficient (Tukey)
 N_ITERATIONS = 12
 CONVERGED = 1e-7  # m
 CELL_POINTS = (150, 50, 15)
+LEAST_SHARE = 0.25  # of what cells vary by that the shape must leave: of fewer than eight it leaves next to nothing
 N_SHAPE = 6  # terms of a patch's own shape: a plane and a bow
 LONGEST, SHORTEST = 2.5, 0.3  # m, between which an unknown longest wavelength is looked for
 
@@ -95,22 +96,16 @@ def _cells(local: Floats, n_points: int) -> Ints:
     return np.unique(square[:, 0] * (square[:, 1].max() + 1) + square[:, 1], return_inverse=True)[1]
 
 
-def _free_of_shape(patch: Patch, waves: Floats, root: Floats) -> tuple[Floats, Floats]:
-    """Return slopes times waves (m, c), and distances (m,), under root weights (m,), free of the patch's own shape."""
-    both = root[:, None] * np.column_stack([patch.slopes[:, None] * waves, patch.heights])
-    q = np.linalg.qr(root[:, None] * patch.shape)[0]
-    both -= q @ (q.T @ both)
-    return both[:, :-1], both[:, -1]
-
-
 def _vote(patch: Patch, wavelengths: Floats, coefficients: Floats, weights: Floats) -> Vote:
-    """Return what a patch says of the coefficients, its points weighted by (m,)."""
+    """Return what a patch says of the coefficients, its points weighted by (m,), free of its own shape."""
     root = np.sqrt(weights)
-    waves, heights = _free_of_shape(
-        patch, waves_at(true_ranges(patch.ranges, coefficients, wavelengths), wavelengths), root
-    )
+    shape = np.linalg.qr(root[:, None] * patch.shape)[0]
+    waves = patch.slopes[:, None] * waves_at(true_ranges(patch.ranges, coefficients, wavelengths), wavelengths)
+    both = root[:, None] * np.column_stack([waves, patch.heights])
+    both -= shape @ (shape.T @ both)
+    waves, heights = both[:, :-1], both[:, -1]
     left = root * (heights - waves @ coefficients)
-    variance = _cell_effect(patch, left) * _variance(left, root) + 1e-18
+    variance = _cell_effect(patch, left, root, shape) * _variance(left, root) + 1e-18
     return Vote(waves.T @ waves / variance, waves.T @ heights / variance)
 
 
@@ -126,14 +121,20 @@ def _variance(left: Floats, root: Floats) -> float:
     return float(left @ left) * float(weights.sum()) / slope**2 / freedom
 
 
-def _cell_effect(patch: Patch, left: Floats) -> float:
+def _cell_effect(patch: Patch, left: Floats, root: Floats, shape: Floats) -> float:
     """Return by how much the sums over cells of residuals (m,) vary more than those of independent ones, at least 1.
 
     What the points of a cell share is the shape of the wall: counted as noise, it takes from what the patch says. The
-    largest over the sizes of cells, of which one is near the length of the wall's unevenness.
+    largest over the sizes of cells, of which one is near the length of the wall's unevenness. A shape of six terms,
+    `shape` (m, 6) under root weights `root` (m,), follows a few cells and leaves only a share of what they vary by.
     """
-    total = max(float(left @ left), 1e-300)
-    return max(1.0, *(float((np.bincount(cells, weights=left) ** 2).sum()) / total for cells in patch.cells))
+    total, effect = max(float(left @ left), 1e-300), 1.0
+    for cells in patch.cells:
+        followed = sum(float((np.bincount(cells, weights=root * term) ** 2).sum()) for term in shape.T)
+        share = 1.0 - followed / float(root @ root)
+        if share >= LEAST_SHARE:
+            effect = max(effect, float((np.bincount(cells, weights=left) ** 2).sum()) / total / share)
+    return effect
 
 
 def residuals_of(patch: Patch, wavelengths: Floats, coefficients: Floats, weights: Floats) -> Floats:

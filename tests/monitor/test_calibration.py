@@ -181,3 +181,14 @@ def test_the_covariance_is_that_of_the_robust_estimate(rng):
         return misfit(adjust_waves(alone, np.array([0.6])))
 
     assert np.isclose(np.mean([found() for _ in range(600)]), 1.0, atol=0.1)
+
+
+def test_the_sigma_of_uneven_walls_holds_what_their_shape_has_taken_of_the_unevenness(rng):
+    """Of ten cells the six terms of a patch's shape follow six: told by what is left, the mean square is 1.75."""
+    relief = uneven_plaster(rng, 1e-3, 0.5)
+
+    def found():
+        patches = slanted_patches(rng, lambda aside: relief(0, aside) + rng.normal(0, 3e-4, len(aside)))
+        return misfit(adjust_waves(patches, np.array([0.6])))
+
+    assert 1.0 < np.mean([found() for _ in range(300)]) < 1.5
