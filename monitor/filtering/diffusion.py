@@ -107,7 +107,9 @@ def diffuse_with_record(cloud: PointCloud, settings: DiffusionSettings | None = 
     require_points(cloud.points)
     order = canonical_order(cloud.points)
     ordered = cloud.take(order)
-    planes = fit_planes(build_index(ordered.points), known_directions(ordered), NormalSettings(max_neighbours=LOCAL))
+    towards = known_directions(ordered)
+    local, facing = NormalSettings(max_neighbours=LOCAL), _facing(ordered.normals, towards)
+    planes = fit_planes(build_index(ordered.points), towards, local, facing)
     foot = ordered.points - planes.heights[:, None] * planes.normals
     graph = _link(ordered.points, foot, planes.normals)
     noise = 1.4826 * float(np.median(np.abs(graph.heights))) if len(graph.heights) else 0.0
@@ -121,6 +123,16 @@ def diffuse_with_record(cloud: PointCloud, settings: DiffusionSettings | None = 
         "edge_height_m": edge, "noise_m": noise / math.sqrt(2.0), "n_steps": n_steps, "ended_by": ended_by,
         "removed_m": float(np.sqrt(np.mean(moved**2))),
     })  # fmt: skip
+
+
+def _facing(normals: Floats | None, towards: Floats | None) -> Floats | None:
+    """Return given normals (n, 3) turned to the side that points were seen from, None where either is not known.
+
+    By them the two sides of a thin part are told apart: a plane of both would move points aside and leave their noise.
+    """
+    if normals is None or towards is None or not np.isfinite(normals).all():
+        return None
+    return np.where((normals * towards).sum(axis=1, keepdims=True) < 0.0, -normals, normals)
 
 
 def _link(points: Floats, foot: Floats, normals: Floats) -> _Graph:
