@@ -19,7 +19,7 @@ from projects.store import Project
 
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
-    "calibration": 4,
+    "calibration": 5,
     "scan": 6,
     "targets": 1,
     "network": 15,
