@@ -23,6 +23,7 @@ from monitor.filtering.cyclic_adjustment import (
     combine_votes,
     median_deviation,
     prepare_patches,
+    refine_length,
     residuals_of,
     search_wavelength,
     true_ranges,
@@ -76,7 +77,7 @@ class Calibration:
     ----------
     wavelengths : (k,) m, the longest over 1 to k.
     amplitudes, phases : (k,) m and rad; NaN where nothing could be estimated.
-    covariance : (2 k, 2 k) of (amplitudes, phases) [m, rad].
+    covariance : (2 k, 2 k) of (amplitudes, phases) [m, rad], with that of the wavelength where it was found.
     n_patches, n_walls : patches that voted, and the planes that they are parts of.
     ranges : (2,) m, nearest and farthest range of the patches.
     mad_before, mad_after : m, median absolute distance to the adjusted planes without and with the waves.
@@ -124,7 +125,8 @@ def calibrate_range(scan: Scan, settings: CalibrationSettings | None = None) -> 
     A point at measured range r on a plane (n, d) has n'x - d = n'u e(r), u its direction. Coefficients of all waves are
     adjusted together with a plane and a bow (six terms) of every patch; points count by Tukey's biweight, patches by
     the scatter of the means of their cells and by how well they agree with the others, so that a wall that is not
-    quite plane has little to say. e is a function of the true range, which is found along with it.
+    quite plane has little to say. e is a function of the true range, which is found along with it, as the wavelength is
+    where it is not given.
 
     Raises
     ------
@@ -143,11 +145,10 @@ def calibrate_range(scan: Scan, settings: CalibrationSettings | None = None) -> 
     if len(patches) < settings.min_patches:
         reason = f"{len(patches)} plane patches span the longest wavelength; {settings.min_patches} are needed"
         return _nothing(reason, settings)
-    wavelength, n_tried = (
-        (settings.wavelength, 1) if settings.wavelength else search_wavelength(patches, settings.n_harmonics)
-    )
+    given = (settings.wavelength, 1, 0.0) if settings.wavelength else search_wavelength(patches, settings.n_harmonics)
+    wavelength, n_tried, step = given
     patches = [p for p in patches if np.ptp(np.quantile(p.ranges, (0.05, 0.95))) >= wavelength]
-    return _judge(patches, wavelength / np.arange(1, settings.n_harmonics + 1), n_tried, settings)
+    return _judge(patches, wavelength / np.arange(1, settings.n_harmonics + 1), (n_tried, step), settings)
 
 
 def correct_range(scan: Scan, calibration: Calibration) -> Scan:
@@ -183,18 +184,23 @@ def _nothing(reason: str, settings: CalibrationSettings) -> Calibration:
     )  # fmt: skip
 
 
-def _judge(patches: list[Patch], wavelengths: Floats, n_tried: int, settings: CalibrationSettings) -> Calibration:
-    """Adjust the waves and decide whether they are to be believed."""
+def _judge(
+    patches: list[Patch], wavelengths: Floats, search: tuple[int, float], settings: CalibrationSettings
+) -> Calibration:
+    """Adjust the waves and decide whether they are to be believed.
+
+    `search` is how many longest wavelengths were tried, and their step [1/m]; 0 of one that was given.
+    """
     if len(patches) < settings.min_patches:
         reason = (
             f"{len(patches)} plane patches span the longest wavelength, {wavelengths[0]:.3f} m; "
             f"{settings.min_patches} are needed"
         )
         return _nothing(reason, settings)
-    adjusted, groups = adjust_waves(patches, wavelengths), groups_of(patches)
-    c, covariance = adjusted.coefficients, np.linalg.inv(adjusted.normal)
+    adjusted, covariance = _adjusted(patches, wavelengths, search[1])
+    c, wavelengths, groups = adjusted.coefficients, adjusted.wavelengths, groups_of(patches)
     freedoms = np.array([int(p.cells[1].max()) + 1 - 6 for p in patches])
-    probability = min(1.0, n_tried * _chance_without_any(adjusted, groups, freedoms))
+    probability = min(1.0, search[0] * _chance_without_any(adjusted, groups, freedoms))
     share, farthest = _votes_for(adjusted, groups), _farthest(c, wavelengths)
     before, after = [residuals_of(p, wavelengths, 0.0 * c, np.ones(len(p.ranges))) for p in patches], adjusted.residuals
     amplitudes, phases, jacobian = _amplitudes(c)
@@ -208,6 +214,15 @@ def _judge(patches: list[Patch], wavelengths: Floats, n_tried: int, settings: Ca
         probability=probability, votes_for=share, is_applied=is_applied, reason=reason,
         profile=_profile(patches[widest].ranges, before[widest], after[widest]),
     )  # fmt: skip
+
+
+def _adjusted(patches: list[Patch], wavelengths: Floats, step: float) -> tuple[Adjustment, Floats]:
+    """Return the adjustment of waves and the covariance of its coefficients; their length is adjusted where it was
+    found, in steps [1/m]."""
+    if step > 0.0:
+        return refine_length(patches, wavelengths, step)
+    adjusted = adjust_waves(patches, wavelengths)
+    return adjusted, np.linalg.inv(adjusted.normal)
 
 
 def groups_of(patches: Sequence[Patch]) -> list[Bools]:

@@ -23,6 +23,8 @@ CELL_POINTS = (150, 50, 15)
 LEAST_SHARE = 0.25  # of what cells vary by that the shape must leave: of fewer than eight it leaves next to nothing
 N_SHAPE = 6  # terms of a patch's own shape: a plane and a bow
 LONGEST, SHORTEST = 2.5, 0.3  # m, between which an unknown longest wavelength is looked for
+N_FINE = 10  # parts of a step of that search
+N_REFINED, SETTLED = 10, 0.01  # adjustments at most with the wavelength in them; sigmas of it that end them
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class Adjustment:
     """Coefficients (sin and cos of each wave) [m], the equations behind them, and of each patch its vote, its share
     and its residuals [m]."""
 
+    wavelengths: Floats
     coefficients: Floats
     normal: Floats
     votes: list[Vote]
@@ -96,17 +99,32 @@ def _cells(local: Floats, n_points: int) -> Ints:
     return np.unique(square[:, 0] * (square[:, 1].max() + 1) + square[:, 1], return_inverse=True)[1]
 
 
-def _vote(patch: Patch, wavelengths: Floats, coefficients: Floats, weights: Floats) -> Vote:
-    """Return what a patch says of the coefficients, its points weighted by (m,), free of its own shape."""
-    root = np.sqrt(weights)
+def _vote(
+    patch: Patch, wavelengths: Floats, coefficients: Floats, weights: Floats, *, is_length_free: bool = False
+) -> Vote:
+    """Return what a patch says of the coefficients, its points weighted by (m,), free of its own shape.
+
+    Where the length is free, of the change [1/m] of one over the longest wavelength too, which comes last.
+    """
+    root, ranges = np.sqrt(weights), true_ranges(patch.ranges, coefficients, wavelengths)
     shape = np.linalg.qr(root[:, None] * patch.shape)[0]
-    waves = patch.slopes[:, None] * waves_at(true_ranges(patch.ranges, coefficients, wavelengths), wavelengths)
-    both = root[:, None] * np.column_stack([waves, patch.heights])
+    waves = waves_at(ranges, wavelengths)
+    if is_length_free:
+        waves = np.column_stack([waves, _slope_of_length(ranges, waves, coefficients)])
+    both = root[:, None] * np.column_stack([patch.slopes[:, None] * waves, patch.heights])
     both -= shape @ (shape.T @ both)
     waves, heights = both[:, :-1], both[:, -1]
-    left = root * (heights - waves @ coefficients)
+    left = root * (heights - waves[:, : len(coefficients)] @ coefficients)
     variance = _cell_effect(patch, left, root, shape) * _variance(left, root) + 1e-18
     return Vote(waves.T @ waves / variance, waves.T @ heights / variance)
+
+
+def _slope_of_length(ranges: Floats, waves: Floats, coefficients: Floats) -> Floats:
+    """Return the derivative (m,) [m2] of the error at ranges (m,) by one over the longest wavelength."""
+    sines, cosines = np.split(waves, 2, axis=1)
+    of_sines, of_cosines = np.split(coefficients, 2)
+    number = np.arange(1, len(of_sines) + 1)
+    return np.asarray(2.0 * math.pi * ranges * (cosines @ (number * of_sines) - sines @ (number * of_cosines)))
 
 
 def _variance(left: Floats, root: Floats) -> float:
@@ -164,7 +182,45 @@ def adjust_waves(patches: list[Patch], wavelengths: Floats) -> Adjustment:
         weights, shares = [_biweights(r) for r in residuals], _weigh_patches(votes, new)
         if step < CONVERGED:
             break
-    return Adjustment(coefficients, normal, votes, shares, residuals)
+    return Adjustment(wavelengths, coefficients, normal, votes, shares, residuals)
+
+
+def refine_length(patches: list[Patch], wavelengths: Floats, farthest: float) -> tuple[Adjustment, Floats]:
+    """Adjust the waves and their length, one over which moves by less than `farthest` [1/m], from wavelengths (k,).
+
+    Returns
+    -------
+    The adjustment, and the covariance (2 k, 2 k) [m2] of its coefficients, in which that of the length is. Phases count
+    from the scanner, and the patches lie some waves away: a length that is a little wrong turns them by many sigmas of
+    what they would have were it known.
+    """
+    start, best = 1.0 / wavelengths[0], adjust_waves(patches, wavelengths)
+    number = np.arange(1, len(wavelengths) + 1)
+    for _ in range(N_REFINED):
+        step, sigma, covariance = _step_of_length(patches, best)
+        turn = 1.0 / best.wavelengths[0] + step
+        if not sigma < math.inf or abs(turn - start) > farthest:
+            break
+        best = adjust_waves(patches, 1.0 / (turn * number))
+        if abs(step) < SETTLED * sigma:
+            break
+    return best, covariance
+
+
+def _step_of_length(patches: list[Patch], adjusted: Adjustment) -> tuple[float, float, Floats]:
+    """Return by how much [1/m] one over the length should move, its sigma, and the covariance of the coefficients.
+
+    Infinite and the covariance for the length as it is, where nothing varies with it.
+    """
+    weights = [_biweights(r) for r in adjusted.residuals]
+    about = adjusted.wavelengths, adjusted.coefficients
+    votes = [_vote(p, *about, w, is_length_free=True) for p, w in zip(patches, weights, strict=True)]
+    normal, solution = combine_votes(votes, adjusted.shares)
+    scale = np.sqrt(np.diag(normal))
+    if not scale[-1] > 0.0:
+        return 0.0, math.inf, np.linalg.inv(adjusted.normal)
+    covariance = np.linalg.inv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    return float(solution[-1]), math.sqrt(covariance[-1, -1]), covariance[:-1, :-1]
 
 
 def combine_votes(votes: Sequence[Vote], shares: Floats) -> tuple[Floats, Floats]:
@@ -187,17 +243,20 @@ def _weigh_patches(votes: list[Vote], coefficients: Floats) -> Floats:
     return np.minimum(1.0, 1.5 / np.maximum(ratio, 1e-12)) ** 2
 
 
-def search_wavelength(patches: list[Patch], n_harmonics: int) -> tuple[float, int]:
-    """Return the longest wavelength that fits best and the number of those tried; of equal ones the shortest."""
+def search_wavelength(patches: list[Patch], n_harmonics: int) -> tuple[float, int, float]:
+    """Return the longest wavelength that fits best, the number of those tried and their step [1/m].
+
+    Of equal ones the shortest.
+    """
     spans = [float(np.ptp(p.ranges)) for p in patches]
     step = 1.0 / (4.0 * n_harmonics * max(spans))
     tried = 1.0 / np.arange(1.0 / SHORTEST, 1.0 / min(LONGEST, max(spans)) - step, -step)
     few = [_thin_patch(p) for p in patches]
     gains = np.array([_gain(few, w / np.arange(1, n_harmonics + 1)) for w in tried])
     best = int(np.flatnonzero(gains >= 0.98 * gains.max())[0])
-    around = 1.0 / (1.0 / tried[best] + step * np.linspace(-1.0, 1.0, 21))
+    around = 1.0 / (1.0 / tried[best] + step * np.linspace(-1.0, 1.0, 2 * N_FINE + 1))
     fine = [_gain(few, w / np.arange(1, n_harmonics + 1)) for w in around]
-    return float(around[int(np.argmax(fine))]), len(tried)
+    return float(around[int(np.argmax(fine))]), len(tried), step
 
 
 def _thin_patch(patch: Patch) -> Patch:

@@ -114,6 +114,22 @@ def test_the_wavelength_is_found_where_no_preset_gives_it(rng):
     assert np.allclose(found.amplitudes, TRUE, atol=0.05e-3)
 
 
+def test_what_is_stated_of_the_waves_holds_that_their_length_was_found(rng):
+    """With the length taken for known the mean square of errors over sigma is 8, and phases err by four of theirs."""
+    misfits = []
+    true = np.concatenate([TRUE * np.cos(FARO.cyclic_phases), TRUE * np.sin(FARO.cyclic_phases)])
+    for _ in range(8):
+        found = calibrate_range(scan_room(rng))
+        turn = np.block([[np.diag(np.cos(found.phases)), np.diag(-found.amplitudes * np.sin(found.phases))],
+                         [np.diag(np.sin(found.phases)), np.diag(found.amplitudes * np.cos(found.phases))]])  # fmt: skip
+        error = (
+            np.concatenate([found.amplitudes * np.cos(found.phases), found.amplitudes * np.sin(found.phases)]) - true
+        )
+        misfits.append(error @ np.linalg.solve(turn @ found.covariance @ turn.T, error) / 8)
+        assert found.wavelengths[0] == pytest.approx(0.6, abs=7e-4)
+    assert 0.6 < np.mean(misfits) < 1.5  # the root of 2 / 64 is 0.18
+
+
 def test_points_are_moved_along_their_beams_by_the_error_at_the_true_range(rng):
     beams = rng.normal(size=(500, 3))
     beams /= np.linalg.norm(beams, axis=1)[:, None]
