@@ -120,11 +120,11 @@ def test_what_is_stated_of_the_waves_holds_that_their_length_was_found(rng):
     true = np.concatenate([TRUE * np.cos(FARO.cyclic_phases), TRUE * np.sin(FARO.cyclic_phases)])
     for _ in range(8):
         found = calibrate_range(scan_room(rng))
-        turn = np.block([[np.diag(np.cos(found.phases)), np.diag(-found.amplitudes * np.sin(found.phases))],
-                         [np.diag(np.sin(found.phases)), np.diag(found.amplitudes * np.cos(found.phases))]])  # fmt: skip
-        error = (
-            np.concatenate([found.amplitudes * np.cos(found.phases), found.amplitudes * np.sin(found.phases)]) - true
+        sines, cosines, sizes = np.sin(found.phases), np.cos(found.phases), found.amplitudes
+        turn = np.block(
+            [[np.diag(cosines), np.diag(-sizes * sines)], [np.diag(sines), np.diag(sizes * cosines)]],
         )
+        error = np.concatenate([sizes * cosines, sizes * sines]) - true
         misfits.append(error @ np.linalg.solve(turn @ found.covariance @ turn.T, error) / 8)
         assert found.wavelengths[0] == pytest.approx(0.6, abs=7e-4)
     assert 0.6 < np.mean(misfits) < 1.5  # the root of 2 / 64 is 0.18
