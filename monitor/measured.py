@@ -70,7 +70,7 @@ def measured_points(place: Place) -> Floats | None:
     if len(motions) != len(steps):
         return cloud.points
     calibrations = [_calibration_used(place, step) for step in steps]
-    pieces = (piece for scan in raw_scans(place, steps, motions, calibrations, 0.0) for piece in scan.pieces)
+    pieces = (piece for scan in raw_scans(place, steps, motions, calibrations, np.nan) for piece in scan.pieces)
     return join_evenly(pieces, MOST_POINTS)
 
 

@@ -210,7 +210,7 @@ def refine_length(patches: list[Patch], wavelengths: Floats, farthest: float) ->
 def _step_of_length(patches: list[Patch], adjusted: Adjustment) -> tuple[float, float, Floats]:
     """Return by how much [1/m] one over the length should move, its sigma, and the covariance of the coefficients.
 
-    Infinite and the covariance for the length as it is, where nothing varies with it.
+    Where nothing varies with it, its sigma is infinite and the covariance that of waves whose length is known.
     """
     weights = [_biweights(r) for r in adjusted.residuals]
     about = adjusted.wavelengths, adjusted.coefficients

@@ -17,7 +17,7 @@ from monitor.declare import check_settings, setting
 from monitor.filtering.facing import same_facing
 from monitor.filtering.nearest import PointIndex, build_index, find_nearest_sorted
 from monitor.filtering.neighbourhoods import NeighbourhoodModel, find_sizes, model_noise
-from monitor.filtering.tangents import fit_tangents
+from monitor.filtering.tangents import COLUMNS, fit_tangents
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints
 
@@ -25,12 +25,10 @@ N_SIZES = 14
 LEAST_SIZE = 10
 WIDER = 3  # times as many are looked at in a sample where those that look away are left out
 BAND = 3.0  # sigmas of the noise that a neighbourhood's radius must exceed for its normal to mean something
-THIN = (
-    5.5  # sigmas of the noise in the radius of the largest: below, it cuts the band of noise so much that it hides it
-)
+THIN = 5.5  # sigmas of the noise in the radius of the largest; a narrower one cuts off so much that noise seems less
 MOST_STRIDE = 256  # noise of 16 spacings
 LEAST_SHARE = 4  # times as many points as the largest neighbourhood has that a stride must leave
-RADIUS, LAMBDA3 = 10, 5  # in `tangents.COLUMNS`
+RADIUS, LAMBDA3 = COLUMNS.index("radius"), COLUMNS.index("lambda3")
 
 
 @dataclass(frozen=True, kw_only=True)
