@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 from numba import jit
 
+from monitor.apart import stand_apart
 from monitor.comparison.blocks import blocks
 from monitor.comparison.connected import connect_like
 from monitor.comparison.level_of_detection import Z95, level_of_detection
@@ -45,6 +46,8 @@ from projects.model import Bools, Floats, Ints, Registration
 Both = tuple[Patches, Patches]  # of the reference and the compared side
 
 SUSPECT = 1e-3  # p value up to which a patch does not teach the noise, significant or not
+BESIDE = 3.0  # sigmas: what lies within them belongs to the rest
+BESIDE_WIDE = 0.25  # of what is assessed, at least: the majority less what patches at the border of the rest hold
 N_ROUNDS = 2  # of learning from what the last test left unchanged
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
 
@@ -121,7 +124,7 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     teaches_all = False
     for _ in range(N_ROUNDS):
         rest = away_from_both(sides, test)
-        if sum(int(r.sum()) for r in rest) > 0.5 * sum(int(s.is_assessed.sum()) for s in sides):
+        if can_teach(rest, sides, test):
             calm, noise = rest, learn_noise(sides, rest, 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, registration, layout)
             test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, calm_errors))
@@ -190,8 +193,35 @@ def away_from_both(sides: tuple[Side, Side], test: Tested) -> Masks:
 
 def away_from(side: Side, test: Tested, which: int) -> Bools:
     """Return which assessed vertices lie neither in a significant or suspect unit nor in one that touches it."""
-    hit = np.minimum(test.p_gained[which], test.p_lost[which]) <= max(test.limit, SUSPECT)
-    return np.asarray(_lie_away(test.units[which].number, hit, side.neighbours))
+    return np.asarray(_lie_away(test.units[which].number, is_hit(test, which), side.neighbours))
+
+
+def can_teach(rest: Masks, sides: tuple[Side, Side], test: Tested) -> bool:
+    """Return whether what lies away from all that is significant or suspect may tell the noise: it is the majority, or,
+    beside a wide change, what is significant by itself is the minority and enough lies away from all patches that are.
+    """
+    n_rest, n_assessed = (sum(int(m.sum()) for m in masks) for masks in (rest, [s.is_assessed for s in sides]))
+    if not any(lie_apart(test, k).any() for k in range(2)):
+        return n_rest > 0.5 * n_assessed
+    alone = [u.areas[p[:, 0] <= max(test.limit, SUSPECT)].sum() for u, p in zip(test.units, test.p_values, strict=True)]
+    return bool(sum(alone) < 0.5 * sum(u.areas.sum() for u in test.units) and n_rest > BESIDE_WIDE * n_assessed)
+
+
+def is_hit(test: Tested, which: int) -> Bools:
+    """Return which units (u,) of a side are significant, suspect, or part of a wide change."""
+    p_values = np.minimum(test.p_gained[which], test.p_lost[which])
+    return (p_values <= max(test.limit, SUSPECT)) | lie_apart(test, which)
+
+
+def lie_apart(test: Tested, which: int) -> Bools:
+    """Return which units (u,) belong to a wide change: few lie between those beyond 3 sigma and the rest.
+
+    One by one they are suspect only beyond the tail that a first look allows for; they are a third of all, and as
+    errors would make the level so high that none of them is ever found.
+    """
+    units, errors = test.units[which], test.errors[0]
+    beyond = test.p_values[which][:, 0] <= errors.p_values(np.array([BESIDE * errors.scale]))
+    return stand_apart(units.means, units.areas, ~beyond)
 
 
 @jit(nopython=True, cache=True, nogil=True)

@@ -2,77 +2,34 @@
 
 In: pairs and their residuals at a pose near the solution. Out: the motion of the majority and which patches follow
 it. The start is a least median over many small sets of patches, so that nearly half of the surface may have changed,
-even all to one side; then patches are kept or dropped and the motion estimated again until nothing changes.
+even all to one side; then patches are kept or dropped and the motion estimated again until nothing changes. A layer
+taken off a third of an object, of a few sigmas, would so be shared out between the motion and a scale that grows until
+it holds both: the search is made from the other side too, and what stands apart in it has changed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
+from scipy.stats import norm
 
+from monitor.apart import stand_apart
 from monitor.registration.matching import Matches
-from monitor.registration.sampling import motion_rows
+from monitor.registration.patch_sums import Patches, solve_patches, sum_patches
+from monitor.registration.trial_motions import PART, fit_least_part, leaves_least_median, try_motions
 from monitor.registration.weights import residual_sigma, robust_scale, rounding_of, weighted_median
 from projects.model import Bools, Floats, Ints
 
-N_TRIALS = 600
-N_PATCHES_PER_TRIAL = 8  # 0.6**8 = 1.7 %: ten of 600 trials are free of change where 40 % of the surface changed
 KEEP_SIGMAS = 3.0
 KEEP_SCATTER = 2.5  # a patch that scatters so many times more than the others has changed without moving as a whole
 N_ROUNDS = 20
 N_HALVINGS = 20
+WIDER = 1.5  # times: so much more do patches scatter about a motion where what changed is shared out to all
+OF_PART = float(norm.ppf(0.5 + 0.5 * PART))  # of normal errors, sigmas: so many lie within
 MEAN_OF_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 LEAST_SCATTER = 0.5 * MEAN_OF_ABSOLUTE  # usual of patches; they have less only where nothing but rounding is left
 DOUBTFUL = 3.0  # times what is stated of patches: so far off each other, what is taken for stable moved
-
-
-@dataclass(frozen=True)
-class Patches:
-    """Sums over the pairs of each patch: count, mean residual [m], mean row, normal equations, the variance `shared2`
-    [m2] that the two surfaces state for whole neighbourhoods there, that of the mean by the noise of points, `noise2`
-    [m2], and the mean absolute deviation from the mean over what such points have elsewhere, `scatter`."""
-
-    count: Floats
-    mean: Floats
-    row: Floats
-    information: Floats
-    right: Floats
-    member: Ints
-    shared2: Floats
-    noise2: Floats
-    scatter: Floats
-
-
-def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
-    """Return the sums of each patch; `numbers` (n pairs) are patch numbers."""
-    _, member = np.unique(numbers, return_inverse=True)
-    n = int(member.max()) + 1
-    rows = motion_rows(matches.points, matches.normals, centre)
-    count = np.bincount(member, minlength=n).astype(float)
-
-    def total(values: Floats) -> Floats:
-        return np.stack([np.bincount(member, column, n) for column in values.T], axis=1)
-
-    mean = np.bincount(member, matches.residuals, n) / count
-    # by deviations within patches alone, in which no motion of a patch is
-    deviation = (matches.residuals - mean[member]) * np.sqrt(count / np.maximum(count - 1.0, 1.0))[member]
-    sigma = residual_sigma(deviation, matches.causes, count[member] > 1, rounding_of(matches.points))
-    weighted = rows / sigma[:, None] ** 2
-    one, other = np.triu_indices(6)
-    information = np.empty((n, 6, 6))
-    information[:, one, other] = information[:, other, one] = total(weighted[:, one] * rows[:, other])
-    return Patches(
-        count=count,
-        mean=mean,
-        row=total(rows) / count[:, None],
-        information=information,
-        right=-total(weighted * matches.residuals[:, None]),
-        member=member,
-        shared2=np.bincount(member, matches.shared**2, n) / count,
-        noise2=np.bincount(member, sigma**2, n) / count**2,
-        scatter=np.bincount(member, np.abs(deviation) / sigma, n) / count,
-    )
 
 
 def find_stable(
@@ -81,14 +38,70 @@ def find_stable(
     """Return the motion (6,) of the majority about `centre` and, for each pair, whether its patch follows it and by
     what factor its patch's variance exceeds that of independent noise (`share_noise`)."""
     patches = sum_patches(matches, numbers, centre)
-    motion = start_motion(patches, rng)
+    trials = try_motions(patches, rng)
+
+    def scatter(way: Floats, which: Bools) -> float:
+        return robust_scale((patches.mean + patches.row @ way)[which])
+
+    motion, keep = settle(patches, leaves_least_median(patches, trials), grow)
+    narrow, near = settle_narrow(patches, fit_least_part(patches, trials))
+    if lie_apart(patches, narrow, near).any() and scatter(motion, keep) > WIDER * scatter(narrow, near):
+        motion, keep = narrow, near  # the wider scale takes for errors what stands apart in the narrower
+    return motion, keep[patches.member], share_noise(patches, motion, keep)[patches.member]
+
+
+def settle(patches: Patches, motion: Floats, choose: Callable[[Patches, Floats, Bools], Bools]) -> tuple[Floats, Bools]:
+    """Return the motion (6,) that the patches ask for which follow it, and which these are; `choose` says which follow
+    a motion, from those that followed the last one (none at first)."""
     keep = np.zeros(len(patches.count), dtype=bool)
     for _ in range(N_ROUNDS):
-        previous, keep = keep, follows(patches, motion, keep)
+        previous, keep = keep, choose(patches, motion, keep)
         if np.array_equal(previous, keep):
             break
         motion = solve_patches(patches, keep)
-    return motion, keep[patches.member], share_noise(patches, motion, keep)[patches.member]
+    return motion, keep
+
+
+def settle_narrow(patches: Patches, starts: Floats) -> tuple[Floats, Bools]:
+    """Return the motion (6,) that most patches follow by the least scale of those settled from `starts` (k, 6), and
+    which do: a wider scale holds more of what no one motion explains."""
+    settled = [settle(patches, start, shrink) for start in starts]
+    left = np.abs(np.array([patches.mean + patches.row @ motion for motion, _ in settled]))
+    scale = min(robust_scale(of[near]) for of, (_, near) in zip(left, settled, strict=True))
+    return settled[int(np.argmax((left <= KEEP_SIGMAS * scale) @ patches.count))]
+
+
+def grow(patches: Patches, motion: Floats, keep: Bools) -> Bools:
+    """Return which patches follow a motion by the scale of those that did before, at first of the better half, or by
+    what their scans disagree by."""
+    left = np.abs(patches.mean + patches.row @ motion)
+    return follows(patches, motion, keep if keep.any() else left <= weighted_median(left, patches.count),
+                   patches.shared2)  # fmt: skip
+
+
+def shrink(patches: Patches, motion: Floats, _last: Bools) -> Bools:
+    """Return which patches follow a motion by the scale of themselves, found from above: as wide as the better third
+    makes normal errors of all, then without those beyond it."""
+    left = np.abs(patches.mean + patches.row @ motion)
+    keep: Bools = left <= KEEP_SIGMAS * float(np.quantile(left, PART)) / OF_PART
+    for _ in range(N_ROUNDS):
+        following = follows(patches, motion, keep, 0.0)
+        if not following.any() or np.array_equal(following, keep):
+            return following
+        keep = following
+    return keep
+
+
+def lie_apart(patches: Patches, motion: Floats, near: Bools) -> Bools:
+    """Return which patches lie in a group beside those that follow a motion, by more than scans disagree by."""
+    left = patches.mean + patches.row @ motion
+    apart = stand_apart(left, patches.count, near)
+    if not apart.any():
+        return apart
+    common2 = common_variance(left[near], patches.noise2[near])
+    sigma = np.sqrt(patches.noise2 + np.maximum(common2, patches.shared2))
+    is_beyond = np.median(np.abs(left[apart]) / sigma[apart]) > KEEP_SIGMAS
+    return apart & is_beyond
 
 
 def share_noise(patches: Patches, motion: Floats, keep: Bools) -> Floats:
@@ -104,52 +117,20 @@ def share_noise(patches: Patches, motion: Floats, keep: Bools) -> Floats:
     return np.maximum(residual_sigma(ratio, (patches.noise2 * patches.count,), keep), 1.0) ** 2
 
 
-def solve_patches(patches: Patches, keep: Bools) -> Floats:
-    """Return the motion (6,) that the kept patches ask for."""
-    information, right = patches.information[keep].sum(axis=0), patches.right[keep].sum(axis=0)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return scale * (np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-8, hermitian=True) @ (scale * right))
-
-
-def start_motion(patches: Patches, rng: np.random.Generator) -> Floats:
-    """Return the motion, of many from few patches each and of none, that leaves the least median residual."""
-    n = len(patches.count)
-    size = min(N_PATCHES_PER_TRIAL, n)
-    probability = patches.count / patches.count.sum()
-    picks = rng.choice(n, size=(N_TRIALS, size), p=probability)
-    information = patches.information[picks].sum(axis=1)
-    right = patches.right[picks].sum(axis=1)
-    scale = 1.0 / np.sqrt(np.maximum(np.einsum("nii->ni", information), 1e-300))
-    inverse = np.linalg.pinv(information * scale[:, :, None] * scale[:, None, :], rcond=1e-6, hermitian=True)
-    trials = scale * np.einsum("nij,nj->ni", inverse, scale * right)
-    trials = np.vstack([np.zeros(6), trials])
-    left = np.abs(patches.mean + trials @ patches.row.T)
-    return trials[least_median(left, patches.count)]
-
-
-def least_median(values: Floats, weights: Floats) -> int:
-    """Return the number of the row (m, n) whose value at half of the weights is least, the first of equal ones."""
-    best, least, half = 0, weighted_median(values[0], weights), 0.5 * weights.sum()
-    for number in range(1, len(values)):  # sorted only where half of the weights lie below the least so far
-        if weights @ (values[number] < least) >= half:
-            best, least = number, weighted_median(values[number], weights)
-    return best
-
-
-def follows(patches: Patches, motion: Floats, keep: Bools) -> Bools:
-    """Return which patches' mean residual and scatter are explained by noise once `motion` is applied.
+def follows(patches: Patches, motion: Floats, among: Bools, least2: Floats | float) -> Bools:
+    """Return which patches' mean residual and scatter are explained by noise as of those `among` them, once `motion` is
+    applied.
 
     A patch that is off by no more than what its epochs' scans disagree by has not been seen to move; without it the
     motion would be that of one side, and the other side twice as far off.
     """
     left = patches.mean + patches.row @ motion
-    among = keep if keep.any() else np.abs(left) <= weighted_median(np.abs(left), patches.count)
     # what patches scatter beyond the noise of their points: correlated errors of the surface, common to a patch
     common2 = common_variance(left[among], patches.noise2[among])
     usual = max(float(np.median(patches.scatter[among])), LEAST_SCATTER)
     stated = MEAN_OF_ABSOLUTE * np.sqrt(patches.shared2 / (patches.noise2 * patches.count))
     quiet = patches.scatter < KEEP_SCATTER * np.hypot(usual, stated)
-    sigma = np.sqrt(patches.noise2 + np.maximum(common2, patches.shared2))
+    sigma = np.sqrt(patches.noise2 + np.maximum(common2, least2))
     return (np.abs(left) <= KEEP_SIGMAS * sigma + 1e-12) & quiet
 
 

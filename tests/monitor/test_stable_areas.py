@@ -11,7 +11,8 @@ from monitor.registration import register
 from monitor.registration.degeneracy import describe
 from monitor.registration.matching import Matches
 from monitor.registration.patches import cut_patches
-from monitor.registration.stable_areas import doubt_stable, find_stable, least_median, weighted_median
+from monitor.registration.stable_areas import doubt_stable, find_stable, weighted_median
+from monitor.registration.trial_motions import least_median
 from monitor.registration.weights import huber_weights, residual_sigma, tukey_slope, tukey_weights
 from projects.model import Bools, Floats, Ints, Surface
 

@@ -1,0 +1,95 @@
+"""A layer taken off a large part of an object: neither shared out by the motion nor taken for the noise of all."""
+
+import numpy as np
+import pytest
+import trimesh
+from bumpy_body import correlated_noise
+
+from monitor.apart import stand_apart
+from monitor.comparison import compare
+from monitor.registration import register
+from projects.model import Floats, Surface
+from projects.transforms import apply
+
+SHARED = 1.5e-4  # m, stated of what the scans of each epoch disagree by
+NOISE, REACH = 8e-5, 0.03  # m
+
+
+def make_body(rng: np.random.Generator, turn: float, layer: float, above: float) -> Surface:
+    """Return a closed body 0.3 m wide with errors that agree over 3 cm, `layer` (m) less where a direction's height is
+    `above` that."""
+    mesh = trimesh.creation.icosphere(subdivisions=5)
+    d = mesh.vertices @ trimesh.transformations.rotation_matrix(turn, [0.3, 0.5, 0.8])[:3, :3].T
+    shape = np.random.default_rng(5)
+    waves, phases = 4.0 * shape.normal(size=(12, 3)), shape.uniform(0, 6.28, 12)
+    radius = 0.13 * np.linalg.norm(d * [1.0, 0.8, 1.2], axis=1) + 0.004 * np.cos(d @ waves.T + phases).sum(1)
+    points = d * radius[:, None]
+    normals = trimesh.Trimesh(points, mesh.faces, process=False).vertex_normals
+    lift = correlated_noise(points, rng, NOISE, REACH) + rng.normal(0, NOISE, len(d)) - layer * (d[:, 2] > above)
+    n = len(points)
+    return Surface(points + normals * lift[:, None], mesh.faces.astype(np.int32), sigma=np.full(n, 1.5 * NOISE),
+                   sigma_shared=np.full(n, SHARED))  # fmt: skip
+
+
+def area_above(body: Surface, above: float) -> float:
+    """Return the share of the area of the faces whose directions are higher than that."""
+    mesh = trimesh.Trimesh(body.vertices, body.faces, process=False)
+    middle = mesh.triangles_center
+    return float(mesh.area_faces[middle[:, 2] > above * np.linalg.norm(middle, axis=1)].sum() / mesh.area)
+
+
+@pytest.mark.parametrize(("layer", "above"), [(0.0, 1 / 3), (0.0008, 1 / 3), (0.0015, 1 / 3), (0.0015, 0.2)])
+def test_a_layer_taken_off_a_large_part_moves_nothing(rng: np.random.Generator, layer: float, above: float) -> None:
+    """The motion took half of 0.8 mm off a third, and everything was held to be stable."""
+    before, after = make_body(rng, 0.0, 0.0, above), make_body(rng, 0.7, layer, above)
+    found = register(after, before)
+    assert found.converged
+    way = apply(found.T_target_source, before.vertices) - before.vertices
+    assert np.sqrt(np.mean(np.sum(way**2, axis=1))) < 1.5e-4
+    share = 1.0 - area_above(after, above) if layer else 1.0
+    assert found.stable_share == pytest.approx(share, abs=0.06)
+
+
+def test_a_layer_taken_off_a_third_is_one_region_and_not_the_level_of_all(rng: np.random.Generator) -> None:
+    """No region was found and the level was 1 mm, since the layer taught it; the wide noise then hid the layer."""
+    before, after = make_body(rng, 0.0, 0.0, 1 / 3), make_body(rng, 0.7, 0.001, 1 / 3)
+    result = compare(before, after)
+    assert len(result.regions) == 1
+    region = result.regions.iloc[0]
+    assert region["kind"] == "cleaned"
+    assert region["mean_m"] == pytest.approx(-0.001, abs=1e-4)
+    area = trimesh.Trimesh(after.vertices, after.faces, process=False).area * area_above(after, 1 / 3)
+    assert region["area_m2"] == pytest.approx(area, rel=0.05)
+    assert result.statistics["lod95_median_m"] < 4e-4
+
+
+def values_of(parts: list[tuple[float, float, int]], rng: np.random.Generator) -> Floats:
+    return np.concatenate([rng.normal(middle, sigma, n) for middle, sigma, n in parts])
+
+
+@pytest.mark.parametrize(
+    ("parts", "apart"),
+    [
+        ([(0.0, 1.0, 1000)], 0.0),
+        ([(0.0, 1.0, 700), (-5.0, 1.3, 300)], 0.3),
+        ([(0.0, 1.0, 700), (5.0, 1.3, 300)], 0.3),
+        ([(0.0, 1.0, 950), (-8.0, 1.0, 50)], 0.0),  # too few to move a scale
+        ([(0.0, 1.0, 600), (0.0, 5.0, 400)], 0.0),  # a tail
+        ([(0.0, 1.0, 600), (5.0, 0.3, 80), (9.0, 0.3, 80), (14.0, 0.3, 80), (19.0, 0.3, 80), (24.0, 0.3, 80)], 0.0),
+    ],
+)
+def test_a_group_stands_apart_where_few_lie_between(
+    rng: np.random.Generator, parts: list[tuple[float, float, int]], apart: float
+) -> None:
+    values = values_of(parts, rng)
+    found = stand_apart(values, np.ones(len(values)), np.abs(values) < 3.0)
+    assert found.mean() == pytest.approx(apart, abs=0.03)
+    assert not found.any() or abs(np.sum(np.sign(values[found]))) == np.count_nonzero(found)
+
+
+def test_values_count_by_their_weights(rng: np.random.Generator) -> None:
+    values = values_of([(0.0, 1.0, 900), (6.0, 1.0, 60)], rng)
+    weights = np.where(np.arange(len(values)) < 900, 1.0, 5.0)
+    near = np.abs(values) < 3.0
+    assert not stand_apart(values, np.ones(len(values)), near).any()
+    assert stand_apart(values, weights, near)[900:].all()
