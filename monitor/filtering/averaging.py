@@ -6,7 +6,6 @@ far these spread. The instrument's drift between the repeats is found against th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,6 +16,7 @@ from scipy.stats import chi2
 from monitor.declare import check_settings, setting
 from monitor.filtering.cells import Cells, gather_cells
 from monitor.filtering.drift import Drift, drift_at, estimate_drift
+from monitor.filtering.medians import median_known
 from monitor.filtering.soundness import without_zero_ranges
 from projects.model import Bools, Floats, Scan
 
@@ -25,6 +25,8 @@ BLOCK = 65_536  # cells averaged at once; a multiple of RUN
 CUT = 3.0  # sigmas of the noise around: farther from the median is not averaged
 SPLIT_SHARE = 0.2  # of the measurements on either side of a gap: a cell that saw two surfaces
 PRIOR = 10.0  # few measurements say little of their spread: the noise around counts as the spread of ten more
+FINEST = 1e-6  # m: no instrument has less noise, and nothing finer is a reason to leave a range out
+MOST_ALIKE = 3.0  # times what neighbours' steps tell: by more, scans differ along a whole run, and that is no noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +76,8 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
     Ranges are averaged cell by cell along the mean direction of the cell: by row and column where the scans are grids
     that name the same directions, else by nearest direction. Of a cell's ranges those within three sigmas of their
     median are averaged, sigma being the noise of the cells around. A cell whose ranges fall apart into two groups with
-    a gap that noise does not have saw two surfaces (mixed pixel) and is left out.
+    a gap that noise does not have saw two surfaces (mixed pixel) and is left out, and so is one of whose ranges no
+    majority agrees: of two repeats, through one of which somebody walked, neither is believed.
 
     Parameters
     ----------
@@ -120,57 +123,83 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
 
 def _average_all(cells: Cells, drift: Drift) -> _Averages:
     """Average all cells block by block."""
-    parts = []
+    parts, is_levelled = [], bool(np.isfinite(drift.sigma_range).any())
     for first in range(0, cells.ranges.shape[1], BLOCK):
         block = slice(first, first + BLOCK)
         ranges = cells.ranges[:, block] - drift_at(drift, cells.directions[block], cells.ranges[:, block])
-        parts.append(average_ranges(ranges))
+        parts.append(average_ranges(ranges, is_levelled))
     names = ("ranges", "n_kept", "spread", "is_split")
     return _Averages(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
-def average_ranges(ranges: Floats) -> _Averages:
-    """Average ranges (k, m) [m] of k scans over m cells in the order of neighbours; NaN where a scan has none."""
+def average_ranges(ranges: Floats, is_levelled: bool = True) -> _Averages:
+    """Average ranges (k, m) [m] of k scans over m cells in the order of neighbours; NaN where a scan has none.
+
+    `is_levelled`: the scans' offsets are known; where not, what they differ by is counted with the noise.
+    """
+    noise, is_alike = noise_around(ranges, MOST_ALIKE if is_levelled else np.inf)
     ordered = np.sort(ranges, axis=0)  # NaN last
     n = np.isfinite(ordered).sum(axis=0)
-    noise = noise_around(ordered, n)
-    column = np.arange(len(n))
-    median = 0.5 * (ordered[np.maximum(n - 1, 0) // 2, column] + ordered[n // 2, column])
-    with np.errstate(invalid="ignore"):  # where the noise is not known, what there is is kept
-        keep = np.isfinite(ordered) & ~(np.abs(ordered - median) > CUT * noise)
+    keep = _near_median(ordered, noise)
+    if not is_alike.all():  # what stood there in one scan alone is no part of the noise
+        of_kept, _ = noise_around(np.where(_near_median(ranges, noise), ranges, np.nan), MOST_ALIKE)
+        noise = np.where(is_alike, noise, np.fmin(of_kept, noise))
+        keep = _near_median(ordered, noise)
+    keep &= 2 * keep.sum(axis=0) > n
     n_kept = keep.sum(axis=0)
-    mean = np.where(keep, ordered - median, 0.0).sum(axis=0) / np.maximum(n_kept, 1) + median
+    middle = median_known(ordered, axis=0)
+    mean = np.where(keep, ordered - middle, 0.0).sum(axis=0) / np.maximum(n_kept, 1) + middle
     own2 = np.where(keep, (ordered - mean) ** 2, 0.0).sum(axis=0)
     spread = np.sqrt((own2 + PRIOR * noise**2) / (np.maximum(n_kept - 1, 0) + PRIOR))
     return _Averages(mean, n_kept.astype(float), spread, _splits(ordered, n, noise))
 
 
-def noise_around(ordered: Floats, n: Floats) -> Floats:
-    """Return the noise (m,) [m] around each cell: the median of the variances of the cells of its run.
+def _near_median(ranges: Floats, noise: Floats) -> Bools:
+    """Return which ranges (k, m) lie within `CUT` of the noise (m,) of their cell's median.
+
+    Where the noise is not known, what there is does.
+    """
+    with np.errstate(invalid="ignore"):
+        return np.isfinite(ranges) & ~(np.abs(ranges - median_known(ranges, axis=0)) > CUT * noise)
+
+
+def noise_around(ranges: Floats, most_alike: float) -> tuple[Floats, Bools]:
+    """Return the noise (m,) [m] around each cell, and whether scans differ there as noise does.
+
+    The noise is the median of the variances of the cells of a run, and at most `most_alike` times what the steps from
+    each cell to the next tell, by how they differ from scan to scan: whoever stands before a wall in one of the scans
+    puts all cells of a run off the others', and hardly changes the steps among them. A run without two ranges in any
+    cell has the noise of all others, NaN where no run has any.
+    """
+    direct2 = _by_run(_variances(ranges))
+    steps2 = _by_run(np.append(0.5 * _variances(np.diff(ranges, axis=1)), np.nan))
+    with np.errstate(invalid="ignore"):
+        is_alike = ~(direct2 > most_alike**2 * steps2)
+    variance = np.where(is_alike, direct2, most_alike**2 * steps2)
+    variance = np.where(np.isfinite(variance), variance, median_known(variance))
+    return np.sqrt(np.maximum(variance, FINEST**2)), is_alike
+
+
+def _variances(values: Floats) -> Floats:
+    """Return the variance (m,) of the known values (k, m), NaN of one, so that its median is that of the noise.
 
     The median of variances of n normal values is the noise variance times the median of chi-square over its degrees
-    of freedom. A run without two ranges in any cell has the noise of all others, NaN where no run has any.
+    of freedom.
     """
+    n = np.isfinite(values).sum(axis=0)
     degrees = np.maximum(n - 1, 1)
     with np.errstate(invalid="ignore"):
-        mean = np.nansum(ordered, axis=0) / np.maximum(n, 1)
-        variance = np.nansum((ordered - mean) ** 2, axis=0) / degrees
-    variance = np.where(n > 1, variance * degrees / chi2.ppf(0.5, degrees), np.nan)
-    n_runs = -(-len(n) // RUN)
+        mean = np.nansum(values, axis=0) / np.maximum(n, 1)
+        left2 = np.nansum((values - mean) ** 2, axis=0)
+    return np.where(n > 1, left2 / chi2.ppf(0.5, degrees), np.nan)
+
+
+def _by_run(variances: Floats) -> Floats:
+    """Return the median (m,) of the known variances (m,) of each cell's run."""
+    n_runs = -(-len(variances) // RUN)
     padded = np.full(n_runs * RUN, np.nan)
-    padded[: len(n)] = variance
-    with np.errstate(all="ignore"):
-        runs = _nan_median(padded.reshape(n_runs, RUN))
-    everywhere = float(np.median(variance[n > 1])) if (n > 1).any() else math.nan
-    runs = np.where(np.isfinite(runs), runs, everywhere)
-    return np.sqrt(np.maximum(np.repeat(runs, RUN)[: len(n)], 1e-18))
-
-
-def _nan_median(values: Floats) -> Floats:
-    """Return the median (r,) of each row's known values, NaN where there is none."""
-    ordered = np.sort(values, axis=1)
-    n, row = np.isfinite(ordered).sum(axis=1), np.arange(len(values))
-    return 0.5 * (ordered[row, np.maximum(n - 1, 0) // 2] + ordered[row, n // 2])
+    padded[: len(variances)] = variances
+    return np.repeat(median_known(padded.reshape(n_runs, RUN), axis=1), RUN)[: len(variances)]
 
 
 def _splits(ordered: Floats, n: Floats, noise: Floats) -> Bools:

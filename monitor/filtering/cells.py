@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.filtering.medians import median_known
 from monitor.filtering.nearest import canonical_order
 from monitor.filtering.soundness import require_scan
 from projects.errors import ParameterError
@@ -162,19 +163,13 @@ def _names_same_directions(cell_of: list[Ints], beams: list[Floats], known: Ints
     beside = np.diff(known) == 1
     if not beside.any():
         return True
-    step = _median_known(np.linalg.norm(np.diff(table, axis=0)[beside], axis=1))
+    step = median_known(np.linalg.norm(np.diff(table, axis=0)[beside], axis=1))
     for cell, beam in zip(cell_of[1:], beams[1:], strict=True):
         found = cell >= 0
         apart = np.linalg.norm(table[cell[found]] - _unit(beam[found]), axis=1)
-        if len(apart) and not _median_known(apart) < 0.5 * step:
+        if len(apart) and not median_known(apart) < 0.5 * step:
             return False
     return True
-
-
-def _median_known(values: Floats) -> float:
-    """Return the median of the values that are known, NaN of none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _unit(vectors: Floats) -> Floats:

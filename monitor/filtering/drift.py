@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from projects.model import Bools, Floats
+from monitor.filtering.medians import median_known
+from monitor.filtering.runs import RUN, Runs, choose_cells, fit_runs, without_strangers
+from projects.model import Floats
 
-RUN = 16  # neighbouring cells to which a plane is fitted: slope of the range over both angles
-MOST_RUNS = 20_000
-FEWEST_RUNS = 30
-TOO_ROUGH = 3.0  # times the noise of the mean: a run over a jump or a crest has no slope
+FEWEST_RUNS = 30  # that a scan must have measured
+N_ROUNDS = 2  # first guesses at the ranges, so that a cell that some scans lack has the mean of all of them
 CUT = 4.0  # robust sigmas beyond which a run says nothing of drift
 
 
@@ -25,7 +25,8 @@ CUT = 4.0  # robust sigmas beyond which a run says nothing of drift
 class Drift:
     """By how much each of k scans is off the mean of all: positive range reads longer [m, rad].
 
-    Sigmas are of what is told, the difference from a mean that each scan has a part in: these sum to nothing.
+    Sigmas are of what is told, the difference from a mean that each scan has a part in: these sum to nothing. They are
+    NaN, and what they belong to 0, where a scan has measured too little to tell, and of angles where no slope does.
     `azimuth` and `elevation` are true minus recorded. `p_range` and `p_angles`: how often chance alone gives as much.
     `rate` [m per scan] is the trend of the range. What was not significant is not removed.
     """
@@ -57,10 +58,12 @@ class Drift:
 def estimate_drift(ranges: Floats, directions: Floats, significance: float) -> Drift:
     """Find the drift of each scan against the common mean.
 
-    Where all scans measured, the difference from the mean range in a run of neighbouring cells is
-    o + g_az a + g_el e with the slopes g of the mean range over azimuth and elevation: an angle that is off moves the
-    beam over the surface. Slopes have errors of their own, whose expectation is taken off the normal equations. Runs
-    over a jump have no slope and are left out; the rest are weighted alike, outliers cut at four robust sigmas.
+    The difference from the mean range in a run of neighbouring cells is o + g_az a + g_el e with the slopes g of the
+    mean range over azimuth and elevation: an angle that is off moves the beam over the surface. Slopes have errors of
+    their own, whose expectation is taken off the normal equations. Runs over a jump have no slope and are left out; the
+    rest are weighted alike, outliers cut at four robust sigmas. Where hardly any run is smooth, a coarse scan of an
+    ornament, all of them tell the offsets, and nothing the angles. What some scans lack, or saw something else in front
+    of, is told by the others.
 
     Parameters
     ----------
@@ -69,78 +72,80 @@ def estimate_drift(ranges: Floats, directions: Floats, significance: float) -> D
     """
     n_scans = len(ranges)
     nothing, unknown = np.zeros(n_scans), np.full(n_scans, np.nan)
-    runs = _slopes(ranges, directions, MOST_RUNS)
-    usable = np.flatnonzero(runs.is_smooth)
-    if n_scans < 2 or len(usable) < FEWEST_RUNS:
+    cells = choose_cells(ranges.shape[1])
+    ranges, directions = without_strangers(ranges[:, cells]), directions[cells]
+    told = np.flatnonzero(fit_runs(ranges, directions).n_known() >= FEWEST_RUNS)
+    if len(told) < 2:
         return Drift(nothing, unknown, nothing, nothing, unknown, unknown, 1.0, 1.0, np.nan, np.nan, False, False)
-    excess, slopes, error = runs.excess[:, usable], runs.slopes[usable], runs.slope_covariance[usable]
-    alone, full = (_fit_all(excess, slopes[:, :n], error[:, :n, :n]) for n in (0, 2))
-    p_range = _chance(alone[0], alone[1])
-    p_angles = _chance(full[0][:, 1:], full[1][:, 1:, 1:])
+    alone, full = _fit_offsets(ranges[told], directions)
+    p_range, p_angles = _chance(alone[0], alone[1]), _chance(full[0][:, 1:], full[1][:, 1:, 1:])
     removes_angles = p_angles < significance
     found, covariance = full if removes_angles else alone
-    shift, sigma = found[:, 0], np.sqrt(covariance[:, 0, 0])
-    azimuth, elevation = full[0][:, 1], full[0][:, 2]
-    sigma_azimuth, sigma_elevation = (np.sqrt(full[1][:, axis, axis]) for axis in (1, 2))
-    rate, sigma_rate = _trend(shift, sigma**2)
+    values = np.column_stack([found[:, 0], full[0][:, 1:]])
+    sigmas = np.sqrt(np.column_stack([covariance[:, 0, 0], full[1][:, 1, 1], full[1][:, 2, 2]]))
+    drift, sigma = np.zeros((3, n_scans)), np.full((3, n_scans), np.nan)
+    drift[:, told], sigma[:, told] = values.T, sigmas.T
+    rate, sigma_rate = _trend(found[:, 0], covariance[:, 0, 0], told.astype(float))
     return Drift(
-        shift, sigma, azimuth, elevation, sigma_azimuth, sigma_elevation, p_range, p_angles, rate, sigma_rate,
+        drift[0], sigma[0], drift[1], drift[2], sigma[1], sigma[2], p_range, p_angles, rate, sigma_rate,
         p_range < significance or removes_angles, removes_angles,
     )  # fmt: skip
 
 
+def _fit_offsets(ranges: Floats, directions: Floats) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """Return what (k, p) scans are off by, with covariances (k, p, p): in range alone, and in range and both angles.
+
+    The angles are 0 and not known where hardly any run is smooth.
+    """
+    guess = _guess_offsets(ranges, directions)
+    runs = fit_runs(ranges - guess[:, None], directions)
+    smooth = runs.take(runs.is_smooth)
+    is_sloped = bool(smooth.n_known().min() >= FEWEST_RUNS)
+    alone = _fit_all(smooth if is_sloped else runs, 0)
+    none = np.zeros((len(ranges), 3)), np.full((len(ranges), 3, 3), np.nan)
+    full = _fit_all(smooth, 2) if is_sloped else none
+    for found, _ in (alone, full):
+        found[:, 0] += guess
+    return alone, full
+
+
+def _guess_offsets(ranges: Floats, directions: Floats) -> Floats:
+    """Return about how far (k,) [m] the scans are off the mean of all, whichever cells each of them lacks."""
+    guess = np.zeros(len(ranges))
+    for _ in range(N_ROUNDS if np.isnan(ranges).any() else 0):
+        guess += np.nan_to_num(median_known(fit_runs(ranges - guess[:, None], directions).excess, axis=1))
+        guess -= guess.mean()
+    return guess
+
+
 def drift_at(drift: Drift, directions: Floats, ranges: Floats) -> Floats:
-    """Return by how much each range (k, m) [m] is too long; cells without a slope get the offset of their scan only."""
-    shift = np.zeros(ranges.shape) if not drift.removes_range else np.tile(drift.range[:, None], (1, ranges.shape[1]))
+    """Return by how much each range (k, m) [m] is too long; cells without a slope get the offset of their scan only.
+
+    Ranges are brought to the median of the scans, which one that was knocked against does not move.
+    """
+    if not drift.removes_range:
+        return np.zeros(ranges.shape)
+    is_told = np.isfinite(drift.sigma_range)
+    offset, azimuth, elevation = (
+        np.where(is_told, v - np.median(v[is_told]), 0.0) for v in (drift.range, drift.azimuth, drift.elevation)
+    )
+    shift = np.tile(offset[:, None], (1, ranges.shape[1]))
     if drift.removes_angles:
-        runs = _slopes(ranges, directions, None)
-        slopes = np.where(runs.is_smooth[:, None], runs.slopes, 0.0)
+        n_runs = ranges.shape[1] // RUN
+        runs = fit_runs(without_strangers(ranges[:, : n_runs * RUN] - offset[:, None]), directions[: n_runs * RUN])
         at_cell = np.zeros((ranges.shape[1], 2))
-        at_cell[: len(slopes) * RUN] = np.repeat(slopes, RUN, axis=0)
-        shift += np.outer(drift.azimuth, at_cell[:, 0]) + np.outer(drift.elevation, at_cell[:, 1])
+        at_cell[: n_runs * RUN] = np.repeat(np.where(runs.is_smooth[:, None], runs.slopes, 0.0), RUN, axis=0)
+        shift += np.outer(azimuth, at_cell[:, 0]) + np.outer(elevation, at_cell[:, 1])
     return shift
 
 
-@dataclass(frozen=True)
-class _Runs:
-    """Runs of neighbouring cells: excess (k, r) over the mean range, its slopes (r, 2) and their covariance."""
-
-    excess: Floats
-    slopes: Floats
-    slope_covariance: Floats
-    is_smooth: Bools
-
-
-def _slopes(ranges: Floats, directions: Floats, most: int | None) -> _Runs:
-    """Fit a plane over azimuth and elevation to the mean ranges of each run, of at most `most` runs evenly spread."""
-    n_runs = ranges.shape[1] // RUN
-    chosen = np.arange(n_runs)
-    if most is not None and n_runs > most:
-        chosen = np.unique(np.linspace(0, n_runs - 1, most).astype(np.int64))
-    cell = (chosen[:, None] * RUN + np.arange(RUN)).ravel()
-    r = ranges[:, cell].reshape(len(ranges), len(chosen), RUN)
-    mean = r.mean(axis=0)  # NaN where a scan has nothing: such runs are left out
-    noise2 = ((r - mean) ** 2).sum(axis=0).mean(axis=1) / max(len(r) - 1, 1) / len(r)
-    d = directions[cell].reshape(len(chosen), RUN, 3)
-    azimuth = np.arctan2(d[..., 1], d[..., 0])
-    azimuth = np.angle(np.exp(1j * (azimuth - azimuth[:, :1])))
-    angles = np.stack([azimuth, np.arcsin(np.clip(d[..., 2], -1.0, 1.0))], axis=2)
-    angles = angles - angles.mean(axis=1, keepdims=True)
-    normal = np.einsum("rci,rcj->rij", angles, angles)
-    spread = np.linalg.eigvalsh(normal)
-    is_flat = spread[:, 0] > 1e-3 * spread[:, 1]
-    inverse = np.linalg.inv(np.where(is_flat[:, None, None], normal, np.eye(2)))
-    height = mean - mean.mean(axis=1, keepdims=True)
-    slopes = np.einsum("rij,rcj,rc->ri", inverse, angles, height)
-    left2 = ((height - np.einsum("rci,ri->rc", angles, slopes)) ** 2).sum(axis=1) / (RUN - 3)
-    with np.errstate(invalid="ignore"):
-        is_smooth = is_flat & (left2 <= TOO_ROUGH**2 * np.maximum(noise2, 1e-18))
-    return _Runs(np.median(r - mean, axis=2), slopes, inverse * noise2[:, None, None], is_smooth)
-
-
-def _fit_all(excess: Floats, slopes: Floats, error: Floats) -> tuple[Floats, Floats]:
-    """Return offset, azimuth and elevation (k, p) of the scans, and the covariance (k, p, p) of each."""
-    found = [_fit(y, slopes, error) for y in excess]
+def _fit_all(runs: Runs, n_slopes: int) -> tuple[Floats, Floats]:
+    """Return offset and, of two slopes, azimuth and elevation (k, p) of the scans, and the covariance (k, p, p)."""
+    found = []
+    for excess in runs.excess:
+        known = np.isfinite(excess)
+        slopes, error = runs.slopes[known, :n_slopes], runs.slope_covariance[known, :n_slopes, :n_slopes]
+        found.append(_fit(excess[known], slopes, error))
     return np.array([f for f, _ in found]), np.array([c for _, c in found])
 
 
@@ -185,13 +190,12 @@ def _chance(found: Floats, covariance: Floats) -> float:
     return float(chi2.sf(apart2, n_each * (n_scans - 1)))
 
 
-def _trend(shift: Floats, covariance: Floats) -> tuple[float, float]:
-    """Return the trend of the offset (k,) from scan to scan and its sigma.
+def _trend(shift: Floats, covariance: Floats, time: Floats) -> tuple[float, float]:
+    """Return the trend of the offset (k,) over time (k,), in scans, and its sigma.
 
     That comes from the scatter about the line where this is larger than chance explains once in a hundred.
     """
-    n_scans = len(shift)
-    time = np.arange(n_scans) - 0.5 * (n_scans - 1)
+    n_scans, time = len(shift), time - time.mean()
     time2 = float((time**2).sum())
     rate = float((time * shift).sum() / time2)
     one2 = _of_one_scan(covariance)

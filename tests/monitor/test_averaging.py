@@ -124,11 +124,11 @@ def test_without_drift_chance_is_told_right_and_the_rate_scatters_as_its_sigma_s
 
 def test_the_sigma_of_a_rate_grows_where_shifts_wander_from_their_line():
     shift, sigma2 = np.array([0.0, 3.0, -3.0, 3.0, 0.0]) * 1e-4, np.full(5, 1e-10 * 0.8)
-    rate, sigma = _trend(shift, sigma2)
+    rate, sigma = _trend(shift, sigma2, np.arange(5.0))
     assert rate == pytest.approx(0.0, abs=1e-12)
     left2 = ((shift - shift.mean()) ** 2).sum() / 3.0
     assert sigma == pytest.approx(np.sqrt(left2 / 10.0))
-    assert _trend(np.zeros(5), sigma2)[1] == pytest.approx(1e-5 / np.sqrt(10.0))
+    assert _trend(np.zeros(5), sigma2, np.arange(5.0))[1] == pytest.approx(1e-5 / np.sqrt(10.0))
 
 
 @pytest.mark.parametrize("n", [4, 10, 20])
