@@ -20,6 +20,8 @@ from projects.transforms import apply, invert
 
 SINGLE = 0.9  # share of the points of a grid that have its places for themselves
 ONE_STATION = 0.005  # m between the stated positions of the scanner: more is not one station
+SAME = 1e-5  # m, between a range and itself in another format; no instrument repeats a whole scan to it
+N_COMPARED, FEW, ALL = 10_000, 7, 0.999  # cells that tell a copy, the fewest, and the share of them that must be same
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ def gather_cells(scans: Sequence[Scan]) -> Cells:
         ranges[k, cell[found]] = length
         directions[cell[found]] += beam[found] / length[:, None]
         extras.add(scan, cell, found)
+    _require_no_copies(scans, ranges)
     directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-300)
     order = canonical_order(directions)
     is_grid = rows is not None
@@ -111,25 +114,31 @@ def _beams_of(scans: Sequence[Scan]) -> list[Floats]:
             raise ParameterError(f"scan {scan.name!r}: where the scanner stood is not known; repeated scans need it")
     first = scans[0]
     beams: list[Floats] = []
-    for k, scan in enumerate(scans):
+    for scan in scans:
         apart = float(np.linalg.norm(apply(scan.pose, scan.origin[None]) - apply(first.pose, first.origin[None])))
         if apart > ONE_STATION:
             raise ParameterError(
                 f"scan {scan.name!r} stands {1e3 * apart:.1f} mm from {first.name!r}; repeated scans come from one "
                 f"station (at most {1e3 * ONE_STATION:g} mm): add them without --repeated"
             )
-        _require_no_copy(scan, scans[:k])
         same = np.array_equal(scan.pose, first.pose)
         points = scan.cloud.points if same else apply(invert(first.pose) @ scan.pose, scan.cloud.points)
         beams.append(points - first.origin)
     return beams
 
 
-def _require_no_copy(scan: Scan, earlier: Sequence[Scan]) -> None:
-    """Raise `ParameterError` where a scan holds the very points of an earlier one: no noise would show."""
-    for other in earlier:
-        if len(scan.cloud) and np.array_equal(scan.cloud.points, other.cloud.points):
-            raise ParameterError(f"scan {scan.name!r} is a copy of {other.name!r}; give each scan once")
+def _require_no_copies(scans: Sequence[Scan], ranges: Floats) -> None:
+    """Raise `ParameterError` where a scan measured the very ranges (k, m) of an earlier one: no noise would show.
+
+    Whatever their order, their format, or how much of one was cut off.
+    """
+    some = ranges[:, :: max(ranges.shape[1] // N_COMPARED, 1)]
+    for k, scan in enumerate(scans):
+        for j, other in enumerate(scans[:k]):
+            apart = np.abs(some[k] - some[j])
+            apart = apart[np.isfinite(apart)]
+            if len(apart) > FEW and np.mean(apart <= SAME) > ALL:
+                raise ParameterError(f"scan {scan.name!r} is a copy of {other.name!r}; give each scan once")
 
 
 def _by_grid(scans: Sequence[Scan], beams: list[Floats]) -> tuple[list[Ints], int, Ints | None, Ints | None] | None:

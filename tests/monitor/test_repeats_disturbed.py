@@ -1,11 +1,14 @@
 """Repeated scans that something disturbed: somebody walked by, a tripod was knocked against, cells are missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from monitor.filtering import average_scans
 from monitor.filtering.averaging import average_ranges
 from monitor.filtering.medians import median_known
+from projects.errors import ParameterError
 from projects.model import PointCloud, Scan
 
 NOISE = 0.5e-3
@@ -110,6 +113,22 @@ def test_where_too_little_was_scanned_to_tell_offsets_nothing_is_lost(rng):
     found = average_scans(scans)
     assert len(found.scan.cloud) == 400
     assert np.abs(errors(found, true)[0]).max() < 1e-3
+
+
+def test_a_copy_is_refused_in_whatever_order_and_format(rng):
+    """A copy of the first in another order was averaged: noise of 0.1 um was stated."""
+    _, scans = repeat(rng, 2)
+    copy = scans[0].take(rng.permutation(SIDE**2)[:3000])
+    copy = replace(copy, cloud=PointCloud(copy.cloud.points.astype(np.float32)))
+    for given in ([*scans, copy], [replace(s, rows=None, columns=None) for s in (copy, *scans)]):
+        with pytest.raises(ParameterError, match="is a copy of"):
+            average_scans(given)
+
+
+def test_scans_rounded_to_a_millimetre_are_no_copies(rng):
+    _, scans = repeat(rng, 2)
+    rounded = [replace(s, cloud=PointCloud(np.round(s.cloud.points, 3))) for s in scans]
+    assert average_scans(rounded).counts["out"] > 0
 
 
 def test_the_median_of_what_is_known_is_that_of_numpy(rng):
