@@ -67,5 +67,6 @@ def repeats_task(task: RepeatsTask) -> Made:
     averaged = average_scans([s if c is None else correct_range(s, c) for s, c in pairs], task.settings.averaging)
     result = filter_scan_with_record(averaged.scan, task.settings)
     lost = {reason: n for reason, n in averaged.counts.items() if reason not in ("in", "out")}
-    automatic = {**result.automatic, "averaging": averaged.automatic}
+    rounded = {name: step for name, step in averaged.automatic.items() if name == "coordinate_step"}
+    automatic = {**result.automatic, **rounded, "averaging": averaged.automatic}
     return Made(result.cloud, automatic, {**task.counts, **lost, **result.counts})

@@ -17,6 +17,7 @@ from monitor.declare import check_settings, setting
 from monitor.filtering.cells import Cells, gather_cells
 from monitor.filtering.drift import Drift, drift_at, estimate_drift
 from monitor.filtering.medians import median_known
+from monitor.filtering.rounding import error_of_rounding, find_step
 from monitor.filtering.soundness import without_zero_ranges
 from projects.model import Bools, Floats, Scan
 
@@ -51,7 +52,7 @@ class AveragedScan:
 
     `scan` has `n_merged`, `spread` [m] of the ranges of a cell and `sigma` [m] of their mean, NaN where no
     two scans measured the same. `counts` holds the
-    measurements by what became of them, `automatic` the drift and the noise [m, rad].
+    measurements by what became of them, `automatic` the drift, the noise and the step of rounded coordinates [m, rad].
     """
 
     scan: Scan
@@ -103,22 +104,40 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
     n_given = sum(len(scan.cloud) for scan in scans)
     scans = [without_zero_ranges(scan) for scan in scans]
     n_at_scanner = n_given - sum(len(scan.cloud) for scan in scans)
-    cells = gather_cells(scans)
+    steps = np.array([find_step(scan.cloud.points) for scan in scans])
+    cells = _spread_rounded(gather_cells(scans), steps)
     drift = estimate_drift(cells.ranges, cells.directions, settings.significance)
     averages = _average_all(cells, drift)
     keep = (averages.n_kept > 0) & ~averages.is_split
     spread, n_kept = averages.spread[keep], averages.n_kept[keep]
+    rounding = error_of_rounding(cells.directions[keep], spread, 0.0, steps.max()) if steps.any() else 0.0
     cloud = replace(
         cells.cloud.take(keep),
         points=scans[0].origin + averages.ranges[keep, None] * cells.directions[keep],
-        n_merged=n_kept.astype(np.int32), spread=spread, sigma=spread / np.sqrt(n_kept),
+        n_merged=n_kept.astype(np.int32), spread=spread, sigma=np.hypot(spread / np.sqrt(n_kept), rounding),
     )  # fmt: skip
     at_cell = (cells.rows[keep], cells.columns[keep]) if cells.is_grid else (None, None)
     scan = replace(scans[0], cloud=cloud, rows=at_cell[0], columns=at_cell[1])
     counts = _count(cells, averages, keep)
     if n_at_scanner:
         counts |= {"in": n_given, "at_scanner": n_at_scanner}
-    return AveragedScan(scan, counts, _describe(cells, averages, drift, keep), drift)
+    automatic = _describe(cells, averages, drift, keep)
+    if steps.any():
+        automatic["coordinate_step"] = float(steps.max())
+    return AveragedScan(scan, counts, automatic, drift)
+
+
+def _spread_rounded(cells: Cells, steps: Floats) -> Cells:
+    """Return the cells with ranges spread over the cubes of edge `steps` (k,) [m] that rounded coordinates stand for.
+
+    Rounded alike in most scans, ranges would show no noise at all, and those a step away would pass for outliers.
+    """
+    if not steps.any():
+        return cells
+    draws, ranges = np.random.default_rng(0), cells.ranges.copy()
+    for axis in range(3):
+        ranges += steps[:, None] * (draws.random(ranges.shape) - 0.5) * cells.directions[:, axis]
+    return replace(cells, ranges=ranges)
 
 
 def _average_all(cells: Cells, drift: Drift) -> _Averages:
