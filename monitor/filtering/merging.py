@@ -46,7 +46,7 @@ def merge_scans(
     _require_mergeable(clouds, slack)
     if settings.silhouettes.drop_seen_through:
         clouds = [c.take(~seen) for c, seen in zip(clouds, find_seen_through(clouds, slack), strict=True)]
-    merged, left_out = concatenate_clouds(turn_alike(clouds)), _left_out(clouds)
+    merged, left_out = concatenate_clouds(turn_alike(clouds)), _left_out(clouds, settings, slack)
     if len(merged) < MIN_POINTS:
         raise ParameterError(
             f"{n_before} points were given to merge, of which {n_before - len(merged)} lie where another scan looked "
@@ -85,11 +85,20 @@ def _require_mergeable(clouds: Sequence[PointCloud], slack: float) -> None:
             raise ParameterError(f"cloud {i}: a point stands for {cloud.n_merged.min()} measurements; it is 1 or more")
 
 
-def _left_out(clouds: Sequence[PointCloud]) -> dict[str, str]:
-    """Return what the merged cloud lacks because some of the clouds have none of it, for the record."""
+def _left_out(clouds: Sequence[PointCloud], settings: FilterSettings, slack: float) -> dict[str, str]:
+    """Return, for the record, what the merged cloud lacks because some of the clouds have none of it, and what was not
+    looked for."""
     full = [c for c in clouds if len(c)]
     n_without = sum(c.colors is None for c in full)
-    return {"colors_left_out": f"{n_without} of {len(full)} scans have none"} if 0 < n_without < len(full) else {}
+    colors = {"colors_left_out": f"{n_without} of {len(full)} scans have none"} if 0 < n_without < len(full) else {}
+    n_lost = sum(c.origins is None or not np.isfinite(c.origins).all() for c in full)
+    unseen = ""
+    if np.isnan(slack):
+        unseen = "it is not known how far the scans lie off each other"
+    elif n_lost:
+        unseen = f"of {n_lost} of {len(full)} scans it is not known where the scanner stood"
+    looks = settings.silhouettes.drop_seen_through and len(full) > 1
+    return {**colors, "seen_through_left_out": unseen} if looks and unseen else colors
 
 
 def turn_alike(clouds: Sequence[PointCloud]) -> Sequence[PointCloud]:

@@ -131,6 +131,8 @@ def _thin_scan(scan: Scan, settings: FilterSettings, calibration: Calibration | 
     cloud, thinned, automatic = thin_cloud(scan.cloud, index, planes, keep, settings.thinning)
     if step > 0.0:
         cloud, automatic = _as_rounded(cloud, step), {**automatic, "coordinate_step": step}
+    if not np.isfinite(scan.origin).all():
+        automatic = {**automatic, "silhouettes_left_out": "it is not known where the scanner stood"}
     return FilterResult(cloud, {**counts, **dropped, **count_thinned(int(keep.sum()), thinned)}, automatic)
 
 
