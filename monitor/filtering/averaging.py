@@ -19,12 +19,12 @@ from monitor.filtering.drift import Drift, drift_at, estimate_drift
 from monitor.filtering.medians import median_known
 from monitor.filtering.rounding import error_of_rounding, find_step
 from monitor.filtering.soundness import without_zero_ranges
-from projects.model import Bools, Floats, Scan
+from projects.model import Bools, Floats, Ints, Scan
 
 RUN = 32  # neighbouring cells whose noise is looked at together
 BLOCK = 65_536  # cells averaged at once; a multiple of RUN
 CUT = 3.0  # sigmas of the noise around: farther from the median is not averaged
-SPLIT_SHARE = 0.2  # of the measurements on either side of a gap: a cell that saw two surfaces
+SPLIT_SHARE = 0.2  # of the measurements on either side of a gap: a cell that saw two surfaces; fewer are no surface
 PRIOR = 10.0  # few measurements say little of their spread: the noise around counts as the spread of ten more
 FINEST = 1e-6  # m: no instrument has less noise, and nothing finer is a reason to leave a range out
 MOST_ALIKE = 3.0  # times what neighbours' steps tell: by more, scans differ along a whole run, and that is no noise
@@ -78,7 +78,8 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
     that name the same directions, else by nearest direction. Of a cell's ranges those within three sigmas of their
     median are averaged, sigma being the noise of the cells around. A cell whose ranges fall apart into two groups with
     a gap that noise does not have saw two surfaces (mixed pixel) and is left out, and so is one of whose ranges no
-    majority agrees: of two repeats, through one of which somebody walked, neither is believed.
+    majority agrees: of two repeats, through one of which somebody walked, neither is believed. Where less than a fifth
+    of the scans that looked measured anything, nothing is averaged.
 
     Parameters
     ----------
@@ -146,15 +147,16 @@ def _average_all(cells: Cells, drift: Drift) -> _Averages:
     for first in range(0, cells.ranges.shape[1], BLOCK):
         block = slice(first, first + BLOCK)
         ranges = cells.ranges[:, block] - drift_at(drift, cells.directions[block], cells.ranges[:, block])
-        parts.append(average_ranges(ranges, is_levelled))
+        parts.append(average_ranges(ranges, is_levelled, cells.n_looked[block]))
     names = ("ranges", "n_kept", "spread", "is_split")
     return _Averages(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
-def average_ranges(ranges: Floats, is_levelled: bool = True) -> _Averages:
+def average_ranges(ranges: Floats, is_levelled: bool = True, n_looked: Ints | int = 1) -> _Averages:
     """Average ranges (k, m) [m] of k scans over m cells in the order of neighbours; NaN where a scan has none.
 
-    `is_levelled`: the scans' offsets are known; where not, what they differ by is counted with the noise.
+    `is_levelled`: the scans' offsets are known; where not, what they differ by is counted with the noise. `n_looked`:
+    how many looked at each cell; what hardly any of them measured, against the sky, was not there for the others.
     """
     noise, is_alike = noise_around(ranges, MOST_ALIKE if is_levelled else np.inf)
     ordered = np.sort(ranges, axis=0)  # NaN last
@@ -164,7 +166,7 @@ def average_ranges(ranges: Floats, is_levelled: bool = True) -> _Averages:
         of_kept, _ = noise_around(np.where(_near_median(ranges, noise), ranges, np.nan), MOST_ALIKE)
         noise = np.where(is_alike, noise, np.fmin(of_kept, noise))
         keep = _near_median(ordered, noise)
-    keep &= 2 * keep.sum(axis=0) > n
+    keep &= (2 * keep.sum(axis=0) > n) & (n >= SPLIT_SHARE * n_looked)
     n_kept = keep.sum(axis=0)
     middle = median_known(ordered, axis=0)
     mean = np.where(keep, ordered - middle, 0.0).sum(axis=0) / np.maximum(n_kept, 1) + middle

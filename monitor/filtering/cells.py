@@ -34,6 +34,7 @@ class Cells:
     directions : (m, 3) unit vectors from the scanner, mean over the scans, in the frame of the first.
     rows, columns : (m,) place in the grid, -1 where the scans are none.
     cloud : intensity and colours, means over the scans.
+    n_looked : (m,) scans whose window of rows and columns holds the cell, 1 where these are not known.
     n_unmatched : points of no cell.
     is_grid : whether cells are those of rows and columns, else of nearest directions.
     """
@@ -43,6 +44,7 @@ class Cells:
     rows: Ints
     columns: Ints
     cloud: PointCloud
+    n_looked: Ints
     n_unmatched: int
     is_grid: bool
 
@@ -70,8 +72,21 @@ def gather_cells(scans: Sequence[Scan]) -> Cells:
     is_grid = rows is not None
     none = np.full(n_cells, -1, dtype=np.int32)
     rows, columns = (none, none) if rows is None or columns is None else (rows[order], columns[order])
-    cloud = extras.cloud().take(order)
-    return Cells(ranges[:, order], directions[order], rows, columns, cloud, n_unmatched, is_grid)
+    cloud, n_looked = (
+        extras.cloud().take(order),
+        _count_looks(scans, rows, columns) if is_grid else np.ones(n_cells, int),
+    )
+    return Cells(ranges[:, order], directions[order], rows, columns, cloud, n_looked, n_unmatched, is_grid)
+
+
+def _count_looks(scans: Sequence[Scan], rows: Ints, columns: Ints) -> Ints:
+    """Return how many scans of a grid have the cells (m,) in their window, whether they measured something or not."""
+    n_looked = np.zeros(len(rows), dtype=np.int64)
+    for scan in scans:
+        if len(scan.cloud) and scan.rows is not None and scan.columns is not None:
+            is_inside = (rows >= scan.rows.min()) & (rows <= scan.rows.max())
+            n_looked += is_inside & (columns >= scan.columns.min()) & (columns <= scan.columns.max())
+    return n_looked
 
 
 class _Sums:

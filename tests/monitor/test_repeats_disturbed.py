@@ -61,6 +61,28 @@ def test_who_walks_before_the_wall_in_one_scan_moves_nothing(rng, n_scans, away)
     assert not found.drift.removes_range
 
 
+@pytest.mark.parametrize(("n_scans", "stays"), [(4, True), (10, False)])
+def test_who_walks_before_the_sky_in_one_of_many_scans_is_no_surface(rng, n_scans, stays):
+    """Where the others measured nothing; the mean of ten held the whole of who was there in one of them."""
+    beams, true = wall()
+    sky, body = COLUMN > 0.6 * SIDE, (COLUMN > 0.7 * SIDE) & (COLUMN < 0.8 * SIDE) & (ROW > 20)
+    rest = ~sky | (COLUMN == SIDE - 1)  # a mast beyond: the others looked there too
+    with_body = np.where(body, 2.0, true) + rng.normal(0.0, NOISE, len(true))
+    scans = [scan(beams, true + rng.normal(0.0, NOISE, len(true)), rest) for _ in range(n_scans - 1)]
+    found = average_scans([*scans, scan(beams, with_body, rest | body)])
+    cell = found.scan.rows * SIDE + found.scan.columns
+    assert np.isin(np.flatnonzero(body), cell).mean() == stays
+    assert np.isin(np.flatnonzero(rest), cell).mean() > 0.99
+    assert found.counts["in"] == sum(n for reason, n in found.counts.items() if reason != "in")
+
+
+def test_what_only_an_overview_holds_stays(rng):
+    """Nine windows within one overview: beyond them nobody else looked."""
+    true, scans = repeat(rng, 10)
+    windows = [s.take((s.rows < 30) & (s.columns < 30)) for s in scans[1:]]
+    assert average_scans([scans[0], *windows]).counts["out"] > 0.99 * len(true)
+
+
 def test_three_ranges_of_which_no_two_agree_are_not_averaged(rng):
     ranges = 3.0 + rng.normal(0.0, NOISE, (3, 640))
     ranges[1, ::8] -= 0.5
