@@ -20,14 +20,14 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 5,
-    "scan": 6,
+    "scan": 7,
     "targets": 1,
     "network": 15,
-    "filtered": 8,
+    "filtered": 9,
     "surface": 23,
     "mesh": 6,
     "quality": 3,
-    "comparison": 29,
+    "comparison": 30,
     "series": 3,
 }
 
