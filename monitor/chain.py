@@ -114,7 +114,8 @@ def compare_epochs(
         sights = gather_sights(earlier), gather_sights(place)
         frames = tied.about(motion.centre) if tied is not None else None
         found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames,
-                        points=lambda: (measured_points(earlier), measured_points(place)))  # fmt: skip
+                        points=lambda: (measured_points(earlier), measured_points(place)),
+                        stable_is_given=stable is not None)  # fmt: skip
         if len(found.regions):  # what moved as a whole shows as regions of change
             parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.is_changed)
             found = tell_moved(found, parts, compared.vertices)

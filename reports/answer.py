@@ -11,7 +11,7 @@ import numpy as np
 
 from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
-from reports.quantities import CM2, MM, NBSP, NOT_KNOWN, in_words, listed, millimetres, percent, plain
+from reports.quantities import CM2, MM, NBSP, NOT_KNOWN, estimate, in_words, listed, millimetres, percent, plain
 from reports.wholemotion import describe_motion
 
 NAN = float("nan")
@@ -50,6 +50,7 @@ def state_answer(
     """Return the answer of a comparison; `has_control`: control points tie both epochs to the same ground."""
     changed = _what_changed(comparison, regions, before, after)
     sure = (
+        *_lies_off(comparison),
         _how_small(comparison, bool(regions)),
         *_beyond_tolerance(comparison),
         _whole(comparison, has_control),
@@ -64,6 +65,8 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
         return "Nothing could be assessed."
     if n == 0 and unknown > MOSTLY:
         return f"No change was found on the {percent(1.0 - unknown)} of the surface that could be assessed."
+    if n == 0 and comparison.statistics.get("offset_is_told"):
+        return f"No part changed against the rest, but the surface as a whole lies {_off(comparison)}."
     if n == 0:
         return "No change was found."
     return "One region changed." if n == 1 else f"{in_words(n).capitalize()} regions changed."
@@ -109,6 +112,26 @@ def _tell(region: RegionFacts) -> str:
     return (
         f"Region {region.number} ({region.where}): {region.area.text}, {peak} {region.extreme.text}, "
         f"volume {region.volume.text}."
+    )
+
+
+def _off(comparison: Comparison) -> str:
+    """Return how far in or out the unchanged surface lies on average."""
+    mean = float(comparison.statistics.get("offset_m", NAN))
+    told = estimate(abs(mean), float(comparison.statistics.get("sigma_offset_m", NAN)), MM, "mm").text
+    return f"{told} further {'out' if mean > 0.0 else 'in'}"
+
+
+def _lies_off(comparison: Comparison) -> tuple[str, ...]:
+    """Return what to think of an unchanged surface that lies off to one side, where it does."""
+    if not comparison.statistics.get("offset_is_told"):
+        return ()
+    lost = float(comparison.statistics["offset_m"]) < 0.0
+    layer = "taken off (cleaning, weathering)" if lost else "laid on (a coating, dirt)"
+    return (
+        f"What is not called changed lies {_off(comparison)} on average. A layer {layer} nearly everywhere and "
+        "scanners whose ranges differ look alike: no part stands out. Say where nothing changed (a stable area) to "
+        "tell them apart.",
     )
 
 

@@ -75,6 +75,12 @@ def motion_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) 
     )  # fmt: skip
 
 
+def _offset(statistics: Mapping[str, Any]) -> str:
+    """Return by how much the unchanged surface lies off on average, with its margin."""
+    mean, sigma = (float(statistics.get(name, NAN)) for name in ("offset_m", "sigma_offset_m"))
+    return estimate(mean, sigma, MM, "mm", signed=True).text
+
+
 def detection_table(comparison: Comparison, false_discovery_rate: float) -> Table:
     """Return what change can be seen, and how well unchanged surface agrees."""
     statistics = comparison.statistics
@@ -85,6 +91,7 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         ("Smallest change seen at 95\u00a0%, median", millimetres(statistics.get("lod95_median_m", NAN))),
         ("on nine tenths of the surface between", f"{millimetres(float(low))} and {millimetres(float(high))}"),
         ("mean difference where nothing changed (bias)", millimetres(statistics.get("bias_m", NAN), signed=True)),
+        ("the same by area, without a motion of the whole", _offset(statistics)),
         ("scatter there (robust sigma, NMAD)", millimetres(statistics.get("nmad_m", NAN))),
         ("root mean square there", millimetres(statistics.get("rmse_m", NAN))),
         (

@@ -162,6 +162,10 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
         if unknown < n or count
         else f"nothing of {place.epoch_id} could be assessed"
     )
+    if comparison.statistics.get("offset_is_told"):
+        off = comparison.statistics["offset_m"]
+        told = millimetres(abs(off)).replace(NBSP, " ")
+        answer += f"; what is not called changed lies {told} further {'out' if off > 0.0 else 'in'} on average"
     answer += f"; {comparison.registration.doubt}" if comparison.registration.doubt else ""
     elsewhere = "; as given the epochs do not lie near each other, they were brought together by their shapes alone"
     answer += elsewhere if "coarse_score" in step.automatic else ""

@@ -97,16 +97,18 @@ class Detected:
 
 
 def detect(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
-           left: Registration | None = None) -> Detected:  # fmt: skip
+           left: Registration | None = None, is_given: bool = False) -> Detected:  # fmt: skip
     """Decide for both sides which vertices have changed, with a false discovery rate of `level` over the surface.
 
     `left` is the motion of the whole that stays in the distances. It is change and no error: the noise is learned
-    without it, and all is judged by that.
+    without it, and all is judged by that. `is_given`: someone knows that what is stable did not change; then it alone
+    tells the noise, be it ever so small a part.
     """
+    learn = learn_from_given if is_given else learn_and_judge
     if left is None:
-        return learn_and_judge(sides, registration, level, seed)
+        return learn(sides, registration, level, seed)
     own = (sides[0].without_motion(), sides[1].without_motion())
-    by_itself = learn_and_judge(own, left, level, seed)
+    by_itself = learn(own, left, level, seed)
     noise, calm = by_itself.noise, by_itself.calm
     layout = lay_out_again(by_itself.layout, sides, registration)
     test = judge_units(layout, sides, calm, noise, level, lambda _: by_itself.test.errors)
@@ -132,8 +134,23 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
         calm = (sides[0].is_assessed, sides[1].is_assessed)
         noise = learn_noise(sides, calm, 0.95, rng, noise.correlation)
-    marked, last = calm, test  # as they are now
-    found = map_sides(lambda k: mark_changed(sides[k], sides[k], last, k, noise, marked[k]), larger_of(sides))
+    return conclude(sides, noise, test, layout, calm)
+
+
+def learn_from_given(sides: tuple[Side, Side], registration: Registration, level: float, seed: int) -> Detected:
+    """Learn the noise from what is stable alone, and judge by it: all the rest may have changed."""
+    rng = np.random.default_rng(seed)
+    calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
+    first = learn_noise(sides, calm, 0.95, rng)
+    noise = learn_noise(sides, calm, 0.95, rng, first.correlation)
+    layout = lay_out(sides, noise, registration, None)
+    test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, calm_errors))
+    return conclude(sides, noise, test, layout, calm)
+
+
+def conclude(sides: tuple[Side, Side], noise: Noise, test: Tested, layout: Layout, calm: Masks) -> Detected:
+    """Return the answer for both sides, as the test says."""
+    found = map_sides(lambda k: mark_changed(sides[k], sides[k], test, k, noise, calm[k]), larger_of(sides))
     return Detected(found, noise, test, layout, calm)
 
 

@@ -78,7 +78,7 @@ class CompareSettings:
 def compare(reference: Surface, compared: Surface, registration: Registration | None = None,
             settings: CompareSettings | None = None, mode: str = "relative", tolerance: float | None = None,
             sights: Sights | None = None, *, frames: Floats | None = None,
-            points: Points | None = None) -> Comparison:  # fmt: skip
+            points: Points | None = None, stable_is_given: bool = False) -> Comparison:  # fmt: skip
     """Compare two epochs of an object and say what has changed, how much and how sure.
 
     Parameters
@@ -98,6 +98,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     points : returns the points (n, 3) m that the reference and the compared surface were made of, each in its own
         epoch's coordinates, None for a finished mesh; asked where regions were found. With them a region is one only
         where what was measured shows it, in both epochs, and not what a surface makes up between its points.
+    stable_is_given : someone knows where nothing changed, and the stable areas of the registration lie there. They
+        alone tell the level of detection then, and all the rest may have changed, as where an object was cleaned all
+        over but its base.
 
     Returns
     -------
@@ -137,7 +140,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         sides = look_from(sides, sights, back)
     beyond = look_beyond(sides, shells, limit)
     del shells  # of small surfaces they hold their trees, the larger part of all memory
-    found = detect(sides, held, settings.false_discovery_rate, settings.seed, left)
+    found = detect(sides, held, settings.false_discovery_rate, settings.seed, left, stable_is_given)
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate)

@@ -9,6 +9,7 @@ import numpy as np
 from monitor.comparison.detection import Detected
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
+from monitor.comparison.whole_offset import measure_offset
 from monitor.registration.significance import motion_significance
 from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints, NotAssessed, Registration
 
@@ -26,12 +27,15 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
     calm = on_compared.distances[state == Assessment.UNCHANGED]
     d, lod = on_compared.distances[assessed], on_compared.lod95[assessed]
     motion = motion_significance(registration)
+    level = _or_nan(median, lod)
+    offset = measure_offset(side.without_motion(), state == Assessment.UNCHANGED, found.test.units[1],
+                            found.noise.correlation, registration.covariance, level)  # fmt: skip
     figures = {
         "stable_share": float(registration.stable_share),
         "bias_m": _or_nan(np.mean, calm),
         "nmad_m": _or_nan(_nmad, calm),
         "rmse_m": _or_nan(lambda v: np.sqrt(np.mean(v**2)), calm),
-        "lod95_median_m": _or_nan(median, lod),
+        "lod95_median_m": level,
         "n_vertices": len(state),
         "n_not_assessable": int((state == Assessment.NOT_ASSESSABLE).sum()),
         "n_unchanged": int((state == Assessment.UNCHANGED).sum()),
@@ -41,6 +45,9 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         "motion_displacement_m": motion.displacement,
         "motion_angle_rad": motion.angle,
         "motion_is_significant": bool(motion.is_significant),
+        "offset_m": offset.mean,
+        "sigma_offset_m": offset.sigma,
+        "offset_is_told": offset.is_told,
         "assessed_area_share": _share_of_area(areas, state != Assessment.NOT_ASSESSABLE),
         "assessed_area_share_reference": _share_of_area(sides[0].areas, sides[0].is_assessed),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),

@@ -1,5 +1,7 @@
 """A layer taken off a large part of an object: neither shared out by the motion nor taken for the noise of all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,7 +10,7 @@ from bumpy_body import correlated_noise
 from monitor.apart import stand_apart
 from monitor.comparison import compare
 from monitor.registration import register
-from projects.model import Floats, Surface
+from projects.model import Floats, Registration, Surface
 from projects.transforms import apply
 
 SHARED = 1.5e-4  # m, stated of what the scans of each epoch disagree by
@@ -61,6 +63,51 @@ def test_a_layer_taken_off_a_third_is_one_region_and_not_the_level_of_all(rng: n
     area = trimesh.Trimesh(after.vertices, after.faces, process=False).area * area_above(after, 1 / 3)
     assert region["area_m2"] == pytest.approx(area, rel=0.05)
     assert result.statistics["lod95_median_m"] < 4e-4
+
+
+def test_a_layer_taken_off_all_but_a_base_is_found_where_someone_knows_that_the_base_did_not_change(
+    rng: np.random.Generator,
+) -> None:
+    """Found by itself the level was 0.57 mm for a layer of 1.2 mm on two thirds, and no region."""
+    above, layer = -0.3, 0.0012
+    before, after = make_body(rng, 0.0, 0.0, above), make_body(rng, 0.7, layer, above)
+    known = register(after, before, within=lambda x: x[:, 2] < (above - 0.08) * np.linalg.norm(x, axis=1))
+    result = compare(before, after, known, stable_is_given=True)
+    assert list(result.regions["kind"]) == ["cleaned"]
+    assert result.regions["mean_m"][0] == pytest.approx(-layer, abs=5e-5)
+    area = trimesh.Trimesh(after.vertices, after.faces, process=False).area * area_above(after, above)
+    assert result.regions["area_m2"][0] == pytest.approx(area, rel=0.08)
+    assert result.statistics["lod95_median_m"] < 4e-4
+    assert not result.statistics["offset_is_told"]
+
+
+@pytest.mark.parametrize(("layer", "told"), [(0.0, False), (0.0004, False), (0.0012, True), (-0.0012, True)])
+def test_a_layer_taken_off_all_over_is_told_as_an_offset_of_the_whole(
+    rng: np.random.Generator, layer: float, told: bool
+) -> None:
+    """No region, and "no change was found", with a level of detection as high as the layer was thick."""
+    before, after = make_body(rng, 0.0, 0.0, -2.0), make_body(rng, 0.7, layer, -2.0)
+    result = compare(before, after)
+    figures = result.statistics
+    assert not len(result.regions)
+    assert figures["offset_m"] == pytest.approx(-layer, abs=5e-5)
+    # what scans disagree by counts as common to all, in both epochs; noise that agrees over 3 cm adds little
+    assert figures["sigma_offset_m"] == pytest.approx(np.sqrt(2.0) * SHARED, rel=0.25)
+    assert figures["offset_is_told"] is told
+
+
+def test_what_no_scan_disagrees_about_is_as_sure_as_its_parts_scatter(rng: np.random.Generator) -> None:
+    found = []
+    for _ in range(8):
+        bodies = [replace(make_body(rng, turn, 0.0, -2.0), sigma_shared=None) for turn in (0.0, 0.7)]
+        n = len(bodies[0].vertices)
+        known = Registration(np.eye(4), np.zeros((6, 6)), np.zeros(3), True, stable_share=1.0,
+                             is_stable=np.ones(n, dtype=bool))  # fmt: skip
+        figures = compare(*bodies, known).statistics
+        found.append((figures["offset_m"], figures["sigma_offset_m"]))
+    offset, sigma = np.array(found).T  # besides, every vertex lies 0.03 mm before the other body's flat faces
+    assert 0.5 < np.std(offset, ddof=1) / sigma.mean() < 1.6
+    assert sigma.max() < 2e-5
 
 
 def values_of(parts: list[tuple[float, float, int]], rng: np.random.Generator) -> Floats:

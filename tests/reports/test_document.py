@@ -157,6 +157,20 @@ def test_where_the_later_epoch_recorded_little_the_headline_says_so():
     assert "72 % of the earlier epoch’s surface could not be assessed" in said(facts)
 
 
+def test_an_unchanged_surface_that_lies_off_as_a_whole_is_no_answer_of_no_change():
+    layer = {"offset_m": -9.8e-4, "sigma_offset_m": 1e-4, "offset_is_told": True}
+    facts = facts_of(example_comparison(rows=(), **layer))
+    headline = plain(facts.answer.headline)
+    assert headline == "No part changed against the rest, but the surface as a whole lies 0.98 ± 0.20 mm further in."
+    assert "A layer taken off (cleaning, weathering) nearly everywhere and scanners whose ranges differ" in said(facts)
+    raised = facts_of(example_comparison(rows=(), **{**layer, "offset_m": 9.8e-4}))
+    assert "0.98 ± 0.20 mm further out on average. A layer laid on (a coating, dirt) nearly" in said(raised)
+    with_regions = facts_of(example_comparison(**layer))
+    assert with_regions.answer.headline == "Two regions changed."
+    assert "What is not called changed lies 0.98 ± 0.20 mm further in on average" in said(with_regions)
+    assert "further in" not in said(facts_of(example_comparison(**{**layer, "offset_is_told": False})))
+
+
 def test_two_regions_are_told_with_their_place_size_and_margins():
     text = said(facts_of())
     assert text.startswith("Two regions changed. Between 12 May 2025 and 18 May 2026 one region lost material (no. 1)")
