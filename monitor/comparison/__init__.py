@@ -2,9 +2,10 @@
 
 from monitor.comparison.distances import normal_distances
 from monitor.comparison.epochs import CompareSettings, compare
+from monitor.comparison.following import EpochChange
 from monitor.comparison.level_of_detection import lague_lod95, level_of_detection
 from monitor.comparison.m3c2 import M3C2Result, m3c2
-from monitor.comparison.series import EpochChange, follow
+from monitor.comparison.series import follow
 
 __all__ = [
     "CompareSettings", "EpochChange", "M3C2Result", "compare", "follow", "lague_lod95", "level_of_detection", "m3c2",

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import datetime
+
 import numpy as np
 import pytest
 import trimesh
 
 from monitor.comparison import compare
+from monitor.comparison.following import EpochChange
+from monitor.comparison.series import follow
 from monitor.comparison.sight import StationSight, gather_sight
 from monitor.simulation.solid import contour
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
@@ -94,3 +98,22 @@ def test_how_steeply_places_were_seen_enters_the_noise_where_stations_are_known(
     blind = run(rng, (True, True), None).statistics["error_scales_view"]
     assert np.isfinite(seen[-1])  # no station measured the plate, only what is behind it
     assert np.isfinite(blind).tolist() == [True, False, False, False]
+
+
+def test_a_finger_that_came_is_followed_by_its_body(rng: np.random.Generator) -> None:
+    """The plate under it has no perpendicular, and the few vertices at its foot say nothing of its height."""
+    before, start = plate(rng, False), datetime.date(2020, 1, 1)
+    changes = []
+    for year, has_finger in ((1, False), (2, True), (3, True)):
+        later = plate(rng, has_finger)
+        known = Registration(np.eye(4), np.diag([1e-6] * 3 + [1e-7] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                             is_stable=np.ones(len(later.vertices), dtype=bool))  # fmt: skip
+        found = compare(before, later, known, sights=(look(2.0), look(2.0)))
+        changes.append(EpochChange(f"y{year}", start.replace(year=2020 + year), found))
+    series = follow(changes, "y0", start)
+    (row,) = series.regions.itertuples()
+    assert (row.model, row.first_seen) == ("jump", "y2")
+    assert row.area_m2 == pytest.approx(np.pi * 0.006**2, rel=0.2)  # of its foot, three cells wide
+    assert row.onset_to_years == pytest.approx(2.0, abs=0.01)
+    np.testing.assert_allclose(series.history["change_m3"], [0.0, TRUTH, TRUTH], atol=0.04 * TRUTH)
+    np.testing.assert_allclose(series.history["mean_m"][1:], TRUTH / row.area_m2, rtol=0.04)

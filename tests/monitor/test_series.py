@@ -11,7 +11,8 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.series import EpochChange, follow, follow_regions
+from monitor.comparison.following import EpochChange, follow_regions
+from monitor.comparison.series import follow
 from monitor.comparison.trend import fit_course, fit_polynomial, predict
 from projects.errors import ComparisonError, ParameterError
 from projects.model import ComparedSurface, Floats, Registration, Surface
@@ -121,7 +122,7 @@ def test_regions_split_merge_and_sleep_without_losing_their_history() -> None:
         stripe([1, 1, 1, 1, 1, 1, 1, 1, 1, 1]),  # all are one
     ]
     signs = [np.array([0.0, *[-1.0] * int(s.region.max())]) for s in sides]
-    found = follow_regions(sides, signs, np.ones(10))
+    found = follow_regions([s.changed_region for s in sides], signs, np.ones(10))
     assert [f.identity for f in found] == [1, 2, 3]
     assert found[0].numbers == {0: 1, 2: 2, 3: 1} or found[1].numbers == {0: 2, 1: 1, 2: 3, 3: 1}
     assert found[2].parent == 1
@@ -134,7 +135,9 @@ def test_regions_split_merge_and_sleep_without_losing_their_history() -> None:
 
 def test_gain_and_loss_in_one_place_are_not_the_same_region() -> None:
     sides = [stripe([1] * 5 + [0] * 5), stripe([1] * 5 + [0] * 5)]
-    found = follow_regions(sides, [np.array([0.0, -1.0]), np.array([0.0, 1.0])], np.ones(10))
+    found = follow_regions(
+        [s.changed_region for s in sides], [np.array([0.0, -1.0]), np.array([0.0, 1.0])], np.ones(10)
+    )
     assert [f.sign for f in found] == [-1.0, 1.0]
 
 
