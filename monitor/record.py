@@ -28,7 +28,7 @@ METHOD = {
     "mesh": 6,
     "quality": 3,
     "comparison": 30,
-    "series": 3,
+    "series": 4,
 }
 
 

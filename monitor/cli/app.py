@@ -185,8 +185,8 @@ def compare(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Where nothing moved or changed: a box or a polygon as of --extent, in the reference's coordinates. It "
-            "alone tells the level of detection, and all the rest may have changed; found where left out.",
+            help="Where nothing moved or changed: a box or a polygon as of --extent, in the reference's coordinates. "
+            "It alone tells the level of detection, and all the rest may have changed; found where left out.",
         ),
     ] = None,
     settings: SettingsOption = None,
