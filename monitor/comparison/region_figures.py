@@ -75,9 +75,9 @@ def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, I
 def describe_region(number: int, views: list[RegionView]) -> list[Any]:
     """Return the row of one region in the order of `REGION_COLUMNS`."""
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
-    mean, sigma_mean = combine([v.mean for v in views], [v.sigma_mean for v in views])
     extreme, sigma_extreme = max((v.extreme for v in views), key=least_size)
     area, sigma_area = area_of(views, float(np.sign(extreme)))
+    mean, sigma_mean = mean_of(views, float(np.sign(extreme)))
     centroid = np.mean([v.centroid for v in views], axis=0)
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
     kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
@@ -90,10 +90,23 @@ def area_of(views: list[RegionView], sign: float) -> tuple[float, float]:
     Of a piece that is gone, or came, as a whole it is that of its own surface, before a loss and after a gain (`sign`):
     the fracture under it is another surface, and as a rule a smaller one.
     """
-    own = [v for v in views if v.sign == sign]
-    if own and max(v.unmatched_share for v in views) > MOST_UNKNOWN:
-        return own[0].area, own[0].sigma_area
+    own = piece_of(views, sign)
+    if own is not None:
+        return own.area, own.sigma_area
     return combine([v.area for v in views], [v.sigma_area for v in views])
+
+
+def mean_of(views: list[RegionView], sign: float) -> tuple[float, float]:
+    """Return the mean change [m] of a region and its sigma: what both sides say, and of a piece that is gone, or came,
+    as a whole what its own surface says. Only vertices at its foot have a perpendicular, and they changed least."""
+    own = piece_of(views, sign)
+    return combine([v.mean for v in views], [v.sigma_mean for v in views]) if own is None else own.gap
+
+
+def piece_of(views: list[RegionView], sign: float) -> RegionView | None:
+    """Return the view of the own surface of a piece that is gone (`sign` -1) or came as a whole, None of another."""
+    own = [v for v in views if v.sign == sign]
+    return own[0] if own and max(v.unmatched_share for v in views) > MOST_UNKNOWN else None
 
 
 def stands_out(views: list[RegionView]) -> float:
@@ -136,7 +149,7 @@ class RegionView:
     """A region as one side sees it; metres, m2, m3; `unevenness` [m] is how the change varies beyond noise.
 
     `sign` is that of the changes whose material this side shows: -1 before, +1 after. `unmatched_share` of the area
-    has no perpendicular.
+    has no perpendicular; `gap` is the mean with what the nearest points say there, and its sigma.
     """
 
     sign: float
@@ -148,6 +161,7 @@ class RegionView:
     mean: float
     sigma_mean: float
     extreme: tuple[float, float]
+    gap: tuple[float, float]
     centroid: Floats
     unevenness: float
 
@@ -182,6 +196,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, which, vertices, registration),
         extreme=find_extreme(side, found, which, (vertices, whole), beyond.change[which]),
+        gap=find_gap(side, found, which, (vertices, whole), beyond.change[which]),
         centroid=np.average(side.surface.vertices[whole], axis=0, weights=side.areas[whole]),
         unevenness=float(np.sqrt(np.fmax(spread2 - noise2, 0.0))) if len(vertices) else np.nan,
     )
@@ -230,6 +245,21 @@ def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Int
     sigma = np.hypot(np.median(own[around], axis=1), np.std(value[around], axis=1))
     peak = int(np.argmax(np.abs(mean) - Z95 * np.nan_to_num(sigma)))
     return float(np.median(value[around[peak]])), float(sigma[peak])
+
+
+def find_gap(side: Side, found: Detected, which: int, parts: tuple[Ints, Ints], change_beyond: Floats,
+             ) -> tuple[float, float]:  # fmt: skip
+    """Return the mean change [m] over a region and its sigma, with what has no perpendicular: there it is the distance
+    to the nearest point of the other surface, as sure as an assessed vertex is in the median. NaN where that is not
+    known for half of the region's area."""
+    vertices, whole = parts
+    change = np.where(side.is_assessed[whole], side.distances[whole], change_beyond[whole])
+    weight = np.where(np.isfinite(change), side.areas[whole], 0.0)
+    if weight.sum() < 0.5 * side.areas[whole].sum():
+        return np.nan, np.nan
+    known = vertices if len(vertices) else np.flatnonzero(side.is_assessed)
+    sigma = float(np.median(sigma_of_vertices(side, found, known))) if len(known) else np.nan
+    return float(weight @ np.nan_to_num(change) / weight.sum()), sigma
 
 
 def least_size(extreme: tuple[float, float]) -> float:

@@ -72,6 +72,9 @@ def test_a_finger_that_was_looked_through_is_gone_or_new(rng: np.random.Generato
     region = result.regions.iloc[0]
     assert region.volume_m3 == pytest.approx(sign * TRUTH, rel=0.04)  # of a finger three cells wide
     assert abs(region.extreme_m) == pytest.approx(0.050, abs=0.002)
+    # over all of the finger to the plate, not of the few vertices at its foot: -0.6 to +13 mm as these fell
+    assert region.mean_m == pytest.approx(sign * 0.025, rel=0.04)
+    assert 0.0 < region.sigma_mean_m < 1e-3
     side = result.on_reference if sign < 0 else result.on_compared
     upper = side.surface.vertices[:, 2] > 0.03
     assert (side.assessment[upper] == Assessment.CHANGED).mean() > 0.95

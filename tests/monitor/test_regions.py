@@ -234,7 +234,7 @@ def test_a_sheet_seen_in_one_epoch_only_is_not_taken_for_a_loss(rng: np.random.G
 
 def view_of(mean: float, sigma: float) -> RegionView:
     """Return a region as one side sees it, of which only the mean and its sigma matter."""
-    return RegionView(-1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, (mean, sigma), np.zeros(3), 0.0)
+    return RegionView(-1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, (mean, sigma), (mean, sigma), np.zeros(3), 0.0)
 
 
 def test_sides_that_disagree_on_how_much_do_not_make_a_loss_doubtful() -> None:
