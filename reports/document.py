@@ -31,6 +31,7 @@ from reports.history import (
     tell_open_holes,
     versions_table,
 )
+from reports.opinion import opinion_tables
 from reports.quantities import CM2, CM3, MM, day, estimate, listed, percent
 from reports.ranging import gather_calibrations
 from reports.whereabouts import locate
@@ -111,7 +112,10 @@ def make_facts(
         after=second,
         answer=state_answer(comparison, regions, first, second, has_control),
         regions=regions,
-        certainty=state_certainty(comparison, columns, _false_discovery_rate(made), (first, second)),
+        certainty=(
+            *state_certainty(comparison, columns, _false_discovery_rate(made), (first, second)),
+            *opinion_tables(made),
+        ),
         object_rows=describe_object(record, project_name, crs),
         history=tuple(t for t in (epochs_table((before, after)), points_table((before, after))) if t.rows),
         record=record_steps((before, with_statistics(after, made, comparison))),

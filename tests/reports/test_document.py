@@ -171,6 +171,26 @@ def test_an_unchanged_surface_that_lies_off_as_a_whole_is_no_answer_of_no_change
     assert "further in" not in said(facts_of(example_comparison(**{**layer, "offset_is_told": False})))
 
 
+def test_the_second_opinion_is_told_in_words_where_one_was_asked():
+    before, after = example_epochs()
+    found = {"n_core_points": 4870, "known_share": 0.981, "cylinder_radius_m": 0.0061, "registration_error_m": 1.2e-4,
+             "lod95_median_m": 4.1e-4, "share_significant_of_changed": 0.94, "share_significant_of_unchanged": 0.021,
+             "difference_nmad_m": NAN}  # fmt: skip
+    asked = dataclasses.replace(after.steps[-1], automatic={"m3c2": found})
+    after = dataclasses.replace(after, steps=(*after.steps[:-1], asked))
+    table = facts_of(epochs=(before, after)).certainty[-1]
+    assert table.title == "A second opinion: M3C2"
+    told = {row[0]: plain(row[1]) for row in table.rows}
+    assert told["places asked"] == "4 870"
+    assert told["of these, with points of both epochs"] == "98.1 %"
+    assert told["radius of the cylinders"] == "6.1 mm"
+    assert told["registration error added"] == "0.12 mm"
+    assert told["significant by M3C2, where this comparison says changed"] == "94.0 %"
+    assert told["significant by M3C2, where it says unchanged"] == "2.1 %"
+    assert told["what both measure differs by (robust sigma, NMAD)"] == "not known"
+    assert not any("second opinion" in t.title for t in facts_of().certainty)
+
+
 def test_two_regions_are_told_with_their_place_size_and_margins():
     text = said(facts_of())
     assert text.startswith("Two regions changed. Between 12 May 2025 and 18 May 2026 one region lost material (no. 1)")
