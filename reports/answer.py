@@ -63,12 +63,11 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
     n, unknown = len(regions), max(shares_not_assessed(comparison))
     if n == 0 and not comparison.on_compared.assessment.any():
         return "Nothing could be assessed."
-    if n == 0 and unknown > MOSTLY:
-        return f"No change was found on the {percent(1.0 - unknown)} of the surface that could be assessed."
+    where = f" on the {percent(1.0 - unknown)} of the surface that could be assessed" if unknown > MOSTLY else ""
     if n == 0 and comparison.statistics.get("offset_is_told"):
-        return f"No part changed against the rest, but the surface as a whole lies {_off(comparison)}."
+        return f"No part changed against the rest{where}, but the surface as a whole lies {_off(comparison)}."
     if n == 0:
-        return "No change was found."
+        return f"No change was found{where}."
     return "One region changed." if n == 1 else f"{in_words(n).capitalize()} regions changed."
 
 

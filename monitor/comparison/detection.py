@@ -102,9 +102,10 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
 
     `left` is the motion of the whole that stays in the distances. It is change and no error: the noise is learned
     without it, and all is judged by that. `is_given`: someone knows that what is stable did not change; then it alone
-    tells the noise, be it ever so small a part.
+    tells the noise, be it ever so small a part. Where nothing of it is stable, as if nobody knew.
     """
-    learn = learn_from_given if is_given else learn_and_judge
+    is_known = is_given and any((s.is_stable & s.is_assessed).any() for s in sides)
+    learn = learn_from_given if is_known else learn_and_judge
     if left is None:
         return learn(sides, registration, level, seed)
     own = (sides[0].without_motion(), sides[1].without_motion())

@@ -52,6 +52,29 @@ def test_a_layer_taken_off_a_large_part_moves_nothing(rng: np.random.Generator, 
     assert found.stable_share == pytest.approx(share, abs=0.06)
 
 
+def test_a_layer_taken_off_nearly_half_is_one_region_and_half_and_half_is_refused(rng: np.random.Generator) -> None:
+    """Of nearly half none was found, of half the motion was a compromise 1.1 to 2 mm off."""
+    before, after = make_body(rng, 0.0, 0.0, 0.1), make_body(rng, 0.7, 0.0015, 0.1)
+    result = compare(before, after)
+    assert list(result.regions["kind"]) == ["cleaned"]
+    assert result.regions["mean_m"][0] == pytest.approx(-0.0015, abs=1e-4)
+    area = trimesh.Trimesh(after.vertices, after.faces, process=False).area * area_above(after, 0.1)
+    assert result.regions["area_m2"][0] == pytest.approx(area, rel=0.08)
+    half = register(make_body(rng, 0.7, 0.0015, 0.0), before)
+    assert not half.converged
+    assert "none is the majority's" in half.reason
+
+
+def test_where_the_stable_area_that_someone_knows_tells_nothing_the_noise_is_learned_as_ever(
+    rng: np.random.Generator,
+) -> None:
+    before, after = make_body(rng, 0.0, 0.0, 1 / 3), make_body(rng, 0.7, 0.001, 1 / 3)
+    nothing = replace(register(after, before), is_stable=None)
+    known, unknown = (compare(before, after, nothing, stable_is_given=given) for given in (True, False))
+    np.testing.assert_array_equal(known.on_compared.lod95, unknown.on_compared.lod95)
+    assert len(known.regions) == len(unknown.regions)
+
+
 def test_a_layer_taken_off_a_third_is_one_region_and_not_the_level_of_all(rng: np.random.Generator) -> None:
     """No region was found and the level was 1 mm, since the layer taught it; the wide noise then hid the layer."""
     before, after = make_body(rng, 0.0, 0.0, 1 / 3), make_body(rng, 0.7, 0.001, 1 / 3)

@@ -165,6 +165,11 @@ def test_an_unchanged_surface_that_lies_off_as_a_whole_is_no_answer_of_no_change
     assert "A layer taken off (cleaning, weathering) nearly everywhere and scanners whose ranges differ" in said(facts)
     raised = facts_of(example_comparison(rows=(), **{**layer, "offset_m": 9.8e-4}))
     assert "0.98 ± 0.20 mm further out on average. A layer laid on (a coating, dirt) nearly" in said(raised)
+    little = {"assessed_area_share": 0.92, "assessed_area_share_reference": 0.28}
+    seen = plain(facts_of(example_comparison(rows=(), **layer, **little)).answer.headline)
+    assert seen.startswith(
+        "No part changed against the rest on the 28 % of the surface that could be assessed, but the"
+    )
     with_regions = facts_of(example_comparison(**layer))
     assert with_regions.answer.headline == "Two regions changed."
     assert "What is not called changed lies 0.98 ± 0.20 mm further in on average" in said(with_regions)
