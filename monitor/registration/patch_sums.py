@@ -31,6 +31,10 @@ class Patches:
     noise2: Floats
     scatter: Floats
 
+    def left_by(self, motion: Floats) -> Floats:
+        """Return the mean residual [m] of each patch once a `motion` (6,) about the centre of the rows is applied."""
+        return np.asarray(self.mean + self.row @ motion)
+
 
 def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
     """Return the sums of each patch; `numbers` (n pairs) are patch numbers."""

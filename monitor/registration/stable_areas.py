@@ -39,13 +39,10 @@ def find_stable(
     what factor its patch's variance exceeds that of independent noise (`share_noise`)."""
     patches = sum_patches(matches, numbers, centre)
     trials = try_motions(patches, rng)
-
-    def scatter(way: Floats, which: Bools) -> float:
-        return robust_scale((patches.mean + patches.row @ way)[which])
-
     motion, keep = settle(patches, leaves_least_median(patches, trials), grow)
     narrow, near = settle_narrow(patches, fit_least_part(patches, trials))
-    if lie_apart(patches, narrow, near).any() and scatter(motion, keep) > WIDER * scatter(narrow, near):
+    wide, close = robust_scale(patches.left_by(motion)[keep]), robust_scale(patches.left_by(narrow)[near])
+    if lie_apart(patches, narrow, near).any() and wide > WIDER * close:
         motion, keep = narrow, near  # the wider scale takes for errors what stands apart in the narrower
     return motion, keep[patches.member], share_noise(patches, motion, keep)[patches.member]
 
@@ -66,7 +63,7 @@ def settle_narrow(patches: Patches, starts: Floats) -> tuple[Floats, Bools]:
     """Return the motion (6,) that most patches follow by the least scale of those settled from `starts` (k, 6), and
     which do: a wider scale holds more of what no one motion explains."""
     settled = [settle(patches, start, shrink) for start in starts]
-    left = np.abs(np.array([patches.mean + patches.row @ motion for motion, _ in settled]))
+    left = np.abs(np.array([patches.left_by(motion) for motion, _ in settled]))
     scale = min(robust_scale(of[near]) for of, (_, near) in zip(left, settled, strict=True))
     return settled[int(np.argmax((left <= KEEP_SIGMAS * scale) @ patches.count))]
 
@@ -74,7 +71,7 @@ def settle_narrow(patches: Patches, starts: Floats) -> tuple[Floats, Bools]:
 def grow(patches: Patches, motion: Floats, keep: Bools) -> Bools:
     """Return which patches follow a motion by the scale of those that did before, at first of the better half, or by
     what their scans disagree by."""
-    left = np.abs(patches.mean + patches.row @ motion)
+    left = np.abs(patches.left_by(motion))
     return follows(patches, motion, keep if keep.any() else left <= weighted_median(left, patches.count),
                    patches.shared2)  # fmt: skip
 
@@ -82,7 +79,7 @@ def grow(patches: Patches, motion: Floats, keep: Bools) -> Bools:
 def shrink(patches: Patches, motion: Floats, _last: Bools) -> Bools:
     """Return which patches follow a motion by the scale of themselves, found from above: as wide as the better third
     makes normal errors of all, then without those beyond it."""
-    left = np.abs(patches.mean + patches.row @ motion)
+    left = np.abs(patches.left_by(motion))
     keep: Bools = left <= KEEP_SIGMAS * float(np.quantile(left, PART)) / OF_PART
     for _ in range(N_ROUNDS):
         following = follows(patches, motion, keep, 0.0)
@@ -94,7 +91,7 @@ def shrink(patches: Patches, motion: Floats, _last: Bools) -> Bools:
 
 def lie_apart(patches: Patches, motion: Floats, near: Bools) -> Bools:
     """Return which patches lie in a group beside those that follow a motion, by more than scans disagree by."""
-    left = patches.mean + patches.row @ motion
+    left = patches.left_by(motion)
     apart = stand_apart(left, patches.count, near)
     if not apart.any():
         return apart
@@ -113,7 +110,7 @@ def share_noise(patches: Patches, motion: Floats, keep: Bools) -> Floats:
     """
     if not keep.any():
         return np.ones(len(keep))
-    ratio = (patches.mean + patches.row @ motion) / np.sqrt(patches.noise2)
+    ratio = patches.left_by(motion) / np.sqrt(patches.noise2)
     return np.maximum(residual_sigma(ratio, (patches.noise2 * patches.count,), keep), 1.0) ** 2
 
 
@@ -124,7 +121,7 @@ def follows(patches: Patches, motion: Floats, among: Bools, least2: Floats | flo
     A patch that is off by no more than what its epochs' scans disagree by has not been seen to move; without it the
     motion would be that of one side, and the other side twice as far off.
     """
-    left = patches.mean + patches.row @ motion
+    left = patches.left_by(motion)
     # what patches scatter beyond the noise of their points: correlated errors of the surface, common to a patch
     common2 = common_variance(left[among], patches.noise2[among])
     usual = max(float(np.median(patches.scatter[among])), LEAST_SCATTER)

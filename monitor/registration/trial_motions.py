@@ -64,7 +64,7 @@ def _left_in_part(patches: Patches, motions: Floats, rank: int) -> Floats:
 def _concentrate(patches: Patches, motion: Floats, rank: int) -> Floats:
     """Return the motion (6,) that the patches which it fits best ask for, again and again."""
     for _ in range(N_CONCENTRATIONS):
-        left = np.abs(patches.mean + patches.row @ motion)
+        left = np.abs(patches.left_by(motion))
         motion = solve_patches(patches, left <= np.partition(left, rank)[rank])
     return motion
 
