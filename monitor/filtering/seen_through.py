@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from monitor.filtering.pierced import find_pierced
 from monitor.filtering.silhouettes import RIM_GAP, widest_gap
 from projects.model import Bools, Floats, Ints, PointCloud
 
@@ -31,9 +30,7 @@ def find_seen_through(clouds: Sequence[PointCloud], slack: float = 0.0) -> list[
     `slack` explain. They must pass on all sides of it: at the silhouette of a body whose rim was dropped, the nearest
     beams that are left may all pass beside the body. At least half of the points next to it must be contradicted too; a
     wire between the beams stays. What another scan measured as well stays: a scan may lack the whole of a thin part
-    that it sees edge-on, an ear, and have beams on all sides of where it is. And beams must have
-    gone through the part that a point belongs to (`find_pierced`), not past a finger or a railing of which the other
-    scan had mixed pixels alone, all dropped.
+    that it sees edge-on, an ear, and have beams on all sides of where it is.
 
     Parameters
     ----------
@@ -74,10 +71,6 @@ def _passed(cloud: PointCloud, other: PointCloud, seen: tuple[cKDTree, Floats], 
         steps = tree.query(tree.data[beam[:, :N_BEAMS]], N_BEAMS + 1)[0][:, :, -1]
         passed[which] &= aside[:, N_BEAMS - 1] <= 2.0 * np.median(steps, axis=1)
         passed[which] &= widest_gap(towards[which], tree.data[beam] - towards[which][:, None]) < RIM_GAP
-        went = passed[which]
-        which, beam = which[went], beam[went]
-        if len(which):
-            passed[which] = find_pierced(cloud.points[which], other.origins, tree, beam, slack)
     return passed
 
 

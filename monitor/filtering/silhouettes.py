@@ -243,15 +243,9 @@ def _has_inner(field: _Field, rims: Bools) -> Bools:
 
 def widest_gap(directions: Floats, aside: Floats) -> Floats:
     """Return the widest angle (n,) [rad] about each direction (n, 3) in which none of its neighbours (n, k, 3) lies."""
-    across, upward = axes_across(directions)
+    across = np.cross(directions, np.where(np.abs(directions[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    upward = np.cross(directions, across)
     angles = np.arctan2(np.einsum("nkj,nj->nk", aside, upward), np.einsum("nkj,nj->nk", aside, across))
     at_itself = (aside == 0.0).all(axis=2)
     angles = np.sort(np.where(at_itself, angles.max(axis=1, keepdims=True), angles), axis=1)
     return np.maximum(np.diff(angles, axis=1).max(axis=1), 2.0 * math.pi - angles[:, -1] + angles[:, 0])
-
-
-def axes_across(directions: Floats) -> tuple[Floats, Floats]:
-    """Return two unit vectors (n, 3) each that are perpendicular to unit directions (n, 3) and to each other."""
-    across = np.cross(directions, np.where(np.abs(directions[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return across, np.cross(directions, across)

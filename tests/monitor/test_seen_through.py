@@ -1,7 +1,6 @@
 """Points that another station looked through: specular errors go, arms, wires and what nobody else saw stay."""
 
 import numpy as np
-import pytest
 
 from monitor.filtering.seen_through import find_seen_through
 from projects.model import PointCloud
@@ -104,50 +103,3 @@ def test_without_known_stations_nothing_is_said(rng):
     unknown = wall(rng, np.full(3, np.nan))
     first, _ = find_seen_through([wall(rng, LEFT, more=ghost), unknown])
     assert first.sum() == 0
-
-
-def grid_wall(rng, origin, step, more=None):
-    """Return the same wall on a grid of `step` [m], with `more` points at its end."""
-    at = np.arange(-0.4, 0.4, step)
-    xy = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2) + rng.normal(0, 0.1 * step, (len(at) ** 2, 2))
-    points = np.c_[xy, rng.normal(0, SIGMA, len(xy))]
-    points = points if more is None else np.concatenate([points, more])
-    return PointCloud(points, origins=origin, spread=np.full(len(points), SIGMA))
-
-
-@pytest.mark.parametrize("step", [0.007, 0.014])
-def test_a_railing_of_which_the_other_scan_had_mixed_pixels_alone_stays(rng, step):
-    """Bars 8 mm wide, 0.3 m before the wall; the beams that touched them, with a spot of 6 mm, were dropped."""
-    middles = np.array([-0.1, 0.0, 0.1])
-    across, along = np.meshgrid(np.arange(-0.004, 0.0041, 0.002), np.arange(-0.15, 0.15, 0.002))
-    bars = [np.c_[x + across.ravel(), along.ravel(), np.full(across.size, 0.3)] for x in middles]
-    railing = np.concatenate(bars) + rng.normal(0, SIGMA, (3 * across.size, 3))
-    full = grid_wall(rng, RIGHT, step)
-    at_bar = RIGHT + (full.points - RIGHT) * ((0.3 - RIGHT[2]) / (full.points[:, 2] - RIGHT[2]))[:, None]
-    touched = (np.abs(at_bar[:, :1] - middles) < 0.007).any(axis=1) & (np.abs(at_bar[:, 1]) < 0.153)
-    first, second = find_seen_through([grid_wall(rng, LEFT, 0.004, railing), full.take(~touched)])
-    assert first.sum() == 0
-    assert second.sum() == 0
-
-
-@pytest.mark.parametrize("size", [0.008, 0.03, 0.1])
-@pytest.mark.parametrize(("own", "others"), [(0.002, 0.002), (0.002, 0.008), (0.008, 0.002)])
-def test_specular_errors_of_any_size_go_whole(rng, size, own, others):
-    at = np.arange(-0.5 * size, 0.5 * size + 1e-9, own)
-    xy = np.stack(np.meshgrid(at, at + 0.1), axis=-1).reshape(-1, 2)
-    ghost = np.c_[xy, 0.3 + rng.normal(0, SIGMA, len(xy))]
-    first, second = find_seen_through([grid_wall(rng, LEFT, own, ghost), grid_wall(rng, RIGHT, others)])
-    assert first[-len(ghost) :].all()
-    assert first[: -len(ghost)].sum() == 0
-    assert second.sum() == 0
-
-
-def test_a_specular_error_goes_where_scans_lie_off_each_other_by_less_than_the_slack(rng):
-    at = np.arange(-0.02, 0.02, 0.002)
-    xy = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
-    ghost = np.c_[xy, 0.3 + rng.normal(0, SIGMA, len(xy))]
-    off, apart = grid_wall(rng, RIGHT, 0.004), np.array([2e-3, 0.0, -2e-3])
-    off = PointCloud(off.points + apart, origins=RIGHT + apart, spread=off.spread)
-    first, _ = find_seen_through([grid_wall(rng, LEFT, 0.002, ghost), off], slack=6e-3)
-    assert first[-len(ghost) :].all()
-    assert first[: -len(ghost)].sum() == 0
