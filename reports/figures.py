@@ -180,7 +180,7 @@ def draw_section(comparison: Comparison, region_number: int) -> bytes:
             for edge in ("top", "right"):
                 axes.spines[edge].set_visible(False)
         _draw_profiles(profile, lines, plane, heights)
-        _draw_change(change, lines, plane, choose_limit(comparison), region_number)
+        _draw_change(change, lines, plane, choose_limit(comparison))
         return write_svg(figure)
 
 
@@ -223,9 +223,7 @@ def _draw_profiles(axes: Axes, lines: tuple[SectionLine, SectionLine], plane: Se
         axes.annotate(name, (end, 1), (0, 4), "axes fraction", textcoords="offset points", weight="bold", ha="center")
 
 
-def _draw_change(
-    axes: Axes, lines: tuple[SectionLine, SectionLine], plane: SectionPlane, limit: float, number: int
-) -> None:
+def _draw_change(axes: Axes, lines: tuple[SectionLine, SectionLine], plane: SectionPlane, limit: float) -> None:
     """Draw the change along the section, coloured as in the pictures, with the level of detection as a band."""
     line = max(reversed(lines), key=lambda one: int(one.in_region.sum()))
     along, change = _points(line, plane)[..., 0], line.distances * MM

@@ -55,11 +55,10 @@ class Beyond:
 
 @dataclass(frozen=True)
 class Body:
-    """Volume [m3] between the surfaces, positive = gained, its sigma, and the area [m2] that closes the gap."""
+    """Volume [m3] between the surfaces, positive = gained, and its sigma."""
 
     volume: float
     sigma: float
-    closing_area: float
 
 
 def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: float) -> Beyond:
@@ -211,7 +210,7 @@ def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Int
     is_free = _pick(beyond.is_free, used)
     volume = cone_volume(local[patches]) + cone_volume(closing.triangles, closing.weights)
     noise = sigma_of_patches(sides, masks, found, registration)
-    return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_free, border))), float(_areas(closing).sum()))
+    return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_free, border))))
 
 
 @jit(nopython=True, cache=True, nogil=True)

@@ -192,17 +192,17 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         volume=np.nan
         if not len(margin)
         else float((side.areas[margin] * cosine_to_foot(side, margin)) @ side.distances[margin]),
-        sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, which, margin, registration),
+        sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, margin, registration),
         mean=mean,
-        sigma_mean=sigma_of_mean(side, found, which, vertices, registration),
+        sigma_mean=sigma_of_mean(side, found, vertices, registration),
         extreme=find_extreme(side, found, which, (vertices, whole), beyond.change[which]),
-        gap=find_gap(side, found, which, (vertices, whole), beyond.change[which]),
+        gap=find_gap(side, found, (vertices, whole), beyond.change[which]),
         centroid=np.average(side.surface.vertices[whole], axis=0, weights=side.areas[whole]),
         unevenness=float(np.sqrt(np.fmax(spread2 - noise2, 0.0))) if len(vertices) else np.nan,
     )
 
 
-def sigma_of_mean(side: Side, found: Detected, which: int, vertices: Ints, registration: Registration) -> float:
+def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Registration) -> float:
     """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, and the motion's."""
     if not len(vertices):
         return np.nan
@@ -247,8 +247,7 @@ def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Int
     return float(np.median(value[around[peak]])), float(sigma[peak])
 
 
-def find_gap(side: Side, found: Detected, which: int, parts: tuple[Ints, Ints], change_beyond: Floats,
-             ) -> tuple[float, float]:  # fmt: skip
+def find_gap(side: Side, found: Detected, parts: tuple[Ints, Ints], change_beyond: Floats) -> tuple[float, float]:
     """Return the mean change [m] over a region and its sigma, with what has no perpendicular: there it is the distance
     to the nearest point of the other surface, as sure as an assessed vertex is in the median. NaN where that is not
     known for half of the region's area."""

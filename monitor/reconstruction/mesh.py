@@ -37,14 +37,6 @@ def edge_table(faces: Ints) -> tuple[Ints, Ints, Ints]:
     return edges, edge_of, n_faces
 
 
-def boundary_vertices(faces: Ints, n_vertices: int) -> Bools:
-    """Return which vertices (n,) lie on an edge that has one face only."""
-    edges, _, n_faces = edge_table(faces)
-    out = np.zeros(n_vertices, bool)
-    out[edges[n_faces == 1]] = True
-    return out
-
-
 def short_edges(vertices: Floats, faces: Ints, shortest: float) -> Ints:
     """Return the edges (k, 2) below `shortest` (m), as often as faces have them."""
     ends: Ints = find_short_edges(np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces), float(shortest))

@@ -319,7 +319,6 @@ def _sleeve(name: str, start: Floats, end: Floats) -> Part:
 
 _SHIELD_AT = (0.93, -0.93, 1.90)
 _SHIELD_TURN = (-9.0, 2.0, 20.0)
-SHIELD_HALF = (0.80, 1.62)
 
 
 def _shield_outline() -> Floats:

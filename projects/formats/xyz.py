@@ -71,7 +71,7 @@ def find_layout(path: str) -> ScanHeader:
     words = [_words(line, separator, has_decimal_comma) for line in sample]
     n_columns = len(words[0])
     table = _sample_table(words, n_columns, start)
-    roles = _named_roles(names, separator, n_columns) if names else _roles_by_content(table, separator)
+    roles = _named_roles(names, separator, n_columns) if names else _roles_by_content(table)
     layout = {"offset": offsets[start], "n_columns": n_columns, "separator": separator,
               "has_decimal_comma": has_decimal_comma, "first_line": start + 1}  # fmt: skip
     return ScanHeader(n_declared=n_declared, place={"layout": layout, "names": roles})
@@ -181,7 +181,7 @@ def _named_roles(names: str, separator: str, n_columns: int) -> list[str]:
     return [role if role in complete else "-" for role in roles]
 
 
-def _roles_by_content(table: Any, separator: str) -> list[str]:
+def _roles_by_content(table: Any) -> list[str]:
     """Return the role of each column of a table without names.
 
     x y z come first. After them: one column is intensity; three are colours or normals, by what they hold; four are

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 from corners_of_planes import CUBE, NOISE, SPACING, corner_cloud, off_round_corner, round_corner_cloud, unit
+from free_borders import boundary_vertices
 
 from monitor.reconstruction import reconstruct
 from monitor.reconstruction.corners import Guesses, agreeing, meeting_edges, mirrored, stays_whole
 from monitor.reconstruction.intersections import find_intersections
-from monitor.reconstruction.mesh import boundary_vertices, edge_table
+from monitor.reconstruction.mesh import edge_table
 from monitor.reconstruction.projection import Projection
 from monitor.reconstruction.roofs import Roofs, no_roofs
 from monitor.reconstruction.three_planes import height_over

@@ -23,10 +23,6 @@ def enclosed(points: np.ndarray, faces: np.ndarray) -> float:
     return cone_volume(points[faces]) + cone_volume(closing.triangles, closing.weights)
 
 
-def plane_cap(m: trimesh.Trimesh, height: float) -> np.ndarray:
-    return m.faces[(m.vertices[:, 2] > height)[m.faces].all(axis=1)]
-
-
 def test_a_hole_is_closed_by_a_flat_cap_and_the_origin_does_not_matter() -> None:
     ball = trimesh.creation.icosphere(subdivisions=4)
     snapped = ball.vertices.copy()

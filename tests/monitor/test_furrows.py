@@ -31,7 +31,7 @@ def fits_of(points, normals):
     return choose_fits(points, normals, samples, ladder), samples
 
 
-def waves(rng, turn, wavelength=0.012):
+def waves(turn, wavelength=0.012):
     k, c, s = 2.0 * np.pi / wavelength, np.cos(turn), np.sin(turn)
 
     def height(x, y):
@@ -79,7 +79,7 @@ def test_the_direction_in_common_is_that_in_which_both_sides_of_a_fold_bend_leas
 
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 def test_fits_on_waves_lie_along_them_and_halve_their_error(rng, turn):
-    height, slopes = waves(rng, turn)
+    height, slopes = waves(turn)
     points, normals = sheet(rng, height, slopes)
     reach, samples = fits_of(points, normals)
     furrows = reach.furrows
@@ -139,7 +139,7 @@ def test_a_vertex_without_points_enough_along_keeps_its_disc(rng):
 
 
 def test_surfaces_have_stretched_fits_only_where_they_are_asked_for(rng):
-    points, normals = sheet(rng, *waves(rng, 0.0))
+    points, normals = sheet(rng, *waves(0.0))
     cloud = PointCloud(points, normals)
     asked = reconstruct_with_record(cloud, SurfaceSettings(along_furrows=True))
     assert asked.automatic["stretched_share"] > 0.3

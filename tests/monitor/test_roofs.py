@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from edges_between_planes import NOISE, edge_cloud, off_edge
+from free_borders import boundary_vertices
 
 from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction.intersections import find_intersections
-from monitor.reconstruction.mesh import boundary_vertices, edge_table
+from monitor.reconstruction.mesh import edge_table
 from monitor.reconstruction.projection import Projection
 from monitor.reconstruction.roof_evidence import (
     ACTIVE,

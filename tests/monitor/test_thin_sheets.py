@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from free_borders import boundary_vertices
 
 from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction.cell_size import measure_sampling
 from monitor.reconstruction.coverage import count_uncovered
 from monitor.reconstruction.intersections import find_intersections
-from monitor.reconstruction.mesh import edge_table, face_areas_and_normals
+from monitor.reconstruction.mesh import face_areas_and_normals
 from projects.model import PointCloud, Surface
 
 SPACING, NOISE, EXTENT = 0.001, 0.0003, 0.030
@@ -61,9 +62,7 @@ def test_sheets_nearer_than_a_cell_are_left_open_and_counted(rng, looks):
     assert result.counts["points_at_unresolved_sheets"] > 0.02 * len(cloud)
     assert result.automatic["uncovered_share"] > 0.02
     assert result.surface.is_unresolved.any()
-    edges, _, n_faces = edge_table(result.surface.faces)
-    on_boundary = np.zeros(len(result.surface.vertices), bool)
-    on_boundary[edges[n_faces == 1]] = True
+    on_boundary = boundary_vertices(result.surface.faces, len(result.surface.vertices))
     assert on_boundary[result.surface.is_unresolved].all()
 
 

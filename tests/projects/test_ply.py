@@ -17,8 +17,8 @@ def read(path):
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
-def head(encoding, *lines, n=3):
-    return "\n".join(["ply", f"format {encoding} 1.0", *lines[:-1], lines[-1], "end_header"]) + "\n"
+def head(encoding, *lines):
+    return "\n".join(["ply", f"format {encoding} 1.0", *lines, "end_header"]) + "\n"
 
 
 XYZ = ("element vertex 3", "property double x", "property double y", "property double z")

@@ -87,7 +87,7 @@ def stated_level(reference: Surface, compared: Surface) -> float:
     sides = measure_sides(make_shells(reference, moved, (REACH, np.radians(60.0))), motion)
     found = detect(sides, motion, 0.05, 0)
     squares = squares_of(sides[1].surface.vertices, sides[1].is_assessed)
-    return Z95 * float(np.median([sigma_of_mean(sides[1], found, 1, s, motion) for s in squares]))
+    return Z95 * float(np.median([sigma_of_mean(sides[1], found, s, motion) for s in squares]))
 
 
 def is_found(result: Comparison, place: Floats, depth: float) -> bool:

@@ -64,7 +64,7 @@ class Cloud(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Errors of a set of vertices in mm: net mean and std, inside and over all, strays; error over sigma inside.
+    """Errors of a set of vertices in mm: net mean and std, inside and over all; error over sigma inside.
 
     `ratio2` is the mean square of the true error over sigma, about the truth: neighbouring vertices share most of their
     error, so that its scatter about the mean of one cloud would show only a part of it.
@@ -74,7 +74,6 @@ class Errors(NamedTuple):
     std: float
     net_all: float
     std_all: float
-    n_stray: int
     ratio2: float
 
 
@@ -115,10 +114,7 @@ def measure(cloud: Cloud, vertices: Floats, sigma: Floats | None = None) -> Erro
     if sigma is not None:
         known = inside & near & np.isfinite(sigma)
         ratio2 = float(np.mean((error[known] / sigma[known]) ** 2))
-    return Errors(
-        core.mean() - noise_core, core.std(), whole.mean() - noise_whole, whole.std(), int((in_area & ~near).sum()),
-        ratio2,
-    )  # fmt: skip
+    return Errors(core.mean() - noise_core, core.std(), whole.mean() - noise_whole, whole.std(), ratio2)
 
 
 def ours(cloud: Cloud) -> Errors:
