@@ -4,11 +4,7 @@
 """
 
 from monitor.reconstruction.distances import surface_to_points
-from monitor.reconstruction.surface import (
-    ReconstructionResult,
-    SurfaceSettings,
-    reconstruct,
-    reconstruct_with_record,
-)
+from monitor.reconstruction.surface import ReconstructionResult, reconstruct, reconstruct_with_record
+from monitor.reconstruction.surface_settings import SurfaceSettings
 
 __all__ = ["ReconstructionResult", "SurfaceSettings", "reconstruct", "reconstruct_with_record", "surface_to_points"]

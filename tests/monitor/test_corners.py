@@ -114,7 +114,7 @@ def test_relief_has_no_corners(monkeypatch: pytest.MonkeyPatch) -> None:
     cloud = PointCloud(np.column_stack([x, y, z]), origins=np.tile([0.0, 0.0, 2.0], (3600, 1)))
     with_corners = reconstruct(cloud)
     monkeypatch.setattr(
-        "monitor.reconstruction.surface.find_corners", lambda raw, projection, faces, roofs, *_: (projection, roofs)
+        "monitor.reconstruction.settling.find_corners", lambda raw, projection, faces, roofs, *_: (projection, roofs)
     )
     np.testing.assert_array_equal(reconstruct(cloud).vertices, with_corners.vertices)
 
