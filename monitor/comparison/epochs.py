@@ -13,6 +13,7 @@ import numpy as np
 
 from monitor.boxes import box_of
 from monitor.comparison.borne_out import Points, keep_borne_out
+from monitor.comparison.comparable import require_common, require_comparable, settle_motion
 from monitor.comparison.detection import Detection, detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import look_beyond
@@ -22,10 +23,9 @@ from monitor.comparison.regions import area_looked_through, find_regions, least_
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
-from monitor.comparison.summary import count_reasons, summarize
+from monitor.comparison.summary import summarize
 from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
-from projects.errors import ComparisonError, ParameterError, RegistrationError
 from projects.model import (
     Assessment,
     ComparedSurface,
@@ -35,11 +35,8 @@ from projects.model import (
     NotAssessed,
     Registration,
     Surface,
-    require_noun,
 )
-from projects.transforms import apply, require_rigid
-
-MODES = ("relative", "absolute")
+from projects.transforms import apply
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +82,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     ----------
     reference, compared : the earlier and the later surface, m, each with `sigma` where it is known.
     registration : of the compared surface onto the reference; estimated where left out.
+    settings : see `CompareSettings`; the default needs no thought.
     mode : "relative" removes the motion between the epochs, "absolute" leaves it in the differences (its uncertainty
         counts in both).
     frames : (6, 6) rad and m, how far the frames of both epochs may differ, as their control holds them, about the
@@ -110,23 +108,17 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
 
     Raises
     ------
+    ParameterError
+        Where the mode is neither, the tolerance no length, or what should be a surface or registration is none.
     ComparisonError
-        Where the epochs do not overlap, or are one and the same.
+        Where a surface is not sound, the epochs do not overlap, or are one and the same.
     RegistrationError
         Where the registration did not converge.
     """
     settings = CompareSettings() if settings is None else settings
-    if mode not in MODES:
-        raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")
-    require_sound(reference, compared)
-    if registration is not None:
-        require_noun(registration, "the registration", Registration)
-    require_tolerance(tolerance)
+    require_comparable(reference, compared, registration, mode, tolerance)
     limit = settings.search_limit or search_limit(reference, compared, 0.05)
-    if registration is None:
-        require_near(reference, compared, limit)
-    registration = require_settled(register_epochs(reference, compared) if registration is None else registration)
-    require_two(reference, compared)
+    registration = settle_motion(reference, compared, registration, limit)
     left = registration if mode == "absolute" else None
     registration, held = hold_frames(registration, frames, mode)
     T = registration.T_target_source if mode == "relative" else None
@@ -156,77 +148,6 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     return Comparison(on_compared, on_reference, regions.table, registration, mode, statistics)
 
 
-def require_sound(reference: Surface, compared: Surface) -> None:
-    """Raise `ComparisonError` where a surface has no faces or vertices that are not finite."""
-    for surface, name in ((reference, "reference"), (compared, "compared")):
-        require_noun(surface, f"the {name} surface", Surface)
-        if not len(surface.faces):
-            raise ComparisonError(f"the {name} surface has no faces; give a sound mesh")
-        if not np.isfinite(surface.vertices).all():
-            n_bad = int((~np.isfinite(surface.vertices)).any(axis=1).sum())
-            raise ComparisonError(
-                f"the {name} surface has {n_bad} of {len(surface.vertices)} vertices that are not finite; "
-                "give a sound mesh"
-            )
-
-
-def require_tolerance(tolerance: float | None) -> None:
-    """Raise `ParameterError` where a client's tolerance is no length."""
-    if tolerance is None:
-        return
-    if not isinstance(tolerance, int | float | np.number) or not 0.0 < tolerance < math.inf:
-        raise ParameterError(f"tolerance {tolerance!r}: a length above 0 m is needed, or None")
-
-
-def require_two(reference: Surface, compared: Surface) -> None:
-    """Raise `ComparisonError` where both surfaces are one, and nothing is stated of its errors.
-
-    Errors that are the same in both show no error at all.
-    """
-    if reference.sigma is not None and compared.sigma is not None:
-        return
-    if np.array_equal(reference.vertices, compared.vertices) and np.array_equal(reference.faces, compared.faces):
-        raise ComparisonError(
-            "the compared surface is the reference itself, vertex by vertex, and states no sigma: what was measured "
-            "once can show no change, and its level of detection is not known; give the surfaces of two surveys"
-        )
-
-
-def require_near(reference: Surface, compared: Surface, limit: float) -> None:
-    """Raise `ComparisonError` where the boxes of the surfaces lie farther apart than `limit` [m]."""
-    low = np.maximum(reference.vertices.min(axis=0), compared.vertices.min(axis=0))
-    high = np.minimum(reference.vertices.max(axis=0), compared.vertices.max(axis=0))
-    gap = float(np.linalg.norm(np.maximum(low - high, 0.0)))
-    if gap > limit:
-        raise ComparisonError(f"the epochs do not overlap: they lie {gap:.4g} m apart; check their poses and units")
-
-
-def require_settled(registration: Registration) -> Registration:
-    """Return the registration, a rigid one; raise `RegistrationError` with its reason where it did not converge."""
-    if not registration.converged:
-        raise RegistrationError(
-            f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
-        )
-    require_rigid(registration.T_target_source, "the registration")
-    return registration
-
-
-def require_common(sides: tuple[Side, Side], limit: float) -> None:
-    """Raise `ComparisonError` where no vertex of either side (reference, compared) can be assessed."""
-    if not any(s.is_assessed.any() for s in sides):
-        counts = count_reasons(sides[1].reasons)
-        reasons = ", ".join(f"{name} {n}" for name, n in counts.items() if n)
-        if counts["no_one_surface"] == max(counts.values()):
-            raise ComparisonError(
-                f"nothing of the compared epoch can be assessed ({reasons}): most of what was measured lies off the "
-                "surfaces, as of plants; a larger compare.max_stray_share assesses it all the same"
-            )
-        raise ComparisonError(
-            f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); "
-            "the epochs do not overlap, or not the same side of them: check their poses and units"
-        )
-
-
 def hold_frames(registration: Registration, frames: Floats | None, mode: str) -> tuple[Registration, Registration]:
     """Return the registration as it is stated, and as the differences hold it; `frames` (6, 6) where control holds both
     epochs. What is left in the differences is as sure as the frames, what is taken off as sure as the shapes tell."""
@@ -234,13 +155,6 @@ def hold_frames(registration: Registration, frames: Floats | None, mode: str) ->
         return registration, registration
     stated = dataclasses.replace(registration, covariance=registration.covariance + frames)
     return stated, dataclasses.replace(registration, covariance=frames) if mode == "absolute" else registration
-
-
-def register_epochs(reference: Surface, compared: Surface) -> Registration:
-    """Return the registration of the compared epoch onto the reference."""
-    from monitor.registration import register
-
-    return register(compared, reference)
 
 
 def make_shells(reference: Surface, compared: Surface, limits: tuple[float, float],

@@ -1,0 +1,121 @@
+"""What can be compared: two sound surfaces, near each other, of two surveys, and a motion that settled.
+
+In come what `compare` was given; what cannot be compared is refused with what was found and what to do.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from monitor.comparison.side import Side
+from monitor.comparison.summary import count_reasons
+from projects.errors import ComparisonError, ParameterError, RegistrationError
+from projects.model import Registration, Surface, require_noun
+from projects.transforms import require_rigid
+
+MODES = ("relative", "absolute")
+
+
+def require_comparable(reference: Surface, compared: Surface, registration: Registration | None, mode: str,
+                       tolerance: float | None) -> None:  # fmt: skip
+    """Raise `ParameterError` or `ComparisonError` where something given to `compare` is none of what it stands for."""
+    if mode not in MODES:
+        raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")
+    require_sound(reference, compared)
+    if registration is not None:
+        require_noun(registration, "the registration", Registration)
+    require_tolerance(tolerance)
+
+
+def settle_motion(reference: Surface, compared: Surface, registration: Registration | None,
+                  limit: float) -> Registration:  # fmt: skip
+    """Return the registration of the compared surface onto the reference, estimated where none is given.
+
+    Raises `ComparisonError` where the surfaces lie farther apart than `limit` [m] or are one, `RegistrationError` where
+    the registration did not converge.
+    """
+    if registration is None:
+        require_near(reference, compared, limit)
+    registration = require_settled(register_epochs(reference, compared) if registration is None else registration)
+    require_two(reference, compared)
+    return registration
+
+
+def register_epochs(reference: Surface, compared: Surface) -> Registration:
+    """Return the registration of the compared epoch onto the reference."""
+    from monitor.registration import register
+
+    return register(compared, reference)
+
+
+def require_sound(reference: Surface, compared: Surface) -> None:
+    """Raise `ComparisonError` where a surface has no faces or vertices that are not finite."""
+    for surface, name in ((reference, "reference"), (compared, "compared")):
+        require_noun(surface, f"the {name} surface", Surface)
+        if not len(surface.faces):
+            raise ComparisonError(f"the {name} surface has no faces; give a sound mesh")
+        if not np.isfinite(surface.vertices).all():
+            n_bad = int((~np.isfinite(surface.vertices)).any(axis=1).sum())
+            raise ComparisonError(
+                f"the {name} surface has {n_bad} of {len(surface.vertices)} vertices that are not finite; "
+                "give a sound mesh"
+            )
+
+
+def require_tolerance(tolerance: float | None) -> None:
+    """Raise `ParameterError` where a client's tolerance is no length."""
+    if tolerance is None:
+        return
+    if not isinstance(tolerance, int | float | np.number) or not 0.0 < tolerance < math.inf:
+        raise ParameterError(f"tolerance {tolerance!r}: a length above 0 m is needed, or None")
+
+
+def require_two(reference: Surface, compared: Surface) -> None:
+    """Raise `ComparisonError` where both surfaces are one, and nothing is stated of its errors.
+
+    Errors that are the same in both show no error at all.
+    """
+    if reference.sigma is not None and compared.sigma is not None:
+        return
+    if np.array_equal(reference.vertices, compared.vertices) and np.array_equal(reference.faces, compared.faces):
+        raise ComparisonError(
+            "the compared surface is the reference itself, vertex by vertex, and states no sigma: what was measured "
+            "once can show no change, and its level of detection is not known; give the surfaces of two surveys"
+        )
+
+
+def require_near(reference: Surface, compared: Surface, limit: float) -> None:
+    """Raise `ComparisonError` where the boxes of the surfaces lie farther apart than `limit` [m]."""
+    low = np.maximum(reference.vertices.min(axis=0), compared.vertices.min(axis=0))
+    high = np.minimum(reference.vertices.max(axis=0), compared.vertices.max(axis=0))
+    gap = float(np.linalg.norm(np.maximum(low - high, 0.0)))
+    if gap > limit:
+        raise ComparisonError(f"the epochs do not overlap: they lie {gap:.4g} m apart; check their poses and units")
+
+
+def require_settled(registration: Registration) -> Registration:
+    """Return the registration, a rigid one; raise `RegistrationError` with its reason where it did not converge."""
+    if not registration.converged:
+        raise RegistrationError(
+            f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
+        )
+    require_rigid(registration.T_target_source, "the registration")
+    return registration
+
+
+def require_common(sides: tuple[Side, Side], limit: float) -> None:
+    """Raise `ComparisonError` where no vertex of either side (reference, compared) can be assessed."""
+    if not any(s.is_assessed.any() for s in sides):
+        counts = count_reasons(sides[1].reasons)
+        reasons = ", ".join(f"{name} {n}" for name, n in counts.items() if n)
+        if counts["no_one_surface"] == max(counts.values()):
+            raise ComparisonError(
+                f"nothing of the compared epoch can be assessed ({reasons}): most of what was measured lies off the "
+                "surfaces, as of plants; a larger compare.max_stray_share assesses it all the same"
+            )
+        raise ComparisonError(
+            f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); "
+            "the epochs do not overlap, or not the same side of them: check their poses and units"
+        )
