@@ -15,12 +15,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from monitor.simulation.carving import carve_face, carve_hand
 from monitor.simulation.changes import Edit
 from monitor.simulation.model import Model, ModelPart, build_scene
 from monitor.simulation.scenes import Scene, make_box
-from monitor.simulation.shapes import Drawing, box, capsule, draw_polygon, ellipsoid, pipe, placed, smoothstep, tube
+from monitor.simulation.shapes import (
+    Drawing,
+    box,
+    capsule,
+    draw_polygon,
+    ellipsoid,
+    pipe,
+    placed,
+    smoothstep,
+    tube,
+    turn_by,
+)
 from monitor.simulation.solid import Field, Part, Solid, smooth_max, smooth_min
-from monitor.simulation.statue import carve_face, carve_hand, turn_by
 from projects.model import Floats
 
 HEAD = 0.247  # m, the unit of this file

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.simulation.changes import Edit, break_off, erode, hollow_out
+from monitor.simulation.heads import HEAD
 from monitor.simulation.model import only_near
 from monitor.simulation.pedestal import DIE, DIE_HALF_WIDTH, HEIGHT, PANEL_DEPTH, pedestal_part
 from monitor.simulation.scenes import Body, Truth
+from monitor.simulation.shield import shield_corner
 from monitor.simulation.solid import Field, Solid, contour
-from monitor.simulation.statue import HEAD, shield_corner, statue_parts
+from monitor.simulation.statue import statue_parts
 from monitor.simulation.true_change import TrueChange, measure_change
 from monitor.simulation.truth import truth_of
 from projects.model import Floats

@@ -14,8 +14,15 @@ from scipy.ndimage import map_coordinates
 
 from monitor.simulation.solid import Field
 from projects.model import Floats
+from projects.transforms import rotation_from_vector
 
 Vector = ArrayLike
+
+
+def turn_by(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Floats:
+    """Return the rotation by degrees about x, then y, then z."""
+    rx, ry, rz = (rotation_from_vector(np.radians(a) * e) for a, e in zip((x, y, z), np.eye(3), strict=True))
+    return rz @ ry @ rx
 
 
 def placed(field: Field, *, at: Vector = (0.0, 0.0, 0.0), rotation: Floats | None = None, scale: float = 1.0) -> Field:
