@@ -56,14 +56,8 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
     """
     record = project.object(object_id)
     before, after = (gather_history(project, object_id, e, reference_id) for e in (reference_id, compared_id))
-    product = f"comparison-{reference_id}"
-    step = after.step(product)
-    if step is None:
-        raise StoreError(
-            f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
-            f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
-        )
-    comparison = project.get(object_id, compared_id, product, step.step_id)
+    step = require_comparison(project, object_id, reference_id, compared_id)
+    comparison = project.get(object_id, compared_id, step.product, step.step_id)
     facts = make_facts(comparison, record, before, after, project_name=project.name, crs=project.crs)
     calibrations = [c for epoch in (before, after) for c in gather_calibrations(project, object_id, epoch)]
     facts = replace(facts, calibrations=tuple(calibrations))
@@ -72,6 +66,17 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
         return facts
     series = project.get(object_id, compared_id, followed.product, followed.step_id)
     return replace(facts, series=tell_series(series))
+
+
+def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
+    """Return the step of a comparison that the project holds; raise `StoreError` that says how to make it."""
+    step = project.latest(object_id, compared_id, f"comparison-{reference_id}")
+    if step is None:
+        raise StoreError(
+            f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
+            f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
+        )
+    return step
 
 
 def gather_history(project: Project, object_id: str, epoch_id: str, reference_id: str) -> EpochHistory:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import typer
 
+from monitor.cli.pairs import Pair, named_pair
 from monitor.cli.progress import show_progress
 from monitor.reconstruction.screen import decimate_for_screen
 from monitor.record import Place, comparison_product, latest_step
@@ -13,11 +14,10 @@ from projects.errors import ParameterError, StoreError
 from projects.formats import write_screen_glb
 from projects.model import Comparison, Step, Surface
 from projects.store import Project
-from reports.document import gather_facts
+from reports.document import gather_facts, require_comparison
 from reports.exports import FORMATS, export_comparison, export_series, export_surface
 from reports.html import write_report
 
-Pair = tuple[str | None, str | None]
 SCREEN = "screen"  # a GLB for viewers: few faces and a normal map
 SCREEN_FACES = 100_000
 
@@ -106,11 +106,12 @@ def parse_formats(text: str) -> tuple[str, ...]:
 def _what_to_export(project: Project, object_id: str, pair: Pair) -> tuple[list[str], list[tuple[str, str]]]:
     """Return the epochs and the comparisons meant: one comparison, one epoch, or everything there is."""
     reference, compared = pair
-    known = [e.epoch_id for e in project.epochs(project.object(object_id).object_id)]
-    if reference and compared:
-        return [], [(project.epoch(object_id, reference).epoch_id, project.epoch(object_id, compared).epoch_id)]
-    if reference:
+    if reference and not compared:
         return [project.epoch(object_id, reference).epoch_id], []
+    named = named_pair(project, object_id, pair)
+    if named is not None:
+        return [], [named]
+    known = [e.epoch_id for e in project.epochs(object_id)]
     epochs = [e for e in known if "surface" in {step.product for step in project.steps(object_id, e)}]
     if not epochs:
         raise StoreError(
@@ -128,17 +129,6 @@ def kept_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
         for before in ids
         if before != after and project.latest(object_id, after, comparison_product(before)) is not None
     ]
-
-
-def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
-    """Return the step of a comparison, or say how to make it."""
-    step = project.latest(object_id, compared_id, comparison_product(reference_id))
-    if step is None:
-        raise StoreError(
-            f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
-            f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
-        )
-    return step
 
 
 def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Path]:
@@ -161,12 +151,9 @@ def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Pat
 
 def _what_to_report(project: Project, object_id: str, pair: Pair) -> list[tuple[str, str]]:
     """Return the comparisons meant."""
-    reference, compared = pair
-    project.object(object_id)
-    if reference and compared:
-        return [(project.epoch(object_id, reference).epoch_id, project.epoch(object_id, compared).epoch_id)]
-    if reference:
-        raise ParameterError(f"one epoch was given ({reference}); give two, REFERENCE and COMPARED, or none")
+    named = named_pair(project, object_id, pair)
+    if named is not None:
+        return [named]
     pairs = kept_comparisons(project, object_id)
     if not pairs:
         raise StoreError(f"object {object_id} has no comparison yet; run: monitor compare {project.path} {object_id}")

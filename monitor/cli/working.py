@@ -11,7 +11,9 @@ from typing import Any
 import typer
 
 from monitor.chain import compare_epochs, pairs_to_compare, process_epoch
+from monitor.cli.pairs import Pair, named_pair
 from monitor.cli.progress import show_progress
+from monitor.comparison.comparable import MODES
 from monitor.engine import open_engine
 from monitor.record import Place
 from monitor.settings import read_settings
@@ -24,7 +26,6 @@ from reports.answer import shares_not_assessed
 from reports.history import tell_open_holes
 from reports.quantities import NBSP, millimetres, percent
 
-Pair = tuple[str | None, str | None]
 Facts = dict[str, Any]
 Where = tuple[int | None, str | None]  # workers, scheduler
 
@@ -107,8 +108,8 @@ def compare_object(
 ) -> None:  # fmt: skip
     """Compare the epochs asked for and say what was found; a file may say where nothing moved."""
     stable = None if stable_file is None else read_extent(stable_file)
-    if mode not in (None, "relative", "absolute"):
-        raise ParameterError(f"--mode {mode}: allowed are relative, absolute")
+    if mode not in (None, *MODES):
+        raise ParameterError(f"--mode {mode}: allowed are {', '.join(MODES)}")
     project = Project.open(path)
     settings = read_settings(settings_file)
     pairs = resolve_pairs(project, object_id, pair)
@@ -137,12 +138,10 @@ def compare_object(
 
 def resolve_pairs(project: Project, object_id: str, pair: Pair) -> list[tuple[str, str]]:
     """Return the pairs (reference, compared) meant: the one given, or each with the first and the one before."""
-    reference, compared = pair
-    epochs = [e.epoch_id for e in project.epochs(project.object(object_id).object_id)]
-    if reference and compared:
-        return [(project.epoch(object_id, reference).epoch_id, project.epoch(object_id, compared).epoch_id)]
-    if reference:
-        raise ParameterError(f"one epoch was given ({reference}); give two, REFERENCE and COMPARED, or none")
+    named = named_pair(project, object_id, pair)
+    if named is not None:
+        return [named]
+    epochs = [e.epoch_id for e in project.epochs(object_id)]
     if len(epochs) < 2:
         raise StoreError(
             f"object {object_id} has {len(epochs)} epoch{'s' if len(epochs) != 1 else ''}; a comparison needs two"

@@ -41,7 +41,7 @@ def surface_to_points(surface: Surface, points: Floats, normals: Floats | None =
         Where the surface has no faces.
     """
     if not len(surface.faces):
-        raise ReconstructionError("the surface has no faces to measure points against")
+        raise ReconstructionError("the surface has no faces to measure points against; give a mesh")
     points = np.asarray(points, float)
     face = nearest_faces(surface, points)
     foot, weights = closest_on_triangles(points, surface.vertices[surface.faces[face]])
