@@ -18,7 +18,10 @@ def setting(
     default: Any, *, unit: str, meaning: str, low: float | None = None, high: float | None = None,
     choices: tuple[str, ...] = (),
 ) -> Any:  # fmt: skip
-    """Declare one setting. `default` None means: found from the data (written "auto" in TOML)."""
+    """Declare one setting: `unit` is empty where it has none, `low` and `high` are the least and greatest allowed.
+
+    `default` None means: found from the data (written "auto" in TOML).
+    """
     metadata = {"unit": unit, "meaning": meaning, "low": low, "high": high, "choices": choices}
     return dataclasses.field(default=default, metadata=metadata)
 

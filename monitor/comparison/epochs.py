@@ -44,7 +44,10 @@ class CompareSettings:
     """Comparison of two surfaces in one frame."""
 
     search_limit: float | None = setting(
-        None, unit="m", low=1e-6, meaning="largest change looked for; a twentieth of the smaller surface's diagonal"
+        None,
+        unit="m",
+        low=1e-6,
+        meaning="largest change looked for; auto: a twentieth of the smaller surface's diagonal",
     )
     max_normal_angle: float = setting(
         math.radians(60.0),
@@ -60,13 +63,13 @@ class CompareSettings:
         None,
         unit="m",
         low=1e-6,
-        meaning="a vertex with a larger level of detection is not assessable; the search limit",
+        meaning="a vertex with a larger level of detection is not assessable; auto: the search limit",
     )
     max_stray_share: float = setting(
         0.5, unit="", low=0.0, high=1.0,
         meaning="not assessable where, in both epochs' mean, more of what was measured there lies off the surface",
     )  # fmt: skip
-    seed: int = setting(0, unit="", low=0, meaning="of the sample of vertices that shows how errors correlate")
+    seed: int = setting(0, unit="", low=0, meaning="seed of the sample of vertices that shows how errors correlate")
 
     def __post_init__(self) -> None:
         check_settings(self)

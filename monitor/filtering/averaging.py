@@ -38,7 +38,7 @@ class AveragingSettings:
         True, unit="", meaning="average repeated scans cell by cell; else they are merged as others"
     )
     significance: float = setting(
-        0.01, unit="1", meaning="drift between the scans is removed where chance gives it more rarely than this",
+        0.01, unit="", meaning="drift between the scans is removed where chance gives it more rarely than this",
         low=1e-9, high=1.0,
     )  # fmt: skip
 

@@ -49,14 +49,16 @@ class CalibrationSettings:
         None, unit="m", low=0.05, high=10.0,
         meaning="longest wavelength of the cyclic error; auto: of the scanner's preset, else found from the scan",
     )  # fmt: skip
-    n_harmonics: int = setting(4, unit="1", low=1, high=8, meaning="waves of that wavelength / 1, 2, 3 ...")
+    n_harmonics: int = setting(
+        4, unit="", low=1, high=8, meaning="waves looked for: of that wavelength, its half, its third and so on"
+    )
     max_amplitude: float = setting(
         0.005, unit="m", low=1e-5, high=0.1, meaning="farthest that the error may bring a point off its plane"
     )
     max_probability: float = setting(
-        0.001, unit="1", low=1e-12, high=0.5, meaning="probability by chance (F test) above which nothing is corrected"
+        0.001, unit="", low=1e-12, high=0.5, meaning="probability by chance (F test) above which nothing is corrected"
     )
-    min_patches: int = setting(3, unit="1", low=1, high=1000, meaning="plane patches that must vote")
+    min_patches: int = setting(3, unit="", low=1, high=1000, meaning="plane patches that must vote")
     max_points: int = setting(
         40_000,
         unit="points",

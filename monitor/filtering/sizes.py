@@ -53,7 +53,7 @@ class NormalSettings:
     n_samples: int = setting(600, unit="points", meaning="points at which the size is estimated", low=20, high=100_000)
     h_share: float = setting(
         0.55,
-        unit="1",
+        unit="",
         meaning="share of neighbours that must agree; 1 - h_share of outliers is survived",
         low=0.5,
         high=1.0,
@@ -63,7 +63,8 @@ class NormalSettings:
         check_settings(self)
         if self.min_neighbours > self.max_neighbours:
             raise ParameterError(
-                f"NormalSettings.min_neighbours = {self.min_neighbours} exceeds max_neighbours = {self.max_neighbours}"
+                f"NormalSettings.min_neighbours = {self.min_neighbours} exceeds max_neighbours = "
+                f"{self.max_neighbours}; set a smaller one, or the other larger"
             )
 
 

@@ -61,12 +61,12 @@ class ThinningSettings:
     )
     rough_share: float = setting(
         0.7,
-        unit="1",
+        unit="",
         meaning="target spacing where the surface is rough, relative to where it is smooth",
         low=0.1,
         high=1.0,
     )
-    seed: int = setting(0, unit="1", meaning="seed of the order in which points are drawn", low=0, high=2**31)
+    seed: int = setting(0, unit="", meaning="seed of the order in which points are drawn", low=0, high=2**31)
 
     def __post_init__(self) -> None:
         check_settings(self)
