@@ -23,7 +23,7 @@ from monitor.simulation.shapes import (
     Drawing,
     box,
     capsule,
-    draw_polygon,
+    draw_mirrored,
     ellipsoid,
     pipe,
     placed,
@@ -31,7 +31,7 @@ from monitor.simulation.shapes import (
     tube,
     turn_by,
 )
-from monitor.simulation.solid import Field, Part, Solid, smooth_max, smooth_min
+from monitor.simulation.solid import Field, Part, Solid, join_blended, smooth_max, smooth_min
 from projects.model import Floats
 
 HEAD = 0.247  # m, the unit of this file
@@ -66,11 +66,11 @@ def _leg(hip: Sequence[float], knee: Sequence[float], ankle: Sequence[float], to
         (ellipsoid(k - [0, 0.11, 0], (0.12, 0.10, 0.15)), 0.06), (capsule(a - [0, 0, 0.10], t, 0.150, 0.095), 0.08),
         (capsule(a + back * 0.6 - [0, 0, 0.14], a - [0, 0, 0.1], 0.13, 0.13), 0.06),
     ]  # fmt: skip
+    limb = join_blended(pieces)
 
     def field(p: Floats) -> Floats:
-        value = pieces[0][0](p)
-        for piece, blend in pieces[1:]:
-            value = smooth_min(value, piece(p), blend)
+        """Return the limb (n,) at p (3, n), with the rim of the boot, cut off at the ground."""
+        value = limb(p)
         cuff = np.abs(p[2] - 0.42 * k[2] - 0.58 * a[2]) - 0.03  # the rim of the boot
         rim = np.maximum(value - 0.035, cuff)
         return smooth_max(smooth_min(value, rim, 0.02), -p[2], 0.01)
@@ -295,7 +295,7 @@ def _pedestal_profile() -> Drawing:
     half = [(0.0, 0.0), (0.46, 0.0), (0.46, 0.07), (0.44, 0.075), (0.43, 0.10), (0.405, 0.115), (0.40, 0.125),
             (0.40, 0.265), (0.41, 0.275), (0.415, 0.29), (0.445, 0.305), (0.445, 0.345), (0.435, 0.36),
             (0.0, 0.36)]  # fmt: skip
-    return draw_polygon(np.array(half + [(-u, v) for u, v in half[::-1]]), (-0.02, -0.08), (0.60, 0.46), step=0.0015)
+    return draw_mirrored(half, (-0.02, -0.08), (0.60, 0.46), step=0.0015)
 
 
 def _pedestal_field(p: Floats) -> Floats:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from monitor.simulation.shapes import ball, capsule, ellipsoid
-from monitor.simulation.solid import Field, smooth_max, smooth_min
+from monitor.simulation.solid import Field, join_blended, smooth_max, smooth_min
 from projects.model import Floats
 
 
@@ -33,14 +33,7 @@ def carve_hand(wrist: Floats, towards: Floats, palm: Floats, curl: float) -> Fie
     pieces.append((capsule(wrist + 0.05 * forward - 0.04 * across, thumb, 0.07, 0.058), 0.05))
     pieces.append((capsule(thumb, middle, 0.054, 0.046), 0.015))
     pieces.append((capsule(middle, middle + 0.11 * forward + 0.07 * inward + 0.03 * across, 0.045, 0.036), 0.012))
-
-    def field(p: Floats) -> Floats:
-        value = pieces[0][0](p)
-        for piece, blend in pieces[1:]:
-            value = smooth_min(value, piece(p), blend)
-        return value
-
-    return field
+    return join_blended(pieces)
 
 
 def carve_face(p: Floats) -> Floats:

@@ -63,9 +63,7 @@ def _crown(p: Floats) -> Floats:
     value = smooth_min(ring, towers, 0.01)
     band = np.minimum(np.abs(z - 0.93), np.abs(z - 1.12))
     value = value - 0.014 * (1.0 - smoothstep(band, 0.015, 0.028))
-    gate = np.maximum(
-        np.hypot(0.42 * np.sin(tower_turn), np.minimum(z - 1.03, 0.0) * 0.0) - 0.028, np.abs(z - 1.03) - 0.055
-    )
+    gate = np.maximum(np.abs(0.42 * np.sin(tower_turn)) - 0.028, np.abs(z - 1.03) - 0.055)
     joint = np.minimum(np.abs((z - 0.955) % 0.055), np.abs(z - 0.955) % 0.055)
     value = value + 0.006 * (1.0 - smoothstep(joint, 0.004, 0.010)) * smoothstep(1.11 - z, 0.0, 0.01)
     return 0.8 * smooth_max(value, -np.maximum(gate, 0.40 - r), 0.01)

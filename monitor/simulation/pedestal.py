@@ -5,10 +5,12 @@ Metres; x to the right seen from the front, y away from it, z up from the floor.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from monitor.simulation.inscription import write_line
-from monitor.simulation.shapes import Drawing, draw_polygon, draw_strokes, smoothstep
+from monitor.simulation.shapes import Drawing, arc_points, draw_mirrored, draw_strokes, smoothstep
 from monitor.simulation.solid import Field, Part, smooth_max
 from projects.model import Floats
 
@@ -22,9 +24,7 @@ LETTER_DEPTH = 0.0035
 _MIDDLE = 0.5 * (DIE[0] + DIE[1])
 
 
-def _quarter(centre: tuple[float, float], radius: float, start: float, end: float) -> list[tuple[float, float]]:
-    angles = np.radians(np.linspace(start, end, 12))
-    return [(centre[0] + radius * np.cos(a), centre[1] + radius * np.sin(a)) for a in angles]
+_quarter = functools.partial(arc_points, n=12)
 
 
 def _profile() -> Drawing:
@@ -37,8 +37,7 @@ def _profile() -> Drawing:
     half += _quarter((0.171, 0.331), 0.006, -90, 90)  # astragal
     half += [(0.173, 0.337), *_quarter((0.173, 0.369), 0.032, -90, 0)]  # ovolo
     half += [(0.209, 0.369), (0.209, 0.376), (HALF_WIDTH, 0.376), (HALF_WIDTH, 0.406), (0.206, HEIGHT), (0.0, HEIGHT)]
-    mirrored = [(-u, v) for u, v in half[::-1]]
-    return draw_polygon(np.array(half + mirrored), (-0.02, -0.08), (0.33, 0.52), step=0.001)
+    return draw_mirrored(half, (-0.02, -0.08), (0.33, 0.52), step=0.001)
 
 
 def _letters() -> Drawing:

@@ -127,6 +127,12 @@ def tube(points: Floats, radii: Floats, strands: int = 0, relief: float = 0.0, t
     return field
 
 
+def arc_points(centre: Sequence[float], radius: float, start: float, end: float, n: int) -> list[tuple[float, float]]:
+    """Return n points along an arc in a plane, from `start` to `end` in degrees counter-clockwise from u."""
+    angles = np.radians(np.linspace(start, end, n))
+    return [(centre[0] + radius * np.cos(a), centre[1] + radius * np.sin(a)) for a in angles]
+
+
 def pipe(phase: Floats) -> Floats:
     """Return the section of tubular folds over a phase [rad]: round ridges (1), narrow valleys (about -0.7)."""
     return 2.0 * np.sqrt(np.cos(0.5 * phase) ** 2 + 0.02) - 1.02
@@ -170,6 +176,13 @@ def draw_polygon(polygon: Floats, low: Vector, high: Vector, *, step: float) -> 
             crosses = (a[1] > v) != (b[1] > v)
             inside ^= crosses & (u < a[0] + (v - a[1]) / (b[1] - a[1]) * (b[0] - a[0]))
     return Drawing(np.where(inside, -best, best), low, step)
+
+
+def draw_mirrored(half: Sequence[tuple[float, float]], low: Vector, high: Vector, *, step: float) -> Drawing:
+    """Return as a drawing the section of a solid over (half width, height): its right half, an open outline [m] that
+    begins and ends on the axis, and the mirror image of that."""
+    whole = np.array([*half, *((-u, v) for u, v in half[::-1])])
+    return draw_polygon(whole, low, high, step=step)
 
 
 def _nodes(low: Vector, high: Vector, step: float) -> tuple[Floats, Floats]:

@@ -46,7 +46,7 @@ def shield_parts() -> list[Part]:
         castle = castle - 0.05 * (1.0 - smoothstep(gate, -0.02, 0.01))
         window = np.maximum(np.abs(u) - 0.05, np.abs(v - 0.28) - 0.10)
         castle = castle - 0.045 * (1.0 - smoothstep(window, -0.02, 0.01))
-        course = np.minimum(np.abs(v + 0.10), np.abs(v - 0.47)) * 1.0
+        course = np.minimum(np.abs(v + 0.10), np.abs(v - 0.47))
         castle = castle + 0.02 * (1.0 - smoothstep(course, 0.015, 0.03)) * (1.0 - smoothstep(tower(u, v), -0.02, 0.01))
         return rim + beads + castle
 

@@ -7,7 +7,7 @@ each (surface nets, Gibson 1998) and moves it onto the field's zero, so a vertex
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -32,6 +32,19 @@ def smooth_min(a: Floats, b: Floats, k: float) -> Floats:
 def smooth_max(a: Floats, b: Floats, k: float) -> Floats:
     """Return the larger of two fields, blended over a width k where they are equal."""
     return -smooth_min(-a, -b, k)
+
+
+def join_blended(pieces: Sequence[tuple[Field, float]]) -> Field:
+    """Return the union of fields, each blended over its width with those before it; that of the first is not used."""
+
+    def field(p: Floats) -> Floats:
+        """Return the smallest of the fields (n,) at p (3, n), smoothly."""
+        value = pieces[0][0](p)
+        for piece, blend in pieces[1:]:
+            value = smooth_min(value, piece(p), blend)
+        return value
+
+    return field
 
 
 @dataclass(frozen=True, eq=False)  # known by identity, as functions are

@@ -17,6 +17,7 @@ from monitor.simulation.changes import Edit
 from monitor.simulation.model import Model, ModelPart, box_part, build_scene
 from monitor.simulation.prisms import prism_part, revolve_field
 from monitor.simulation.scenes import Body, Scene, TrueTarget, make_ball, make_box
+from monitor.simulation.shapes import arc_points
 from projects.model import Floats
 from projects.transforms import rotation_from_vector
 
@@ -43,18 +44,11 @@ _LATHE = np.array(
 )  # fmt: skip
 
 
-def _round(
-    centre: tuple[float, float], radius: float, start: float, end: float, n: int = 5
-) -> list[tuple[float, float]]:
-    turn = np.radians(np.linspace(start, end, n))
-    return [(centre[0] + radius * np.cos(t), centre[1] + radius * np.sin(t)) for t in turn]
-
-
 def _step(k: int, side: str, cell: float) -> ModelPart:
     """Return step k (1 is the lowest) of the flight, from the ground up, its nose over the step below."""
     x0, x1 = -0.5 * LENGTH + (k - 1) * TREAD, -0.5 * LENGTH + k * TREAD
     z, r = k * RISE, 0.5 * NOSE_THICKNESS
-    nose = _round((x0 - NOSE + r, z - r), r, 270, 90, 9)[::-1]  # half round, counter-clockwise from its top
+    nose = arc_points((x0 - NOSE + r, z - r), r, 270, 90, 9)[::-1]  # half round, counter-clockwise from its top
     profile = [(x0, 0.0), (x1, 0.0), (x1, z), *nose, (x0, z - NOSE_THICKNESS)]
     polygon = np.array(profile)
     if side == "right":
@@ -106,6 +100,7 @@ def _places() -> list[tuple[float, float]]:
 
 
 def _area(polygon: Floats) -> float:
+    """Return the area [m2] of a polygon (m, 2), positive counter-clockwise."""
     x, y = polygon.T
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
@@ -114,7 +109,7 @@ def _back_wall(cell: float) -> list[ModelPart]:
     """Return the wall behind, with a base moulding over the landing and a cornice, and its pilasters."""
     y, z = BACK, HEIGHT
     profile = [(DEPTH / 2, 0.0), (DEPTH / 2, z), (y - 0.22, z), (y - 0.22, z - 0.10)]
-    profile += _round((y - 0.04, z - 0.10), 0.18, 180, 270, 7)[1:]  # cavetto under the cornice
+    profile += arc_points((y - 0.04, z - 0.10), 0.18, 180, 270, 7)[1:]  # cavetto under the cornice
     profile += [(y - 0.04, z - 0.32), (y, z - 0.32), (y, TOP + 0.9), (y - 0.03, TOP + 0.87), (y - 0.03, TOP + 0.80)]
     profile += [(y, TOP + 0.77), (y, 0.0)]
     polygon = np.array(profile)

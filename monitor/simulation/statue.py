@@ -15,7 +15,7 @@ from monitor.simulation.heads import part_in_heads
 from monitor.simulation.robe import robe_parts, sleeve_part
 from monitor.simulation.shapes import box, capsule, ellipsoid, pipe, smoothstep, turn_by
 from monitor.simulation.shield import shield_parts
-from monitor.simulation.solid import Field, Part, smooth_max, smooth_min
+from monitor.simulation.solid import Field, Part, join_blended, smooth_max, smooth_min
 from projects.model import Floats
 
 
@@ -38,12 +38,11 @@ def _feet() -> list[Part]:
             )
             for k in range(5)
         ]  # fmt: skip
+        bare = join_blended([(instep, 0.0), *((toe, 0.02) for toe in toes)])
 
-        def foot(p: Floats, instep: Field = instep, toes: list[Field] = toes) -> Floats:
-            value = instep(p)
-            for toe in toes:
-                value = smooth_min(value, toe(p), 0.02)
-            return smooth_max(value, 0.0 - p[2], 0.01)
+        def foot(p: Floats, bare: Field = bare) -> Floats:
+            """Return the foot (n,) at p (3, n), cut off at the ground."""
+            return smooth_max(bare(p), 0.0 - p[2], 0.01)
 
         parts.append(part_in_heads(name, foot, (heel, ball_of_foot), 0.34, blend=0.03))
     sole = box((-0.06, -0.12, 0.06), (1.28, 1.22, 0.10), 0.04)

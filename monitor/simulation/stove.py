@@ -18,8 +18,8 @@ from monitor.simulation.changes import Edit, move_part
 from monitor.simulation.model import Model, ModelPart, build_scene
 from monitor.simulation.rocaille import Sheet, draw_scroll
 from monitor.simulation.scenes import Scene, make_box
-from monitor.simulation.shapes import Drawing, ball, draw_polygon, pipe, smoothstep, tube
-from monitor.simulation.solid import Field, Part, smooth_max, smooth_min
+from monitor.simulation.shapes import Drawing, arc_points, ball, draw_mirrored, pipe, smoothstep, tube
+from monitor.simulation.solid import Part, join_blended, smooth_max, smooth_min
 from projects.model import Floats
 from projects.transforms import perturb
 
@@ -36,9 +36,7 @@ NICHE = (0.165, 1.57, 1.93, 0.13)  # m: half width, sill, springing of the arch,
 # The body ----------------------------------------------------------------------------------------------------------
 
 
-def _arc(centre: tuple[float, float], radius: float, start: float, end: float) -> list[tuple[float, float]]:
-    angles = np.radians(np.linspace(start, end, 9))
-    return [(centre[0] + radius * np.cos(a), centre[1] + radius * np.sin(a)) for a in angles]
+_arc = functools.partial(arc_points, n=9)
 
 
 def _swell(heights: Sequence[float], widths: Sequence[float]) -> list[tuple[float, float]]:
@@ -62,8 +60,7 @@ def profile() -> Drawing:
     half += [(0.500, 2.340), *_arc((0.465, 2.340), 0.035, 0, 90), (0.440, 2.375), (0.440, 2.388)]
     half += _swell([2.389, 2.46, 2.56, 2.66, 2.72], [0.430, 0.385, 0.345, 0.290, 0.245])
     half += [(0.0, 2.72)]
-    mirrored = [(-u, v) for u, v in half[::-1]]
-    return draw_polygon(np.array(half + mirrored), (-0.02, 0.10), (0.80, 2.90), step=0.003)
+    return draw_mirrored(half, (-0.02, 0.10), (0.80, 2.90), step=0.003)
 
 
 def _across(p: Floats) -> Floats:
@@ -151,7 +148,8 @@ def _lay_relief(p: Floats, base: Floats) -> Floats:
     return 0.85 * value
 
 
-def _corner_volutes() -> list[Part]:
+@functools.cache
+def _corner_volutes() -> tuple[Part, ...]:
     """The brackets on the corners: S-shaped, roped, from under each cornice down into the storey."""
     parts = []
     for storey, (z, inner) in {
@@ -169,32 +167,17 @@ def _corner_volutes() -> list[Part]:
                     np.linspace(0, 1, 13), [0.0, 0.15, 0.5, 0.85, 1.0], [0.050, 0.046, 0.030, 0.030, 0.040]
                 )
                 rope = tube(course, radii, strands=5, relief=0.006, twist=14.0)
-                ends = [ball(course[0], 0.056), ball(course[-1], 0.044)]
+                pieces = [(rope, 0.0), (ball(course[0], 0.056), 0.008), (ball(course[-1], 0.044), 0.008)]
                 box = np.stack([course.min(axis=0) - 0.075, course.max(axis=0) + 0.075])
-                parts.append(Part(f"{storey} volute", _joined([rope, *ends]), box, blend=0.012))
-    return parts
-
-
-def _joined(fields: Sequence[Field]) -> Field:
-    def field(p: Floats) -> Floats:
-        value = fields[0](p)
-        for other in fields[1:]:
-            value = smooth_min(value, other(p), 0.008)
-        return value
-
-    return field
-
-
-@functools.cache
-def _volutes() -> tuple[Part, ...]:
-    return tuple(_corner_volutes())
+                parts.append(Part(f"{storey} volute", join_blended(pieces), box, blend=0.012))
+    return tuple(parts)
 
 
 def _body(p: Floats, base: Floats) -> Floats:
     """The body with all its ornament, from its field without."""
     low, high = p.min(axis=1), p.max(axis=1)
     value = _lay_relief(p, base)
-    for part in _volutes():
+    for part in _corner_volutes():
         if (low < part.box[1]).all() and (high > part.box[0]).all():
             value = smooth_min(value, part.field(p), part.blend)
     return value
@@ -229,7 +212,7 @@ def _urn_profile() -> Drawing:
         *_swell([2.919, 2.95, 2.985, 3.02], [0.060, 0.066, 0.042, 0.004]),
         (0.0, 3.02),
     ]
-    return draw_polygon(np.array(half + [(-u, v) for u, v in half[::-1]]), (-0.02, 2.60), (0.24, 3.10), step=0.0015)
+    return draw_mirrored(half, (-0.02, 2.60), (0.24, 3.10), step=0.0015)
 
 
 def _urn() -> ModelPart:
