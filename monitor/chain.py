@@ -103,6 +103,7 @@ def compare_epochs(
     }
 
     def make() -> Made:
+        """Register, compare, and tell which parts moved; with the second opinion where both epochs have points."""
         reference, compared = earlier.get(before), place.get(after)
         notify(f"{compared_id}: registering to {reference_id}")
         tied = _frames((earlier, place))
@@ -172,6 +173,7 @@ def _filter_scans(
     missing = [k for k, step in enumerate(steps) if step is None]
 
     def tasks() -> Iterator[ScanTask]:
+        """Yield the scans that are missing one by one, so that no more are read than workers take."""
         for k in missing:
             notify(f"{place.epoch_id}: filtering scan {k + 1} of {len(headers)} ({headers[k].name})")
             scan, counts = read_within(place.project, place.object_id, place.epoch_id, k)
@@ -227,6 +229,7 @@ def _merge(place: Place, settings: Settings, scans: list[Step], network: Step, n
     """Merge the scans and filter the merged cloud once more (design step 8; Dorninger & Nothegger 2009)."""
 
     def make() -> Made:
+        """Merge the clouds of the set-ups where the adjustment put them."""
         notify(f"{place.epoch_id}: merging {len(scans)} scan{'s' if len(scans) > 1 else ''}")
         result = merge_scans(_adjusted_clouds(place, scans, network), settings.filter, _slack(network))
         return Made(result.cloud, result.automatic, result.counts)
@@ -248,6 +251,7 @@ def _reconstruct(
     """Make the surface of the merged cloud (design step 9), with what its scans disagree by and leave off it."""
 
     def make() -> Made:
+        """Make the surface, then learn from the scans what its vertices share in error and what lies off it."""
         notify(f"{place.epoch_id}: reconstructing the surface")
         result = reconstruct_with_record(place.get(filtered), settings.surface)
         notify(f"{place.epoch_id}: comparing its scans with each other")
@@ -297,6 +301,7 @@ def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify
     """Compare the surface with each scan that it came from (design step 10; Nothegger & Dorninger 2007, fig. 8)."""
 
     def make() -> Made:
+        """Return the distances (n,) [m] of the points of each scan from the surface, and their figures."""
         notify(f"{place.epoch_id}: checking the surface against its scans")
         clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
         names = [f"scan{int(c.scan_index[0]):03d}" for c in clouds if c.scan_index is not None]
@@ -317,6 +322,7 @@ def _adopt_mesh(place: Place, notify: Notify) -> Step:
     """
 
     def make() -> Made:
+        """Return the mesh with the roughness of its vertices."""
         notify(f"{place.epoch_id}: taking the mesh as the surface")
         mesh: Surface = place.project.get(place.object_id, place.epoch_id, "mesh")
         cloud = estimate_normals(PointCloud(points=mesh.vertices))

@@ -28,6 +28,7 @@ class _Inline:
     """One piece after another in this process."""
 
     def map(self, function: Callable[[Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
+        """Yield the results in the order of the pieces, one made after the other."""
         return map(function, pieces)
 
 
@@ -38,6 +39,7 @@ class _Cluster:
         self._client = client
 
     def map(self, function: Callable[[Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
+        """Yield the results in the order of the pieces; no more than two a worker are under way."""
         limit = 2 * max(1, len(self._client.scheduler_info()["workers"]))
         waiting: list[Any] = []
         for piece in pieces:

@@ -55,6 +55,7 @@ def save_one_at_a_time() -> None:
 
     @functools.wraps(save)
     def save_alone(self: Any, key: Any, data: Any) -> None:
+        """Save as numba does, while no other process writes to the folder."""
         with alone_in(Path(self._cache_path)):
             save(self, key, data)
 

@@ -49,6 +49,7 @@ def calibrate_scans(
     missing = [k for k, step in steps.items() if step is None]
 
     def tasks() -> Iterator[CalibrationTask]:
+        """Yield samples of the scans that are missing one by one."""
         for k in missing:
             notify(f"{place.epoch_id}: looking for cyclic range errors, scan {k + 1} of {len(headers)}")
             scan = sample_stored(place.project, place.object_id, place.epoch_id, k, settings.max_points)

@@ -45,6 +45,7 @@ def filter_repeats(
     names = [h.name for h in place.project.scan_headers(place.object_id, place.epoch_id)]
 
     def make() -> Made:
+        """Read all of the scans, average and filter them as one."""
         notify(f"{place.epoch_id}: averaging {len(names)} repeated scans")
         read = [read_within(place.project, place.object_id, place.epoch_id, k) for k in range(len(names))]
         counts: Counter[str] = sum((Counter(c) for _, c in read), Counter())

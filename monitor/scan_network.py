@@ -39,6 +39,7 @@ def adjust_epoch(
         parameters["control"] = [{"name": c.name, "position": c.position.tolist(), "sigma": c.sigma} for c in control]
 
     def make() -> Made:
+        """Adjust the set-ups that saw the object; refuse where none did, or where the adjustment did not settle."""
         if len(scans) > 1:
             notify(f"{place.epoch_id}: fitting {len(scans)} scans onto each other")
         setups = setups_of(place)[: len(scans)]

@@ -166,6 +166,7 @@ def join_chunks(chunks: list[Scan]) -> Scan:
     """Return one scan from its consecutive chunks."""
 
     def joined(parts: list[Any]) -> Any:
+        """Return the values of all chunks one after the other; None where one has none."""
         return None if any(p is None for p in parts) else np.concatenate(parts)
 
     cloud = PointCloud(

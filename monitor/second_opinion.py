@@ -94,6 +94,7 @@ def _figures(found: M3C2Result, distances: Floats, states: Any) -> dict[str, flo
     significant, changed = found.is_significant[known], states[known] == Assessment.CHANGED
 
     def share(which: Any) -> float:
+        """Return the share that is significant of the core points in a mask (n,); NaN without any."""
         return float(np.mean(significant[which])) if which.any() else float("nan")
 
     return {

@@ -44,6 +44,7 @@ def setups_of(place: Place) -> Ints:
 
 
 def _is_same(pose: Floats, other: Floats) -> bool:
+    """Return whether two poses (4, 4) are one; NaN is like nothing."""
     return bool(np.abs(pose - other).max() <= SAME)  # NaN is like nothing
 
 

@@ -59,6 +59,7 @@ def search_targets(
     missing = [k for k, step in enumerate(steps) if step is None]
 
     def tasks() -> Iterator[TargetTask]:
+        """Yield the scans that are missing one by one, thinned."""
         for k in missing:
             notify(f"{place.epoch_id}: looking for targets, scan {k + 1} of {len(headers)} ({headers[k].name})")
             yield TargetTask(read_thinned(place, k), settings, calibration_of(place, calibrations[k]))
@@ -85,6 +86,7 @@ def read_thinned(place: Place, index: int) -> Scan:
     every = math.ceil(math.sqrt(n_points / MOST_POINTS)) if n_points > MOST_POINTS else 1
 
     def thinned(chunk: Scan) -> Scan:
+        """Return every so many rows and columns of a chunk; all of it where it is no grid."""
         if every == 1 or chunk.rows is None or chunk.columns is None:
             return chunk
         return chunk.take((chunk.rows % every == 0) & (chunk.columns % every == 0))

@@ -60,6 +60,7 @@ def with_one_blas_thread(function: Callable[Given, Made]) -> Callable[Given, Mad
 
     @functools.wraps(function)
     def held(*args: Given.args, **kwargs: Given.kwargs) -> Made:
+        """Call the function with one thread for linear algebra."""
         with threadpool_limits(1, user_api="blas"):
             return function(*args, **kwargs)
 

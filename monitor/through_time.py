@@ -39,6 +39,7 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
     places = [Place(project, object_id, e.epoch_id) for e in epochs]
 
     def make() -> Made:
+        """Follow the regions, and adjust all registrations between the epochs in one network."""
         notify(f"following change over {len(epochs) + 1} epochs")
         comparisons = [p.get(s) for p, s in zip(places, direct, strict=True)]
         changes = [EpochChange(e.epoch_id, e.date, c) for e, c in zip(epochs, comparisons, strict=True)]

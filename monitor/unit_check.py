@@ -41,6 +41,7 @@ def _questioned(stream: ScanStream, unit: UnitCheck, boxes: list[Floats]) -> Cal
     """Return the stream's `chunks`, which after the last one questions the size and the place of the scan's points."""
 
     def chunks() -> Iterator[Scan]:
+        """Yield the chunks; after the last, question what unit their box can be in."""
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for scan in stream.chunks():
             if len(scan.cloud):

@@ -68,6 +68,7 @@ class ColumnWriter:
             self._write_oldest()
 
     def _submit(self, name: str, rows: np.ndarray) -> None:
+        """Have a pool compress the rows of one chunk; wait for older ones where too many are under way."""
         while len(self._waiting) >= MAX_WAITING:
             self._write_oldest()
         dataset, start = self._group[name], self._n_written[name]
@@ -75,6 +76,7 @@ class ColumnWriter:
         self._n_written[name] = start + len(rows)
 
     def _write_oldest(self) -> None:
+        """Write the chunk that waits longest, its dataset made longer where needed."""
         dataset, start, chunk = self._waiting.popleft()
         n = max(len(dataset), min(start + hdf5.CHUNK_ROWS, self._n_written[dataset.name.rpartition("/")[2]]))
         dataset.resize(n, axis=0)

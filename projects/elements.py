@@ -81,12 +81,14 @@ def read_element(group: h5py.Group, name: str) -> Any:
 
 
 def _holds_arrays(value: Any) -> bool:
+    """Return whether a value is or holds what JSON cannot say: an array, a table or a noun."""
     if isinstance(value, Mapping):
         return any(_holds_arrays(v) for v in value.values())
     return isinstance(value, (np.ndarray, pd.DataFrame, *NOUNS.values()))
 
 
 def _write_noun(group: h5py.Group, element: str, noun: Any) -> None:
+    """Write the fields of a noun under their names; short ones as attributes."""
     mark(group, element)
     for f in dataclasses.fields(noun):
         value = getattr(noun, f.name)
@@ -99,6 +101,7 @@ def _write_noun(group: h5py.Group, element: str, noun: Any) -> None:
 
 
 def _write_mapping(group: h5py.Group, values: Mapping[str, Any]) -> None:
+    """Write a mapping item by item; refuse keys that cannot name one."""
     mark(group, "mapping")
     for key, value in values.items():
         if not isinstance(key, str) or key in ("", ".", "..") or "/" in key or "\0" in key:
@@ -119,11 +122,13 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
 
 
 def _read_table(group: h5py.Group) -> pd.DataFrame:
+    """Return a table with its columns in order."""
     columns = hdf5.read_record(hdf5.child(group, "columns"))
     return pd.DataFrame({name: _read_column(hdf5.child(group, f"{k:03d}")) for k, name in enumerate(columns)})
 
 
 def _read_column(dataset: h5py.Dataset) -> pd.Series:
+    """Return one column with the type that it was written with."""
     values = hdf5.read_array(dataset)
     if values.dtype.kind not in "UO":
         return pd.Series(values)

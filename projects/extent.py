@@ -107,6 +107,7 @@ def _is_rectangle(corners: Floats) -> bool:
 
 
 def _in_polygon(corners: Floats, x: Floats, y: Floats) -> Bools:
+    """Return which places (n,) lie inside of a polygon (m, 2): an odd number of sides lies to their right."""
     odd = np.zeros(len(x), dtype=bool)
     for (xa, ya), (xb, yb) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         if ya == yb:
@@ -117,6 +118,7 @@ def _in_polygon(corners: Floats, x: Floats, y: Floats) -> Bools:
 
 
 def _box(box: Any, unit: float) -> Extent:
+    """Return the extent of a box as it was written, `unit` metres a number."""
     if not isinstance(box, Mapping) or box.keys() != {"min", "max"}:
         raise ParameterError('a box is {"min": [x, y, z], "max": [x, y, z]}')
     low, high = _numbers(box["min"], 3, "box/min") * unit, _numbers(box["max"], 3, "box/max") * unit
@@ -127,6 +129,7 @@ def _box(box: Any, unit: float) -> Extent:
 
 
 def _prism(content: Mapping[str, Any], unit: float) -> Extent:
+    """Return the extent of a polygon with heights as it was written, `unit` metres a number."""
     polygon = content["polygon"]
     if not isinstance(polygon, list | tuple) or len(polygon) < 3:
         raise ParameterError("a polygon has at least three corners [x, y]")
@@ -147,6 +150,7 @@ def _prism(content: Mapping[str, Any], unit: float) -> Extent:
 
 
 def _area(corners: Floats) -> float:
+    """Return the area of a polygon (m, 2)."""
     x, y = (corners - corners.mean(axis=0)).T
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2.0)
 
@@ -174,6 +178,7 @@ def _side(a: Floats, b: Floats, p: Floats) -> Floats:
 
 
 def _numbers(values: Any, n: int, where: str) -> Floats:
+    """Return n finite numbers of a list; refuse anything else with its place in the file."""
     right = isinstance(values, list | tuple) and len(values) == n
     if not right or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
         raise ParameterError(f"{where}: {n} number{'s' if n > 1 else ''} needed, {str(values)[:60]!r} given")

@@ -81,6 +81,7 @@ def without_epoch(index: Index, epoch: EpochRecord) -> Index:
     gone = steps.pop(epoch.epoch_id).difference(*steps.values())  # two epochs of the same files share their steps
 
     def stays(product: ProductEntry) -> bool:
+        """Return whether a product rests neither on the epoch nor on what went with it."""
         of_it = split_product(product.step.product)[1] == epoch.epoch_id
         return not of_it and gone.isdisjoint(product.step.inputs)
 

@@ -97,12 +97,14 @@ def _require_seal(path: Path) -> None:
 
 
 def _project_node(index: Index) -> Node:
+    """Return the whole index as nodes."""
     node = _node("project", index, "", skip={"objects"})
     node.groups["objects"] = Node("/objects", groups={k: _object_node(e) for k, e in index.objects.items()})
     return node
 
 
 def _object_node(entry: ObjectEntry) -> Node:
+    """Return an object with its epochs as nodes."""
     node = _node("object", entry.record, f"/objects/{entry.record.object_id}")
     node.groups["epochs"] = Node(f"{node.where}/epochs")
     for key, epoch in entry.epochs.items():
@@ -114,6 +116,7 @@ def _object_node(entry: ObjectEntry) -> Node:
 
 
 def _product_node(entry: ProductEntry, where: str) -> Node:
+    """Return the entry of a product as a node that links to its file."""
     kind, reference = split_product(entry.step.product)
     attributes: dict[str, Value] = {
         KIND: "step", VERSION: CURRENT["step"], "kind": kind, "step_id": entry.step.step_id,
@@ -137,6 +140,7 @@ def _node(element: str, record: Any, where: str, skip: Iterable[str] = ()) -> No
 
 
 def _attribute(value: Any, what: str) -> Value:
+    """Return a value as an attribute holds it; refuse text that HDF5 cannot hold."""
     if isinstance(value, bool | int | float):
         return value
     text = str(value)
@@ -149,11 +153,13 @@ def _attribute(value: Any, what: str) -> Value:
 
 
 def _object_entry(node: Node) -> ObjectEntry:
+    """Return the object that a node holds."""
     epochs = {key: _epoch_entry(inside) for key, inside in node.group("epochs").groups.items()}
     return ObjectEntry(ObjectRecord(**_values(node, "object", ObjectRecord)), epochs)
 
 
 def _epoch_entry(node: Node) -> EpochEntry:
+    """Return the epoch that a node holds."""
     values = _values(node, "epoch", EpochRecord)
     values["date"] = datetime.date.fromisoformat(values["date"])
     values["sources"] = tuple(values.get("sources", ()))
@@ -165,6 +171,7 @@ def _epoch_entry(node: Node) -> EpochEntry:
 
 
 def _product_entry(node: Node) -> ProductEntry:
+    """Return the entry of a product that a node holds."""
     values = _values(node, "step", None)
     step: Mapping[str, Any] = values["step"]
     known = {f.name for f in fields(Step)}
@@ -197,6 +204,7 @@ def _require_inside(node: Node) -> str:
 
 
 def _write_node(group: h5py.Group, node: Node) -> None:
+    """Write a node with all that is in it."""
     for name, value in node.attributes.items():
         group.attrs[name] = value
     for name, inside in node.groups.items():
@@ -206,6 +214,7 @@ def _write_node(group: h5py.Group, node: Node) -> None:
 
 
 def _read_node(group: h5py.Group, where: str) -> Node:
+    """Return the node of a group with all that is in it."""
     node = Node(where, {name: hdf5.read_attribute(group, name) for name in group.attrs})
     for name in group:
         link = group.get(name, getlink=True)

@@ -45,6 +45,7 @@ def this_process() -> Owner:
 
 
 def _host() -> str:
+    """Return the name of this host, with the process namespace where there is one."""
     namespace = ""
     with suppress(OSError):
         namespace = os.readlink("/proc/self/ns/pid").removeprefix("pid:")
@@ -119,6 +120,7 @@ class Lock:
             raise StoreError(f"{self.path}: the lock was taken by {_describe(found)} meanwhile; nothing was entered")
 
     def _take(self, deadline: float) -> Owner:
+        """Place the lock, waiting until the deadline for its owner, or refuse naming him."""
         me = this_process()
         while True:
             if self._place(me):
@@ -154,6 +156,7 @@ class Lock:
         return True
 
     def _place_without_links(self, me: Owner) -> bool:
+        """Place the lock where the file system makes no hard links; return whether it was free."""
         try:
             self._write(self.path, me)
         except FileExistsError:
@@ -192,6 +195,7 @@ class Lock:
                 draft.unlink()
 
     def _release(self) -> None:
+        """Remove the lock where it is still our own."""
         owner, self.owner = self.owner, None
         if owner is not None and owner.pid == os.getpid() and read_owner(self.path) == owner:
             with suppress(OSError):
@@ -218,6 +222,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def _describe(owner: Owner | None) -> str:
+    """Return the owner in words."""
     if owner is None:
         return "nobody known"
     return f"process {owner.pid} on {owner.host.split('[')[0]} since {owner.since}"

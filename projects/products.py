@@ -56,6 +56,7 @@ def complete(step: Step) -> Step:
 
 
 def _write_header(file: h5py.File, epoch: EpochRecord, step: Step) -> None:
+    """Write what names the product, and its step."""
     mark(file, "product")
     for name, text in _identity(epoch, step).items():
         hdf5.write_attribute(file, name, text)
@@ -68,6 +69,7 @@ def stored_step(file: h5py.File) -> Any:
 
 
 def _identity(epoch: EpochRecord, step: Step) -> dict[str, str]:
+    """Return the attributes by which the index names a product."""
     return {"format": FORMAT, "object": epoch.object_id, "epoch": epoch.epoch_id, "product": step.product,
             "step_id": step.step_id}  # fmt: skip
 

@@ -43,6 +43,7 @@ def step_id(product: str, parameters: Any, inputs: Iterable[str], method_version
 
 @lru_cache(maxsize=1)
 def _versions() -> tuple[tuple[str, str], ...]:
+    """Return the versions of what computed, and the platform."""
     found = {"heritage-monitor": _version("heritage-monitor"), "python": platform.python_version()}
     found |= {name: _version(name) for name in RECORDED}
     found["platform"] = f"{platform.system()} {platform.release()} {platform.machine()}"
@@ -55,6 +56,7 @@ def versions() -> Mapping[str, str]:
 
 
 def _version(distribution: str) -> str:
+    """Return the version of a distribution, empty where it is not installed."""
     try:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:

@@ -97,6 +97,7 @@ def _step_of(epoch: EpochRecord, headers: list[ScanHeader]) -> Step:
 
 
 def _sum_of(headers: list[ScanHeader]) -> dict[str, int]:
+    """Return how many entries all scans dropped, by reason."""
     reasons = sorted({reason for h in headers for reason in h.dropped})
     return {reason: sum(h.dropped.get(reason, 0) for h in headers) for reason in reasons}
 
@@ -129,6 +130,7 @@ def mesh_step(epoch: EpochRecord, mesh: Surface) -> Step:
 
 
 def _write_scan(group: h5py.Group, index: int, scan: ScanStream, sha256: str, progress: Progress | None) -> ScanHeader:
+    """Write one scan as it streams by, then its header."""
     if scan.pose is None:
         raise StoreError(f"scan {scan.name!r} has no pose; state it in the file of --poses")
     pose = require_rigid(scan.pose, f"pose of scan {scan.name!r}")
@@ -164,6 +166,7 @@ class _Tally:
         self.bounds = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
 
     def add(self, chunk: Scan) -> None:
+        """Count a chunk; refuse points that are not finite."""
         for reason, count in chunk.dropped.items():
             self.dropped[reason] = self.dropped.get(reason, 0) + int(count)
         points = chunk.cloud.points
@@ -191,6 +194,7 @@ def _columns(chunk: Scan, expected: set[str], scan: str) -> dict[str, np.ndarray
 
 
 def _write_header(group: h5py.Group, header: ScanHeader) -> None:
+    """Write the header into the group of its scan."""
     mark(group, "scan")
     for f in fields(header):
         value = getattr(header, f.name)

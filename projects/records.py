@@ -57,6 +57,7 @@ def _simple(value: Any, where: str) -> Any:
 
 
 def _key(key: Any, where: str) -> str:
+    """Return a key of a record; refuse what cannot be one."""
     if not isinstance(key, str) or key == FLOAT_KEY:
         raise StoreError(f"{where}: {key!r} cannot be a record's key; text is needed, and not {FLOAT_KEY!r}")
     return str(key)
@@ -81,6 +82,7 @@ def from_json(text: str, where: str = "record") -> Any:
 
 
 def _dumps(value: Any, *, sort_keys: bool = False) -> str:
+    """Return compact JSON in UTF-8."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, sort_keys=sort_keys, separators=(",", ":"))
     try:
         text.encode("utf-8")
@@ -90,6 +92,7 @@ def _dumps(value: Any, *, sort_keys: bool = False) -> str:
 
 
 def _floats_out(value: Any) -> Any:
+    """Return a value with infinite and unknown numbers as JSON can say them."""
     if isinstance(value, dict):
         return {k: _floats_out(v) for k, v in value.items()}
     if isinstance(value, list):
@@ -100,6 +103,7 @@ def _floats_out(value: Any) -> Any:
 
 
 def _floats_in(value: Any) -> Any:
+    """Return a value with infinite and unknown numbers as they were."""
     if isinstance(value, dict):
         if value.keys() == {FLOAT_KEY}:
             return float(value[FLOAT_KEY])
@@ -108,6 +112,7 @@ def _floats_in(value: Any) -> Any:
 
 
 def _whole(value: Any) -> Any:
+    """Return a value with whole numbers as integers, so that 1 and 1.0 have one hash."""
     if isinstance(value, dict):
         return {k: _whole(v) for k, v in value.items()}
     if isinstance(value, list):

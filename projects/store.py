@@ -224,6 +224,7 @@ class Project:
         own = epoch_folder(object_id, epoch_id)
 
         def is_of_it(name: str) -> bool:
+            """Return whether a file of a product is of the epoch or rests on it."""
             path = PurePosixPath(name)
             return name in named_before or path.parent == own or product_of_file(path.name)[1] == epoch_id
 
@@ -301,6 +302,7 @@ class Project:
             self._verified.add(key)
 
     def _is_intact(self, entry: ProductEntry) -> bool:
+        """Return whether the file of a product is as the index says."""
         try:
             require_bytes(self.path, entry, entry.file)
         except StoreError:
@@ -318,11 +320,13 @@ def _seen(path: Path) -> tuple[int, int, int] | None:
 
 
 def _write_content(file: h5py.File, step: Step, noun: Any) -> Step:
+    """Write the noun of a product and return its step."""
     write_element(file, CONTENT, noun)
     return step
 
 
 def _exists(path: Path) -> bool:
+    """Return whether there is anything at a path; refuse one that cannot be reached."""
     try:
         path.stat()
     except FileNotFoundError:

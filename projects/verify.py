@@ -77,6 +77,7 @@ def _unnamed(root: Path, index: Index) -> Iterator[Finding]:
 
 
 def _judge(path: Path, name: str) -> Finding:
+    """Return what a file is that the index does not name."""
     if name == LOCK_NAME:
         owner = read_owner(path)
         if owner is not None and (is_stale(owner) or is_unfinished(path)):
@@ -90,6 +91,7 @@ def _judge(path: Path, name: str) -> Finding:
 
 
 def _is_product_file(name: str) -> bool:
+    """Return whether a name is that of a file of a product."""
     parts = name.split("/")
     return len(parts) == 4 and parts[0] == "objects" and bool(PRODUCT_FILE_PATTERN.fullmatch(parts[3]))
 
@@ -119,4 +121,5 @@ def delete_unnamed(
 
 
 def _is_inside(path: Path, root: Path) -> bool:
+    """Return whether a path leads to within the root."""
     return path.resolve().is_relative_to(root.resolve())

@@ -166,6 +166,7 @@ def _cross(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float
     """Whether the line from a to b crosses that from c to d."""
 
     def side(p: tuple[float, float], q: tuple[float, float], r: tuple[float, float]) -> float:
+        """Return on which side of the line from p to q the point r lies, by sign."""
         return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
 
     return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0

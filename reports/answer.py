@@ -60,6 +60,7 @@ def state_answer(
 
 
 def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
+    """Return the first sentence of the report: what changed, or that nothing did."""
     n, unknown = len(regions), max(shares_not_assessed(comparison))
     if n == 0 and not comparison.on_compared.assessment.any():
         return "Nothing could be assessed."
@@ -177,6 +178,7 @@ def shares_not_assessed(comparison: Comparison) -> tuple[float, float]:
     of their vertices."""
 
     def share(name: str, side: ComparedSurface) -> float:
+        """Return the share of the area of one side, by vertices where the record holds no areas."""
         assessed = comparison.statistics.get(name, NAN)
         if np.isfinite(assessed):
             return float(1.0 - assessed)

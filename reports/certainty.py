@@ -143,6 +143,7 @@ def not_assessed_table(comparison: Comparison, first: EpochFacts, second: EpochF
 
 
 def _share_row(words: str, found: int, n: int) -> tuple[str, str, str]:
+    """Return a row that counts what was found of n."""
     return words, count(found), percent(found / n)
 
 
@@ -189,13 +190,16 @@ def _figures(found: Mapping[str, Mapping[str, Any]], product: str, name: str) ->
 
 
 def _share(found: Mapping[str, Mapping[str, Any]], product: str, name: str) -> str:
+    """Return a recorded share in per cent."""
     return percent(float(found.get(product, {}).get(name, NAN)))
 
 
 def _lengths(found: list[dict[str, Mapping[str, Any]]], product: str, name: str) -> tuple[str, ...]:
+    """Return a recorded length of each epoch."""
     return tuple(_length(f.get(product, {}), name) for f in found)
 
 
 def _length(figures: Mapping[str, Any], name: str, *, signed: bool = False) -> str:
+    """Return a recorded length in millimetres, a dash where it is not known."""
     value = figures.get(name)
     return millimetres(NAN if value is None else float(value), signed=signed)

@@ -38,15 +38,18 @@ def control_table(steps: Mapping[str, Sequence[Step]]) -> Table:
 
 
 def _count(network: Mapping[str, Any], name: str) -> str:
+    """Return a recorded count, "none" where the network had no targets."""
     return count(int(network[name])) if network.get("ties") else "none"
 
 
 def _length(network: Mapping[str, Any], name: str) -> str:
+    """Return a recorded length in millimetres."""
     value = network.get(name)
     return millimetres(math.nan if value is None else float(value))
 
 
 def _blunders(network: Mapping[str, Any]) -> str:
+    """Return the observations that were left out, by name."""
     return ", ".join(map(str, network.get("blunders") or ())) or "none"
 
 
@@ -57,6 +60,7 @@ def _points(network: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _residual(network: Mapping[str, Any], name: str) -> str:
+    """Return the residual of a control point in millimetres, or why there is none."""
     points = _points(network)
     if name not in points:
         return "not observed"

@@ -117,6 +117,7 @@ def _when(series: Series, years: float) -> str:
 
 
 def _origin(row: pd.Series) -> str:
+    """Return from which regions one came, or into which it went, in words."""
     parts = []
     if int(row["parent"]):
         parts.append(f"split from {int(row['parent'])}")
@@ -172,6 +173,7 @@ def draw_course(axes: Axes, series: Series, row: pd.Series) -> None:
 
 
 def _year(iso: str) -> float:
+    """Return an ISO date as a decimal year."""
     date = datetime.date.fromisoformat(iso)
     return date.year + (date.timetuple().tm_yday - 1) / 365.25
 

@@ -171,6 +171,7 @@ def name_epochs(before: EpochRecord, after: EpochRecord) -> tuple[EpochFacts, Ep
 
 
 def _false_discovery_rate(made: Step | None) -> float:
+    """Return the rate that was asked for, the usual one where the record does not say."""
     asked = (made.parameters.get("compare") or {}) if made else {}
     rate = asked.get("false_discovery_rate")
     return FALSE_DISCOVERY_RATE if rate is None or not math.isfinite(rate) else float(rate)

@@ -172,6 +172,7 @@ def _write_formats(stem: Path, surface: Surface, properties: Properties, formats
 
 
 def _write_ply(path: Path, surface: Surface, properties: Properties) -> None:
+    """Write the surface with all properties."""
     write_ply_mesh(path, surface, properties, comments=(_note_on(properties),))
 
 
@@ -181,28 +182,34 @@ def _note_on(properties: Properties) -> str:
 
 
 def _write_obj(path: Path, surface: Surface, properties: Properties) -> None:
+    """Write the surface; OBJ holds no properties."""
     write_obj(path, surface, comments=("metres",))
 
 
 def _write_stl(path: Path, surface: Surface, properties: Properties) -> None:
+    """Write the triangles alone."""
     write_stl(path, surface)
 
 
 def _write_glb(path: Path, surface: Surface, properties: Properties) -> None:
+    """Write the surface in its colours."""
     write_glb(path, surface)
 
 
 def _write_laz(path: Path, surface: Surface, properties: Properties) -> None:
+    """Write the vertices as points, with what LAS does not hold by itself as extra dimensions."""
     plain = {name: values for name, values in properties.items() if name not in ("red", "green", "blue", "intensity")}
     write_las(path, _vertex_cloud(surface), plain)
 
 
 def _write_csv(path: Path, surface: Surface, properties: Properties) -> None:
+    """Write a row for each vertex."""
     places = {axis: surface.vertices[:, k] for k, axis in enumerate("xyz")}
     write_csv(path, pd.DataFrame({**places, **properties}))
 
 
 def _write_e57(path: Path, surface: Surface, properties: Properties) -> None:
+    """Write the vertices as one scan."""
     write_e57(path, [Scan(path.stem, _vertex_cloud(surface), np.eye(4))], description="vertices of a surface")
 
 

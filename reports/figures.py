@@ -22,6 +22,7 @@ BEFORE, AFTER = "#8a8f98", "#15171c"
 
 
 def _hex(colour: tuple[int, int, int]) -> str:
+    """Return a colour as SVG names it."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
@@ -60,6 +61,7 @@ def draw_colour_bar(limit_m: float, lod95_m: float) -> bytes:
 
 
 def _say_unchanged(lod95_m: float) -> str:
+    """Return the word of the middle of the colour bar."""
     if not np.isfinite(lod95_m):
         return "unchanged"
     return f"unchanged (up to about {say_mm(lod95_m)})"

@@ -83,11 +83,13 @@ def name_columns(epochs: Sequence[EpochHistory]) -> tuple[str, str]:
 
 
 def _instrument(epoch: EpochHistory) -> str:
+    """Return the instruments of an epoch, as given and as the files name them."""
     names = dict.fromkeys(n for n in (epoch.record.scanner, *epoch.scanners) if n)
     return ", ".join(names) or "not stated"
 
 
 def _measured_as(epoch: EpochHistory) -> str:
+    """Return in words what an epoch was made from."""
     if epoch.record.is_mesh:
         return "a finished mesh"
     filtered = [s for s in epoch.steps if kind_of(s) == "scan"]
@@ -98,6 +100,7 @@ def _measured_as(epoch: EpochHistory) -> str:
 
 
 def _scans(n: int) -> str:
+    """Return a number of scans in words."""
     return f"{n} scan" if n == 1 else f"{n} scans"
 
 
@@ -277,4 +280,5 @@ def inputs_table(epochs: Sequence[EpochHistory]) -> Table:
 
 
 def _points(source: Mapping[str, Any]) -> str:
+    """Return how many points a source held, a dash where that is not recorded."""
     return count(source["n_points"]) if source.get("n_points") is not None else "–"

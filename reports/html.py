@@ -177,6 +177,7 @@ def embed_svg(drawing: bytes, alt: str) -> Embedded:
 
 
 def _uri(content: bytes, media_type: str) -> str:
+    """Return content as the address that holds it, so that the page needs no other file."""
     return f"data:{media_type};base64,{base64.b64encode(content).decode('ascii')}"
 
 

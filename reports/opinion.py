@@ -22,9 +22,11 @@ def opinion_tables(made: Step | None) -> tuple[Table, ...]:
         return ()
 
     def share(name: str) -> str:
+        """Return a recorded share in per cent."""
         return percent(float(found.get(name, NAN)))
 
     def length(name: str) -> str:
+        """Return a recorded length in millimetres."""
         return millimetres(float(found.get(name, NAN)))
 
     rows = (

@@ -248,6 +248,7 @@ def _thin_out(fine: Any) -> Any:
 
 
 def _side(name: str) -> str:
+    """Return the caption of a view."""
     return "seen from below" if name == "below" else f"{name} view"
 
 

@@ -91,6 +91,7 @@ def plan_for_mesh(request: PlanRequest, as_json: bool) -> None:
 
 
 def _body(path: Path, surface: Surface, shift: Floats) -> Body:
+    """Return a mesh as a body of the scene, in coordinates about `shift` (3,) [m]."""
     return Body(path.stem, surface.vertices - shift, surface.faces)
 
 
@@ -135,6 +136,7 @@ def _properties(seen: Visibility, task: Task) -> dict[str, Any]:
 
 
 def _comments(request: PlanRequest, instrument: Instrument, best: Plan) -> list[str]:
+    """Return what the written surface says of itself: what was asked, and what its colours mean."""
     return [
         f"change of {request.change:g} mm, {request.width:g} mm wide, seen by {instrument.name} from "
         f"{len(best.taken)} stations, step {np.degrees(best.step):.4f} degrees; green: it shows, red: it does not, "
@@ -158,6 +160,7 @@ def _figures(plan: Plan) -> dict[str, Any]:
 
 
 def _median_mm(lengths: Floats) -> float | None:
+    """Return the median [mm] of lengths [m] that are known; None without any."""
     known = lengths[np.isfinite(lengths)]
     return round(1e3 * float(np.median(known)), 2) if len(known) else None
 
@@ -165,6 +168,7 @@ def _median_mm(lengths: Floats) -> float | None:
 def _as_mapping(
     request: PlanRequest, instrument: Instrument, plans: tuple[Plan, ...], best: Plan, table: pd.DataFrame
 ) -> dict[str, Any]:
+    """Return the plans and the advice as the values of `--json`."""
     return {
         "instrument": instrument.name, "change_mm": request.change, "width_mm": request.width,
         "registration_mm": request.registration, "resolutions": [_figures(plan) for plan in plans],

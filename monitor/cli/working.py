@@ -40,6 +40,7 @@ def process_project(
     with show_progress() as notify, open_engine(*where) as engine:
 
         def process_place(place: Place) -> Facts:
+            """Process one epoch and return what it became."""
             return _processed(place, process_epoch(place, settings, engine, notify))
 
         facts, failed = _try_each([partial(process_place, place) for place in places])
@@ -116,6 +117,7 @@ def compare_object(
     with show_progress() as notify, open_engine(*where):
 
         def compare_pair(reference: str, compared: str) -> Facts:
+            """Compare two epochs and return what was found."""
             place = Place(project, object_id, compared)
             step = compare_epochs(place, reference, settings, notify, mode, stable)
             return _compared(place, reference, step)

@@ -56,6 +56,7 @@ def _join_neighbours(above, kinds, neighbours, first):  # type: ignore[no-untype
 
 @jit(nopython=True, cache=True, nogil=True)
 def _join_links(above, kinds, pairs):  # type: ignore[no-untyped-def]
+    """Join the vertices of each pair (k, 2), where both are of one kind that is not none."""
     for e in range(len(pairs)):
         if kinds[pairs[e, 0]] >= 0:
             _join(above, kinds, pairs[e, 0], pairs[e, 1])
@@ -63,6 +64,7 @@ def _join_links(above, kinds, pairs):  # type: ignore[no-untyped-def]
 
 @jit(nopython=True, cache=True, nogil=True)
 def _number_parts(above, kinds):  # type: ignore[no-untyped-def]
+    """Return the number (n,) of the part of each vertex, in the order of their first; -1 where its kind is none."""
     out, n = np.full(len(above), -1, dtype=np.int32), 0
     for v in range(len(above)):
         if kinds[v] < 0:

@@ -172,6 +172,7 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
     """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter."""
 
     def measure(k: int) -> tuple[Units, Patches]:
+        """Return the units of side k with their noise, and their patches measured."""
         units = judge_noise(layout.units[k], sides[k], noise, calm[k])
         return units, measure_patches(layout.outlines[k], units, layout.reaches[k], noise.correlation)
 
@@ -181,6 +182,7 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
     errors = errors_of(both)
 
     def ask(k: int) -> tuple[Floats, Floats, Floats]:
+        """Return the p-values (p,) of the patches of side k, and the least of the patches of each unit."""
         p_values = _test(both[k], errors)
         return p_values, *least_of_patches(layout.reaches[k], both[k].means, p_values)
 

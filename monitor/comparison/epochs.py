@@ -168,6 +168,7 @@ def make_shells(reference: Surface, compared: Surface, limits: tuple[float, floa
     shift = 0.5 * (low + high)
 
     def make(k: int) -> Shell:
+        """Return surface k (0: the reference) made ready."""
         if k == 0:
             return make_shell(reference, shift, limits)
         T = T_reference_compared

@@ -56,6 +56,7 @@ def fit_parts(distances: Floats, stated: tuple[Floats, Floats, Floats, Floats], 
     sums = np.empty((N_CHUNKS, 5))
 
     def cost(p: Floats) -> tuple[float, Floats]:
+        """Return the cost at the logarithms p (4,) of the scales, and its slopes (4,)."""
         run_tasks(_add_up, N_CHUNKS, figures, np.exp(2.0 * p), sums)
         value, *slopes = sums.sum(axis=0) / len(figures)
         held = np.array([*p[:3], 0.0]) / STATED**2

@@ -111,6 +111,7 @@ def _overlaps(followed: list[Followed], regions: dict[int, Bools], sign: Floats,
 
 
 def _go_on(followed: Followed, epoch: int, region: int, mask: Bools) -> None:
+    """Note that a followed region is `region` in an epoch, over the vertices of `mask` (n,)."""
     followed.latest = mask
     followed.footprint |= mask
     followed.numbers[epoch] = region

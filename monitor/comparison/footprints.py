@@ -132,5 +132,6 @@ def volumes_over(bodies: Floats, prisms: Floats) -> Floats:
 
 
 def _mean_level(side: ComparedSurface, at: Ints) -> float:
+    """Return the mean sigma [m] of the vertices `at` that their levels of detection tell; NaN without any."""
     levels = side.lod95[at]
     return float(np.nanmean(levels)) / Z95 if np.isfinite(levels).any() else float("nan")

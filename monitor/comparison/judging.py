@@ -65,6 +65,7 @@ def judge_vertices(feet: Feet, faces: Ints, stated: tuple[Stated, Stated], bow: 
 
 @jit(nopython=True, cache=True, forceinline=True)
 def _value(values, v):  # type: ignore[no-untyped-def]
+    """Return the value of vertex v, 0 where none are stated."""
     return values[v] if len(values) > 0 else 0.0
 
 

@@ -251,6 +251,7 @@ def _bits_of(n):  # type: ignore[no-untyped-def]
 
 @jit(nopython=True, cache=True)
 def _axis_of(nodes, i):  # type: ignore[no-untyped-def]
+    """Return the axis (3,) of the cone of normals below node i."""
     return (np.float64(nodes[i, 6]), np.float64(nodes[i, 7]), np.float64(nodes[i, 8]))
 
 

@@ -56,6 +56,7 @@ def _spread(cell):  # type: ignore[no-untyped-def]
 
 @jit(nopython=True, cache=True, nogil=True)
 def _point_codes(first, last, points, low, scale, codes):  # type: ignore[no-untyped-def]
+    """Write the Morton codes of the points `first` to `last`, in cells of 1 / `scale` [m] from `low` on."""
     for i in range(first, last):
         x, y, z = points[i, 0] - low[0], points[i, 1] - low[1], points[i, 2] - low[2]
         codes[i] = _spread(x * scale) | _spread(y * scale) << np.uint64(1) | _spread(z * scale) << np.uint64(2)
@@ -63,11 +64,13 @@ def _point_codes(first, last, points, low, scale, codes):  # type: ignore[no-unt
 
 @jit(nopython=True, cache=True, forceinline=True)
 def _middle(a, b, c, shift):  # type: ignore[no-untyped-def]
+    """Return the mean of three coordinates, taken about `shift` first."""
     return ((a - shift) + (b - shift) + (c - shift)) / 3.0
 
 
 @jit(nopython=True, cache=True, nogil=True)
 def _face_codes(first, last, vertices, faces, shift, low, scale, codes):  # type: ignore[no-untyped-def]
+    """Write the Morton codes of the middles of the faces `first` to `last`, as `_point_codes` does."""
     for f in range(first, last):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         x = _middle(vertices[a, 0], vertices[b, 0], vertices[c, 0], shift[0]) - low[0]

@@ -77,6 +77,7 @@ def _between(first: Sample, second: Sample, sides: tuple[Side, Side], regions: t
     low, high = (points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0)
 
     def inside(side: Side, region: Ints) -> Bools:
+        """Return which vertices (n,) outside of regions lie within the box along the axes."""
         along = side.surface.vertices @ axes.T
         return np.asarray((region == 0) & (along >= low).all(axis=1) & (along <= high).all(axis=1))
 
@@ -97,6 +98,7 @@ def is_explained(parts: tuple[Sample, Sample], between: Sample) -> bool:
     scale = max(float(np.sqrt(np.mean((points - centre) ** 2))), 1e-300)
 
     def rows(sample: Sample) -> Floats:
+        """Return how the distances (n,) change with a small motion: rows (n, 6) of turn, scaled, and shift."""
         return np.hstack([np.cross((sample.points - centre) / scale, sample.normals), sample.normals])
 
     motion, *_ = np.linalg.lstsq(rows(Sample(points, normals, change)), change, rcond=1e-6)

@@ -177,6 +177,7 @@ def sort_by_stratum(places: Ints, stratum: Ints) -> tuple[Ints, Ints]:
 
 @jit(nopython=True, cache=True, nogil=True)
 def _sort_places(places, stratum, starts):  # type: ignore[no-untyped-def]
+    """Return the places (n,) sorted by stratum, in their order within each."""
     out, filled = np.empty_like(places), starts[:-1].copy()
     for i in range(len(places)):
         out[filled[stratum[i]]] = places[i]
@@ -216,6 +217,7 @@ def are_copies(calm: Sequence[CalmVertices]) -> bool:
 
 @jit(nopython=True, cache=True, nogil=True)
 def _count_within(distances, places, limit):  # type: ignore[no-untyped-def]
+    """Return how many of the distances at the `places` are at most `limit` in size."""
     n = 0
     for v in places:
         n += abs(distances[v]) <= limit

@@ -110,5 +110,6 @@ def nearest_among(tree, p, looks, limits, few, chosen, near, numbers, bounds, mi
 
 @jit(nopython=True, cache=True, forceinline=True)
 def _try_chosen(vertices, faces, shift, p, looks, cos_angle, f, bound2, best):  # type: ignore[no-untyped-def]
+    """Return the better one of the `best` foot so far and that of p on face f; see `try_face`."""
     a, b = less(vertices, faces[f, 0], shift), less(vertices, faces[f, 1], shift)
     return try_face(a, b, less(vertices, faces[f, 2], shift), p, looks, cos_angle, LOOKING, f, bound2, best)

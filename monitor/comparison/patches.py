@@ -88,6 +88,7 @@ def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registr
     radii = patch_radii(size, 0.5 * sum(float(s.areas[s.is_assessed].sum()) for s in sides))
 
     def lay_out(k: int) -> tuple[Units, Reaches, Outlines]:
+        """Return the units of side k, which of them each patch holds, and the outlines of the patches."""
         units = summarize_units(sides[k], cut_units(sides[k], size), registration)
         reaches = gather_reaches(units.centres, units.motion_rows[:, 3:], radii)
         return units, reaches, outline_patches(units, reaches, len(radii), registration)

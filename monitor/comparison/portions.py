@@ -44,6 +44,7 @@ def search_feet(shell: Shell, points: Floats, normals: Floats) -> tuple[Ints, Fl
     weights[:, 0] = 1.0
 
     def ask(which: Ints, tree: MeshTree, numbers: Ints, reach: float) -> Ints:
+        """Write the feet of the points `which` on one portion; return those that found none."""
         near = points[which]
         found = find_feet(tree, near, normals[which], point_order(near), (min(reach, limit), cosine))
         has_foot = found[0] >= 0
@@ -63,6 +64,7 @@ def search_offsets(shell: Shell, points: Floats) -> Offsets:
     out = Offsets(np.full(n, np.nan), np.zeros(n, dtype=np.bool_), np.full(n, -1, dtype=np.int32))
 
     def ask(which: Ints, tree: MeshTree, numbers: Ints, reach: float) -> Ints:
+        """Write the offsets of the points `which` from one portion; return those that found no face."""
         found = signed_offsets(points[which], tree, reach)
         out.distances[which], out.is_known[which] = found.distances, found.is_known
         out.faces[which] = np.where(found.faces >= 0, numbers[found.faces], -1)

@@ -60,6 +60,7 @@ def gather_reaches(centres: Floats, normals: Floats, radii: list[float]) -> Reac
 
 
 def _sort_units(centres: Floats, normals: Floats, radii: list[float]) -> _Sorted:
+    """Return the units sorted by cells as wide as the largest radius, so that neighbours lie in few runs."""
     low = centres.min(axis=0, initial=np.inf)
     cells = (
         np.floor((centres - low) / radii[-1]).astype(np.int64) + 1 if radii[-1] > 0.0 else np.ones_like(centres, int)

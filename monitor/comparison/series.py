@@ -159,4 +159,5 @@ def forecast_rows(followed: Followed, measured: Footprint, course: Course, years
 
 
 def _table(rows: list[list[object]], columns: tuple[str, ...]) -> pd.DataFrame:
+    """Return rows as a table, with its columns where there are no rows."""
     return pd.DataFrame(rows, columns=list(columns))

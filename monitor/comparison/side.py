@@ -203,6 +203,7 @@ def thirds_of(points: Floats, centre: Floats, is_assessed: Bools, noise: Floats)
 
 @jit(nopython=True, cache=True, nogil=True)
 def _write_thirds(first, last, points, centre, near, far, out):  # type: ignore[no-untyped-def]
+    """Write the third (0 near, 1, 2 far) of the lever arm about `centre` of the vertices `first` to `last`."""
     for v in range(first, last):
         x, y, z = points[v, 0] - centre[0], points[v, 1] - centre[1], points[v, 2] - centre[2]
         arm = np.sqrt(x * x + y * y + z * z)

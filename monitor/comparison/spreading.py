@@ -25,6 +25,7 @@ def spread_along(side: Side, seeds: Ints, allowed: Bools, limit: float) -> Ints:
 
 @jit(nopython=True, cache=True)
 def _spread(points, neighbours, seeds, allowed, limit, source):  # type: ignore[no-untyped-def]
+    """Write to `source` (n,) the seed that is nearest along edges, as Dijkstra finds it, within `limit` [m]."""
     distance = np.full(len(source), np.inf)
     ahead = [(0.0, np.int64(seed)) for seed in seeds]  # equal and rising: a heap
     for seed in seeds:

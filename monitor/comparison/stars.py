@@ -155,6 +155,7 @@ def face_normal(mesh, f):  # type: ignore[no-untyped-def]
 
 @jit(nopython=True, cache=True, nogil=True)
 def _write_face_normals(first, last, mesh, out):  # type: ignore[no-untyped-def]
+    """Write the unit normals of the faces `first` to `last`."""
     for f in range(first, last):
         out[f, 0], out[f, 1], out[f, 2] = face_normal(mesh, f)
 
@@ -246,6 +247,7 @@ def _count_ends(ends, n):  # type: ignore[no-untyped-def]
 
 @jit(nopython=True, cache=True, nogil=True)
 def _find_free_sides(mesh, is_border):  # type: ignore[no-untyped-def]
+    """Return which sides (m, 3) of the faces no other face joins."""
     out = np.zeros((len(mesh.faces), 3), dtype=np.bool_)
     for f in range(len(mesh.faces)):
         for side in range(3):

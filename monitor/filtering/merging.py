@@ -115,6 +115,7 @@ def turn_alike(clouds: Sequence[PointCloud]) -> Sequence[PointCloud]:
     tree = cKDTree(np.concatenate([c.points for c in known]))
 
     def turned(cloud: PointCloud) -> PointCloud:
+        """Return the cloud with its normals turned, where in its nearest quarter they oppose those of the others."""
         if cloud.normals is None or not len(cloud):
             return cloud
         apart, nearest = tree.query(cloud.points)

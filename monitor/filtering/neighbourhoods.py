@@ -110,6 +110,7 @@ def _fit_linear(
     """Return misfit, sill and growth (s, c) of every curve with every candidate range, none of them negative."""
 
     def whiten(relative: Floats) -> Floats:
+        """Return residuals relative to the model as uncorrelated ones of variance 1: increments over their steps."""
         return np.concatenate([relative[..., :-1] - relative[..., 1:], relative[..., -1:]], axis=-1) / steps
 
     a = whiten(sphericals[None] / model[:, None, :])  # (s, c, j)

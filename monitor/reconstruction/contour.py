@@ -23,6 +23,7 @@ NEAREST_TO_NODE = 0.05  # of an edge: vertices stay off the nodes, so that no tr
 
 
 def _edge_between(p: int, q: int) -> int:
+    """Return the number of the edge of a cell between its corners p and q."""
     starts = list(zip(EDGE_CORNER.tolist(), EDGE_AXIS.tolist(), strict=True))
     return starts.index((min(p, q), (p ^ q).bit_length() - 1))
 
@@ -58,6 +59,7 @@ def _loops(is_outside: list[bool]) -> list[list[int]]:
 
 
 def _share_a_face(e: int, f: int) -> bool:
+    """Return whether one face of a cell holds the edges e and f."""
     ends = [{int(EDGE_CORNER[k]), int(EDGE_CORNER[k]) | (1 << int(EDGE_AXIS[k]))} for k in (e, f)]
     return any(ends[0] | ends[1] <= set(face) for face in _faces())
 

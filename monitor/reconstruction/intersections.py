@@ -146,16 +146,19 @@ def _corner(vertices: Any, faces: Any, f: int, k: int) -> Any:
 
 @jit(nopython=True, cache=True)
 def _minus(a: Any, b: Any) -> Any:
+    """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @jit(nopython=True, cache=True)
 def _dot(a: Any, b: Any) -> float:
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit(nopython=True, cache=True)
 def _cross(a: Any, b: Any) -> Any:
+    """Return the vector product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
@@ -327,6 +330,7 @@ def faces_meet(vertices: Any, faces: Any, f: int, g: int, parts: Any) -> bool:
 
 @jit(nopython=True, cache=True)
 def _boxes_meet(boxes: Any, i: int, others: Any, j: int) -> bool:
+    """Return whether box i (least and greatest coordinates) and box j of the others touch."""
     x = (boxes[i, 0] <= others[j, 3]) & (boxes[i, 3] >= others[j, 0])  # all six at once: no branch to guess
     y = (boxes[i, 1] <= others[j, 4]) & (boxes[i, 4] >= others[j, 1])
     z = (boxes[i, 2] <= others[j, 5]) & (boxes[i, 5] >= others[j, 2])

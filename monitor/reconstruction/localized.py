@@ -133,6 +133,7 @@ def _on_lattice(points: Floats, cell: float, low: Floats) -> Floats:
 
 
 def _map_threads(function: Callable[[int], Any], numbers: Sequence[int]) -> list[Any]:
+    """Return what `function` makes of each tile, on up to four threads."""
     with ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
         return list(pool.map(function, numbers))
 

@@ -81,6 +81,7 @@ def build_levels(finest: Level, radii: Floats, noise: float) -> list[Level]:
     levels = [finest] * len(radii)
 
     def fill(first: int) -> None:
+        """Fill every other level from `first` on, each grouped from the one two below."""
         for k in range(first, len(radii), 2):
             finer = levels[max(k - 2, 0)]
             along = ways if finer is finest else nearest_ways(finer.normals, FRAMES)

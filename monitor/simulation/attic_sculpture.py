@@ -118,6 +118,7 @@ def _straps(p: Floats) -> Floats:
 
 
 def _body_parts() -> list[Part]:
+    """Return the ground, the tree trunk, the legs, the straps and the cuirass."""
     standing = _leg((0.30, 0.02, 3.70), (0.37, -0.08, 2.02), (0.36, 0.06, 0.30), (0.50, -0.52, 0.10))
     free = _leg((-0.26, -0.02, 3.70), (-0.46, -0.40, 2.00), (-0.62, 0.02, 0.32), (-0.92, -0.44, 0.10))
     trunk_line = np.array([(0.82, 0.42, -0.05), (0.74, 0.36, 0.9), (0.62, 0.34, 1.8), (0.52, 0.30, 2.7)])
@@ -170,6 +171,7 @@ def _fall(p: Floats) -> Floats:
 
 
 def _cloak_parts() -> list[Part]:
+    """Return the cloak, its rolled edge over the shoulders, and the cloth that falls from the arm."""
     course = CubicSpline(
         [0.0, 0.25, 0.5, 0.75, 1.0],
         [(-0.72, 0.22, 6.05), (-0.52, -0.18, 6.24), (0.0, -0.40, 6.02), (0.52, -0.16, 6.26), (0.76, 0.24, 6.02)],
@@ -194,6 +196,7 @@ def _arm(shoulder: Floats, elbow: Floats, wrist: Floats) -> Field:
     belly = capsule(0.85 * elbow + 0.15 * wrist, 0.5 * elbow + 0.5 * wrist, 0.155, 0.125)
 
     def field(p: Floats) -> Floats:
+        """Return the arm (n,) at p (3, n), with the folded sleeve about its upper end."""
         value = smooth_min(smooth_min(upper(p), biceps(p), 0.10), smooth_min(fore(p), belly(p), 0.08), 0.06)
         along = (elbow - shoulder) / np.linalg.norm(elbow - shoulder)
         run = along @ (p - shoulder[:, None])
@@ -268,9 +271,11 @@ def _beard(p: Floats) -> Floats:
 
 
 def _head_parts() -> list[Part]:
+    """Return neck, face, beard and the helmet with its crest."""
     rotation = turn_by(*_HEAD_TURN)
 
     def put(name: str, field: Field, low: Sequence[float], high: Sequence[float], blend: float) -> Part:
+        """Return a part given in the head's own frame, within the box from `low` to `high`."""
         corners = np.array(
             [[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)]
         )
@@ -292,6 +297,7 @@ def _head_parts() -> list[Part]:
 
 @functools.cache
 def _pedestal_profile() -> Drawing:
+    """Return the section of the pedestal over (half width, height) [m]."""
     half = [(0.0, 0.0), (0.46, 0.0), (0.46, 0.07), (0.44, 0.075), (0.43, 0.10), (0.405, 0.115), (0.40, 0.125),
             (0.40, 0.265), (0.41, 0.275), (0.415, 0.29), (0.445, 0.305), (0.445, 0.345), (0.435, 0.36),
             (0.0, 0.36)]  # fmt: skip
@@ -299,6 +305,7 @@ def _pedestal_profile() -> Drawing:
 
 
 def _pedestal_field(p: Floats) -> Floats:
+    """The moulded pedestal, its corners a little round."""
     return _pedestal_profile()(smooth_max(np.abs(p[0]), np.abs(p[1] - 0.01) + 0.10, 0.008), p[2])
 
 

@@ -54,6 +54,7 @@ def sample_beam(n_subrays: int) -> tuple[Floats, Floats]:
 
 @njit(cache=True, parallel=True)
 def _fill_rays(origin, directions, side, up, offsets, exit_sigma, divergence_sigma, twist, rays):  # type: ignore[no-untyped-def]
+    """Write the sub-rays (n, k, 6) of n pulses: origins and directions over a Gaussian beam turned by `twist`."""
     for i in prange(len(directions)):
         c, s = math.cos(twist[i]), math.sin(twist[i])
         for k in range(len(offsets)):
@@ -91,6 +92,7 @@ def make_rays(
 
 @njit(cache=True, parallel=True)
 def _sum_phases(t, powers, unit_length, ranges, amplitudes):  # type: ignore[no-untyped-def]
+    """Write the range (n,) [m] that the summed phase of the sub-rays shows, and the amplitude of the sum."""
     turn = 2.0 * math.pi / unit_length
     for i in prange(t.shape[0]):
         real, imaginary, total, moment = 0.0, 0.0, 0.0, 0.0
@@ -134,6 +136,7 @@ def measure_phase(t: NDArray[Any], powers: NDArray[Any], unit_length: float) -> 
 
 @njit(cache=True, parallel=True)
 def _return_powers(t, rays, normals, reflectance, face, shares, powers):  # type: ignore[no-untyped-def]
+    """Write the power (n, k) that returns of each sub-ray: share times reflectance and cosine over range squared."""
     for i in prange(t.shape[0]):
         for k in range(t.shape[1]):
             r = float(t[i, k])

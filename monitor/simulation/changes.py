@@ -68,6 +68,7 @@ def _offset(field: Field, depth: Field) -> Field:
     """Return the field whose zero lies deeper by `depth` [m] along the normal of the old one."""
 
     def value(p: Floats) -> Floats:
+        """Return the field (n,) at p (3, n) moved by the depth, as a true distance where that is near."""
         found, deep = field(p), depth(p)
         # Only near the surface does the distance itself matter; fields here are sloped 0.5 to 2.
         near = (deep != 0.0) & (np.abs(found) < 3.0 * np.abs(deep).max(initial=0.0))
@@ -93,6 +94,7 @@ def _patch(centre: ArrayLike, radius: float, plateau: float) -> tuple[Field, Flo
     c = np.asarray(centre, dtype=float)
 
     def weight(p: Floats) -> Floats:
+        """Return the weight (n,): 1 on the plateau, 0 beyond the radius."""
         r = np.sqrt(((p - c[:, None]) ** 2).sum(axis=0))
         return 1.0 - smoothstep(r, plateau * radius, radius)
 
@@ -136,6 +138,7 @@ def break_off(name: str, point: ArrayLike, direction: ArrayLike, *, box: Floats,
     middle, half = 0.5 * (box[0] + box[1]), 0.5 * (box[1] - box[0])
 
     def beyond(p: Floats) -> Floats:
+        """Return the rough plane of the break (n,), held within the box; negative in what is lost."""
         q = p - np.asarray(point, dtype=float)[:, None]
         u, v = side @ q, other @ q
         rough = 0.0012 * np.sin(u / 0.0042 + 1.3) * np.sin(v / 0.0051) + 0.0008 * np.sin((u + v) / 0.0027)
@@ -150,6 +153,7 @@ def hollow_out(name: str, centre: ArrayLike, radii: ArrayLike, *, part: str | No
     body, c = ellipsoid(centre, radii), np.asarray(centre, dtype=float)
 
     def tool(p: Floats) -> Floats:
+        """Return the uneven ellipsoid (n,) that is taken out."""
         q = p - c[:, None]
         uneven = 0.0009 * np.sin(q[0] / 0.006 + q[2] / 0.008) * np.sin(q[1] / 0.007 + 0.5) + 0.0006 * np.sin(
             q[2] / 0.004
@@ -170,6 +174,7 @@ def fill(
     c, n = np.asarray(centre, dtype=float), np.asarray(direction, dtype=float) / np.linalg.norm(direction)
 
     def plug(p: Floats) -> Floats:
+        """Return the plug (n,), a disc below the surface."""
         q = p - c[:, None]
         h = n @ q
         across = np.sqrt(np.maximum((q * q).sum(axis=0) - h * h, 0.0))

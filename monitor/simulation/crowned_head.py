@@ -74,6 +74,7 @@ def head_parts() -> list[Part]:
     rotation = turn_by(*_HEAD_TURN)
 
     def put(name: str, field: Field, points: Points, margin: float, blend: float) -> Part:
+        """Return a part given in the head's own frame, within `margin` about `points`."""
         turned = np.asarray(points) @ rotation.T + _HEAD_AT
         return part_in_heads(name, placed(field, at=_HEAD_AT, rotation=rotation), turned.tolist(), margin, blend)
 

@@ -106,6 +106,7 @@ def write_demo_campaign(
 
 
 def _texts(instrument: str) -> dict[str, str]:
+    """Return what the archive knows of the object, by field."""
     return {
         "name": "Allegory with mural crown, torch and shield",
         "inventory": "DEMO-2026-001",

@@ -90,6 +90,7 @@ class HeightField:
         return 0.5 * (low + high)
 
     def _at(self, field: Field, nodes: Floats, heights: Floats) -> Floats:
+        """Return the field (n,) of the scene at `heights` (n,) [m] over the nodes."""
         return evaluate(field, apply(self.T_scene_plane, np.column_stack([nodes[:, :2], heights])))
 
 

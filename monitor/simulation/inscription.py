@@ -12,6 +12,7 @@ from projects.model import Floats
 
 
 def _line(*points: tuple[float, float]) -> Floats:
+    """Return a polyline through points (m, 2)."""
     return np.array(points, dtype=float)
 
 
@@ -22,6 +23,7 @@ def _arc(centre: tuple[float, float], radii: tuple[float, float], start: float, 
 
 
 def _serif(u: float, v: float, half: float = 0.09) -> Floats:
+    """Return the level stroke that ends a stem at (u, v)."""
     return _line((u - half, v), (u + half, v))
 
 

@@ -129,6 +129,7 @@ class Model:
         parts = [(part.field_in_model(), part.bounds()) for part in self.parts]
 
         def value(p: Floats) -> Floats:
+            """Return the field (n,) at p (3, n); a part far from all points only bounds it from below."""
             low, high = p.min(axis=1), p.max(axis=1)
             found = np.full(p.shape[1], np.inf)
             for field, box in parts:
@@ -195,6 +196,7 @@ def list_concerned_parts(model: Model, edit: Edit) -> list[str]:
 
 
 def _change_part(part: ModelPart, edit: Edit) -> ModelPart:
+    """Return a part after an edit: moved, or its field changed, its box as large as what it may hold now."""
     if edit.T_after_before is not None:
         return dataclasses.replace(part, T_model_part=edit.T_after_before @ part.T_model_part)
     edit, held = _edit_in_part(edit, part.T_model_part), part.box
@@ -241,6 +243,7 @@ def only_near(edit: Edit, field: Field) -> Field:
     changed = edit.apply(field)
 
     def value(p: Floats) -> Floats:
+        """Return the changed field (n,), that of before where all points lie outside of the edit's box."""
         low, high = p.min(axis=1), p.max(axis=1)
         apart = (low > edit.box[1]).any() or (high < edit.box[0]).any()
         return field(p) if apart else changed(p)
@@ -249,6 +252,7 @@ def only_near(edit: Edit, field: Field) -> Field:
 
 
 def _moved_field(field: Field, T_model_part: Floats) -> Field:
+    """Return the field of a part in the frame of the model."""
     inverse = invert(T_model_part)
     return lambda p: field(inverse[:3, :3] @ p + inverse[:3, 3:])
 

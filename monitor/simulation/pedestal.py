@@ -65,6 +65,7 @@ def pedestal_field() -> Field:
     profile, letters = _profile(), _letters()
 
     def field(p: Floats) -> Floats:
+        """Return the pedestal (n,) at p (3, n): its section, the sunk panels, the inscription and the rosette."""
         x, y, z = p
         value = profile(smooth_max(np.abs(x), np.abs(y), 0.006), z)
         on_x = np.abs(x) > np.abs(y)

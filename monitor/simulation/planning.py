@@ -121,6 +121,7 @@ def plan_campaign(
 
 
 def _only(taken: Sequence[int], n: int) -> Bools:
+    """Return the mask (n,) of the stations taken."""
     return np.isin(np.arange(n), taken)
 
 
@@ -128,6 +129,7 @@ def _look(
     scene: Scene, instrument: Instrument, stations: Sequence[Floats], points: Floats, normals: Floats,
     step: float | None, extent: float, reflectance: float, sigma_registration: float,
 ) -> _View:  # fmt: skip
+    """Return what each station would see of each point, and the smallest change it would show there."""
     if not len(stations) or extent <= 0.0 or not 0.0 < reflectance <= 1.0:
         raise ParameterError(
             f"{len(stations)} stations, extent {extent} m, reflectance {reflectance}: at least one station, an extent "
@@ -165,6 +167,7 @@ def _sum_up(view: _View, taken: Bools) -> Visibility:
     seen = sees.any(axis=0)
 
     def best(values: Floats) -> Floats:
+        """Return the least value (n,) of the stations that see a point, NaN where none does."""
         return np.where(seen, np.where(sees, values, np.inf).min(axis=0), np.nan)
 
     weight = np.where(sees, 1.0 / np.maximum(view.sigma, 1e-12) ** 2, 0.0)

@@ -33,6 +33,7 @@ def triangulate_polygon(polygon: Floats) -> Ints:
 
 
 def _turn(a: Floats, b: Floats, c: Floats) -> float:
+    """Return twice the area of the triangle a b c, positive counter-clockwise."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
@@ -50,6 +51,7 @@ def prism_field(polygon: Floats, low: float, high: float, plane: str) -> Field:
     starts, ends = polygon, np.roll(polygon, -1, axis=0)
 
     def field(p: Floats) -> Floats:
+        """Return the exact signed distance (n,) at p (3, n)."""
         x, y = p[i], p[j]
         gap2, inside = np.full(p.shape[1], np.inf), np.zeros(p.shape[1], dtype=bool)
         for a, b in zip(starts, ends, strict=True):
@@ -107,6 +109,7 @@ def revolve_field(profile: Floats) -> Field:
     low, high = float(profile[0, 0]), float(profile[-1, 0])
 
     def field(p: Floats) -> Floats:
+        """Return the distance (n,) at p (3, n) across the slope of the profile."""
         z = np.clip(p[2], low, high)
         aside = (np.hypot(p[0], p[1]) - radius(z)) / np.sqrt(1.0 + slope(z) ** 2)
         return np.asarray(np.maximum(aside, np.maximum(low - p[2], p[2] - high)))

@@ -87,6 +87,7 @@ def reef_model(*, cell: float = 0.02, seed: int = 8) -> Model:
     u, v = (np.linspace(-0.5 * size, 0.5 * size, round(size / cell) + 1) for size in (LENGTH, WIDTH))
 
     def height(at_u: Floats, at_v: Floats) -> Floats:
+        """Return the height (n,) [m] of the table at (u, v), linear between its nodes."""
         places = np.stack([(at_u - u[0]) / (u[1] - u[0]), (at_v - v[0]) / (v[1] - v[0])])
         return np.asarray(map_coordinates(table, places, order=1, mode="nearest"))
 
@@ -109,6 +110,7 @@ def reef_scene(*, cell: float = 0.02, seed: int = 8, changes: Sequence[Edit] = (
     pits = _pits(seed)
 
     def in_pits(points: Floats) -> Bools:
+        """Return which points (n, 3) lie over a pit."""
         at = apply(invert(slope_frame()), points)
         return np.asarray((np.hypot(at[:, :1] - pits[:, 0], at[:, 1:2] - pits[:, 1]) < pits[:, 2]).any(axis=1))
 

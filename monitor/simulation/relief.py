@@ -44,6 +44,7 @@ def brow_coordinates(u: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _brows(u: Floats, v: Floats) -> Floats:
+    """Return the height [m] of the brows at (u, v)."""
     along, across, width = brow_coordinates(u, v)
     section = np.cos(np.pi * np.clip(across / width, -0.5, 0.5)) ** 2
     return BROW_HEIGHT * section * smoothstep(along, 0.0, 0.12) * (1.0 - smoothstep(along, 0.88, 1.0))
@@ -98,6 +99,7 @@ def _slope(u: Floats, v: Floats, step: float = 2e-4) -> Floats:
 
 
 def _on_brow(points: Floats) -> Bools:
+    """Return which points (n, 3) lie on a brow, away from its ends."""
     along, across, width = brow_coordinates(points[:, 0], points[:, 2])
     return (np.abs(across) < 0.5 * width) & (along > 0.12) & (along < 0.88)
 

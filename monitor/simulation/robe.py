@@ -112,6 +112,7 @@ def sleeve_part(name: str, start: Floats, end: Floats) -> Part:
     length = float(np.linalg.norm(end - start))
 
     def field(p: Floats) -> Floats:
+        """Return the cuff (n,) at p (3, n): a cone of tubular folds, its rims waving."""
         q = p - start[:, None]
         t = along @ q
         u, v = side @ q, other @ q

@@ -48,12 +48,14 @@ class Sheet:
         return Drawing(self._heights.copy(), self._low, self._step)
 
     def _window(self, low: Floats, high: Floats) -> tuple[slice, slice, Floats, Floats]:
+        """Return which nodes lie in a box, as two slices, and their places (u, v)."""
         i0, j0 = np.maximum(((low - self._low) / self._step).astype(int), 0)
         i1, j1 = np.maximum(((high - self._low) / self._step).astype(int) + 2, 0)
         u, v = np.meshgrid(self._u[i0:i1], self._v[j0:j1], indexing="ij")
         return slice(i0, i0 + u.shape[0]), slice(j0, j0 + u.shape[1]), u, v
 
     def _lay(self, i: slice, j: slice, height: Floats) -> Self:
+        """Raise the nodes to `height` where they lie lower."""
         self._heights[i, j] = np.maximum(self._heights[i, j], height)
         return self
 

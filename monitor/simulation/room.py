@@ -92,6 +92,7 @@ def _wall_height(length: float, has_door: bool) -> Callable[[Floats, Floats], Fl
     half = (length - 0.5) / 6.0 - 0.12
 
     def height(u: Floats, z: Floats) -> Floats:
+        """Return the height (n,) [m] of frames, cartouches and the door over the wall."""
         found = _running(z)
         for middle in _panels(length):
             found = found + _frame(u, z, middle, half, *PANEL)
@@ -129,6 +130,7 @@ def _ceiling(cells: Cells) -> ModelPart:
     """Return the ceiling with a rosette: rings and sixteen leaves about its middle, 60 mm deep."""
 
     def height(u: Floats, v: Floats) -> Floats:
+        """Return the height (n,) [m] of the rose in the middle of the ceiling."""
         r, turn = np.hypot(u, v), np.arctan2(u, v)
         leaf = np.clip(1.0 - ((r - 0.30) / 0.20) ** 2, 0.0, None) * np.cos(8.0 * turn) ** 2
         rings = _ogee(r - 0.62, 0.10, 0.04) + _ogee(r - 0.85, 0.06, 0.02)

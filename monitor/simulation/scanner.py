@@ -140,6 +140,7 @@ def grid_directions(azimuth: Floats, elevation: Floats) -> Floats:
 
 
 def _grid(low: float, high: float, step: float) -> Floats:
+    """Return the angles from `low` to at most `high` at even steps."""
     return low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
 
 

@@ -216,14 +216,17 @@ def step_scene(*, height: float = 0.05, size: float = 1.0, reflectance: float = 
         return feet, np.linalg.norm(feet - p, axis=2)
 
     def closest(p: Floats) -> Floats:
+        """Return the nearest points (n, 3) of the step."""
         feet, distance = candidates(p)
         return feet[distance.argmin(axis=0), np.arange(len(p))]
 
     def signed(p: Floats) -> Floats:
+        """Return the distances (n,) [m] from the step, positive above."""
         outside = p[:, 2] > np.where(p[:, 0] > 0.0, height, 0.0)
         return np.where(outside, 1.0, -1.0) * candidates(p)[1].min(axis=0)
 
     def normal(p: Floats) -> Floats:
+        """Return the unit normals (n, 3) of the nearest of the three planes."""
         nearest = candidates(p)[1].argmin(axis=0)
         return np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])[nearest]
 
@@ -244,6 +247,7 @@ def wave_scene(
     body = make_slab("waves", size, wavelength / 24, lambda x, y: amplitude * np.cos(k * x), reflectance)
 
     def closest(p: Floats) -> Floats:
+        """Return the nearest points (n, 3) of the wave, by Newton from the best of many starts."""
         # The best of 65 starts within one wavelength, then Newton on d/dx of the squared distance.
         start = p[:, :1] + wavelength * np.linspace(-1.0, 1.0, 65)
         gap2 = (start - p[:, :1]) ** 2 + (amplitude * np.cos(k * start) - p[:, 2:]) ** 2
@@ -258,14 +262,17 @@ def wave_scene(
         return np.column_stack([x, p[:, 1], amplitude * np.cos(k * x)])
 
     def signed(p: Floats) -> Floats:
+        """Return the distances (n,) [m] from the wave, positive above."""
         outside = p[:, 2] > amplitude * np.cos(k * p[:, 0])
         return np.where(outside, 1.0, -1.0) * np.linalg.norm(p - closest(p), axis=1)
 
     def normal(p: Floats) -> Floats:
+        """Return the unit normals (n, 3) of the wave, upwards."""
         n = np.column_stack([amplitude * k * np.sin(k * closest(p)[:, 0]), np.zeros(len(p)), np.ones(len(p))])
         return n / np.linalg.norm(n, axis=1, keepdims=True)
 
     def curvature(p: Floats) -> Floats:
+        """Return the principal curvatures (n, 2) [1/m], the larger first; positive on crests."""
         x = closest(p)[:, 0]
         bent = amplitude * k * k * np.cos(k * x) / (1.0 + (amplitude * k * np.sin(k * x)) ** 2) ** 1.5
         return np.column_stack([np.maximum(bent, 0.0), np.minimum(bent, 0.0)])

@@ -44,6 +44,7 @@ def ellipsoid(centre: Vector, radii: Vector, rotation: Floats | None = None) -> 
     turn = np.eye(3) if rotation is None else rotation
 
     def field(p: Floats) -> Floats:
+        """Return k0 (k0 - 1) / k1 (n,) at p (3, n): the distance to first order, 0 on the surface."""
         q = (turn.T @ (p - c)) / r
         k0 = np.sqrt((q * q).sum(axis=0))
         k1 = np.sqrt(((q / r) ** 2).sum(axis=0))
@@ -59,6 +60,7 @@ def capsule(a: Vector, b: Vector, radius_a: float, radius_b: float | None = None
     length2 = float(along @ along)
 
     def field(p: Floats) -> Floats:
+        """Return the distance (n,) from the nearest point of the axis, less the radius there."""
         q = p - start[:, None]
         t = np.clip((along @ q) / length2, 0.0, 1.0)
         return np.sqrt(((q - along[:, None] * t) ** 2).sum(axis=0)) - (radius_a + (rb - radius_a) * t)
@@ -71,6 +73,7 @@ def box(centre: Vector, half: Vector, rounding: float = 0.0) -> Field:
     c, h = np.asarray(centre, dtype=float)[:, None], np.asarray(half, dtype=float)[:, None] - rounding
 
     def field(p: Floats) -> Floats:
+        """Return the signed distance (n,) of the box."""
         q = np.abs(p - c) - h
         outside = np.sqrt((np.maximum(q, 0.0) ** 2).sum(axis=0))
         return outside + np.minimum(q.max(axis=0), 0.0) - rounding
@@ -84,6 +87,7 @@ def torus(centre: Vector, axis: Vector, radius: float, thickness: float) -> Fiel
     a = a / np.linalg.norm(a)
 
     def field(p: Floats) -> Floats:
+        """Return the signed distance (n,) of the ring."""
         q = p - c
         h = a @ q
         across = np.sqrt(np.maximum((q * q).sum(axis=0) - h * h, 0.0))
@@ -107,6 +111,7 @@ def tube(points: Floats, radii: Floats, strands: int = 0, relief: float = 0.0, t
         sides.append(side)
 
     def field(p: Floats) -> Floats:
+        """Return the least distance (n,) of the pieces of the rope, less the ridges at the angle about it."""
         best = np.full(p.shape[1], np.inf)
         where, angle = np.zeros(p.shape[1]), np.zeros(p.shape[1])
         for i in range(len(start)):
@@ -186,12 +191,14 @@ def draw_mirrored(half: Sequence[tuple[float, float]], low: Vector, high: Vector
 
 
 def _nodes(low: Vector, high: Vector, step: float) -> tuple[Floats, Floats]:
+    """Return the places (u, v) of the nodes from `low` to `high` at even steps."""
     axes = [np.arange(a, b + step, step) for a, b in zip(np.asarray(low), np.asarray(high), strict=True)]
     u, v = np.meshgrid(*axes, indexing="ij")
     return u, v
 
 
 def _segment_distance(u: Floats, v: Floats, a: Floats, b: Floats) -> Floats:
+    """Return the distances of the places (u, v) to the segment from a to b."""
     du, dv = b[0] - a[0], b[1] - a[1]
     t = np.clip(((u - a[0]) * du + (v - a[1]) * dv) / max(du * du + dv * dv, 1e-30), 0.0, 1.0)
     return np.hypot(u - a[0] - t * du, v - a[1] - t * dv)

@@ -37,6 +37,7 @@ def shield_parts() -> list[Part]:
     tower = draw_polygon(_tower_outline(), (-0.9, -1.2), (0.9, 1.3), step=0.004)
 
     def relief(u: Floats, v: Floats, edge: Floats) -> Floats:
+        """Return how far rim, beads and tower stand out at (u, v), `edge` being the distance to the outline."""
         rim = 0.055 * (1.0 - smoothstep(np.abs(edge + 0.075), 0.045, 0.075))
         studs = [np.hypot(np.abs(u) - a, v - b) for a, b in ((0.52, 1.22), (0.50, 0.35), (0.50, -0.35), (0.36, -0.95))]
         studs += [np.hypot(u, v - b) for b in (1.16, -1.25)]
@@ -51,6 +52,7 @@ def shield_parts() -> list[Part]:
         return rim + beads + castle
 
     def field(p: Floats) -> Floats:
+        """Return the shield (n,) at p (3, n) in its own frame."""
         u, w, v = p[0], p[1], p[2]
         bulge = w + 0.16 * (1.0 - u * u / 0.64) - 0.16  # curved about its long axis, the front towards -y
         edge = outline(u, v)

@@ -109,6 +109,7 @@ def evaluate(field: Field, points: Floats, *, n_threads: int = 2) -> Floats:
     value = np.empty(len(points))
 
     def work(which: Ints) -> None:
+        """Write the values at the points `which`."""
         value[which] = field(np.ascontiguousarray(points[which].T))
 
     with ThreadPoolExecutor(n_threads) as pool:

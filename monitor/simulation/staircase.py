@@ -139,6 +139,7 @@ def staircase_model(*, cell: float = 0.01, ornament: float = 0.006) -> Model:
 
 
 def _ground() -> Body:
+    """Return the ground before the stairs."""
     return make_box("ground", np.array([-21.0, -12.0, -0.2]), np.array([21.0, 4.0, 0.0]), reflectance=0.25)
 
 

@@ -65,6 +65,7 @@ def _right_arm() -> list[Part]:
     hand = part_in_heads("torch hand", grip, (wrist, wrist + np.array([0.0, -0.2, 0.5])), 0.32, blend=0.04)
 
     def torch(p: Floats) -> Floats:
+        """Return the fluted shaft and the bowl of the torch (n,) at p (3, n)."""
         x, y, z = p[0] - torch_x, p[1] - torch_y, p[2]
         r, turn = np.hypot(x, y), np.arctan2(y, x)
         shaft = np.interp(z, [6.9, 7.0, 7.1, 8.1, 8.25, 8.3, 8.36, 8.42, 8.6, 8.66, 8.7],
@@ -73,6 +74,7 @@ def _right_arm() -> list[Part]:
         return smooth_max(0.8 * (r - shaft - flute), np.abs(z - 7.79) - 0.90, 0.03)
 
     def flame(p: Floats) -> Floats:
+        """Return the flame (n,) at p (3, n): tongues that bend as they rise."""
         x, y, z = p[0] - torch_x, p[1] - torch_y, p[2]
         rise = np.clip((z - 8.6) / 0.95, 0.0, 1.0)
         bend = 0.14 * np.sin(3.2 * rise)

@@ -194,6 +194,7 @@ def _foot(side: float, front: float) -> ModelPart:
     leg, curl = tube(course, radii, strands=4, relief=0.005, twist=5.0), ball(course[-1], 0.058)
 
     def field(p: Floats) -> Floats:
+        """Return the scroll (n,) at p (3, n), cut off at the floor and under the base."""
         return smooth_max(smooth_min(leg(p), curl(p), 0.015), smooth_max(-p[2], p[2] - 0.29, 0.004), 0.006)
 
     box = np.stack([course.min(axis=0) - 0.10, course.max(axis=0) + 0.10])
@@ -204,6 +205,7 @@ def _foot(side: float, front: float) -> ModelPart:
 
 @functools.cache
 def _urn_profile() -> Drawing:
+    """Return the section of the urn over (half width, height) [m]."""
     half = [(0.0, 2.69), (0.135, 2.69), (0.135, 2.725), (0.10, 2.735), *_arc((0.10, 2.757), 0.022, -90, 90)]
     half += _swell([2.780, 2.80, 2.84, 2.88, 2.905], [0.055, 0.075, 0.112, 0.105, 0.065])
     half += [
@@ -219,6 +221,7 @@ def _urn() -> ModelPart:
     """The urn on top, gadrooned, a flame in its mouth."""
 
     def field(p: Floats) -> Floats:
+        """Return the urn (n,) at p (3, n): flutes on its belly, a flame above."""
         turn = np.arctan2(p[1], p[0])
         belly = smoothstep(p[2], 2.79, 2.81) * (1.0 - smoothstep(p[2], 2.875, 2.895))
         flame = smoothstep(p[2], 2.925, 2.945)
@@ -249,6 +252,7 @@ def _piece(course: int, k: int, cell: float) -> ModelPart:
     first, last = _wedge(course, k)
 
     def field(p: Floats) -> Floats:
+        """Return the piece (n,) at p (3, n): the body between its joints, as thick as a tile."""
         upright = 0.0005 - np.minimum(first @ p[:2], last @ p[:2])
         value = smooth_max(upright, np.maximum(low - p[2], p[2] - high), 0.002)
         near = value < 0.012  # further out the joints tell enough
@@ -285,6 +289,7 @@ def _core() -> ModelPart:
     """The brick lining behind the pieces, hardly seen."""
 
     def field(p: Floats) -> Floats:
+        """Return the masonry (n,) at p (3, n) behind the tiles."""
         return np.maximum(0.85 * _base_field(p) + 0.045, np.maximum(0.27 - p[2], p[2] - 2.70))
 
     return ModelPart("core", field, np.array([[-0.62, -0.50, 0.26], [0.62, 0.42, 2.71]]), 0.012, 0.35, 0.0)

@@ -122,6 +122,7 @@ def _measure_parts(edit: Edit, before: Model, after: Model) -> TrueChange:
 
 
 def _no_truth() -> Truth:
+    """Refuse a scene that was not built from a model."""
     raise ParameterError("the scene has no truth; build it from a model")
 
 
@@ -147,6 +148,7 @@ def _sample_surface(field: Field, box: Floats, cell: float) -> tuple[Floats, Flo
     middle, half = 0.5 * (box[0] + box[1])[:, None], 0.5 * (box[1] - box[0])[:, None]
 
     def clipped(p: Floats) -> Floats:
+        """Return the field (n,) held within the box."""
         return np.maximum(field(p), (np.abs(p - middle) - half).max(axis=0))
 
     vertices, faces = contour(clipped, box, cell=cell)

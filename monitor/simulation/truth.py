@@ -47,6 +47,7 @@ def truth_of(field: Field, mesh: Surface) -> Truth:
 
     @functools.cache
     def tree() -> Any:
+        """Return the mesh as a scene in which nearest points are looked for."""
         o3d = load_open3d()
         scene = o3d.t.geometry.RaycastingScene(nthreads=2)
         scene.add_triangles(
@@ -55,19 +56,23 @@ def truth_of(field: Field, mesh: Surface) -> Truth:
         return scene
 
     def closest(points: Floats) -> Floats:
+        """Return the nearest points (n, 3) [m]: those of the mesh, brought onto the field."""
         o3d = load_open3d()
         found = tree().compute_closest_points(o3d.core.Tensor(points.astype(np.float32)), nthreads=2)
         return close_in(field, points, found["points"].numpy().astype(float))
 
     def signed(points: Floats) -> Floats:
+        """Return the distances (n,) [m], positive outside."""
         side = np.where(evaluate(field, points) < 0.0, -1.0, 1.0)
         return side * np.linalg.norm(points - closest(points), axis=1)
 
     def normal(points: Floats) -> Floats:
+        """Return the outward unit normals (n, 3) at the nearest points."""
         g = gradient(field, closest(points))
         return g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
 
     def curvature(points: Floats) -> Floats:
+        """Return the principal curvatures (n, 2) [1/m] at the nearest points."""
         return principal_curvatures(field, closest(points))
 
     return Truth(closest, signed, normal, curvature)

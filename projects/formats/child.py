@@ -58,6 +58,7 @@ def limit_this_process(memory_gib: float, seconds: float) -> Callable[[], None]:
     threads = os.cpu_count() or 1
 
     def renew_time() -> None:
+        """Allow as many seconds of processor time again, from now on."""
         used = resource.getrusage(resource.RUSAGE_SELF)
         most_cpu = int(used.ru_utime + used.ru_stime + seconds * threads) + 1
         resource.setrlimit(resource.RLIMIT_CPU, (most_cpu, resource.getrlimit(resource.RLIMIT_CPU)[1]))

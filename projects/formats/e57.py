@@ -54,10 +54,12 @@ def _open(path: str) -> Any:
 
 
 def _reason(problem: Exception) -> str:
+    """Return the first line of an error of libE57."""
     return str(problem).strip().splitlines()[0]
 
 
 def _header(scan: Any, index: int, n_scans: int) -> ScanHeader:
+    """Return the header of one scan of the file."""
     kinds = _point_kinds(scan)
     which = f"scan {index + 1} of {n_scans}: " if n_scans > 1 else ""
     if not (set(CARTESIAN) <= set(kinds) or set(SPHERICAL) <= set(kinds)):
@@ -82,6 +84,7 @@ def _point_kinds(scan: Any) -> dict[str, Any]:
 
 
 def _text(node: Any, name: str) -> str:
+    """Return the text of a node, empty where there is none."""
     return str(node[name].value()).strip() if node.isDefined(name) else ""
 
 
@@ -204,6 +207,7 @@ def _bytes(values: Any, limits: tuple[float, float]) -> Any:
 
 
 def _points(fields: dict[str, Any]) -> Any:
+    """Return the points (n, 3) [m], given as Cartesian or spherical coordinates."""
     if set(CARTESIAN) <= set(fields):
         return np.column_stack([fields[name] for name in CARTESIAN])
     distance, azimuth, elevation = (fields[name] for name in SPHERICAL)

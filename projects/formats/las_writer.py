@@ -65,6 +65,7 @@ def _scale(points: Floats, offsets: Floats, path: Path) -> float:
 
 
 def _require_fit(name: str, values: NDArray[Any], n: int) -> None:
+    """Raise `ShapeError` where an extra dimension is not n numbers of a kind that LAS holds."""
     if len(name.encode()) > LONGEST_NAME or values.shape != (n,) or values.dtype.kind not in EXTRA_KINDS:
         raise ShapeError(f"extra dimension {name!r} is {values.dtype} {values.shape}; {n} numbers are needed")
 

@@ -142,6 +142,7 @@ class _Watch:
         self._timer.daemon = True
 
     def _bark(self) -> None:
+        """End the child."""
         self.has_barked = True
         self._child.kill()
 

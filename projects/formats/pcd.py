@@ -36,10 +36,12 @@ class Layout:
 
     @property
     def n(self) -> int:
+        """How many points the file promises."""
         return self.width * self.height
 
     @property
     def record(self) -> np.dtype[Any]:
+        """The type of one point in binary files."""
         return np.dtype([(f"{k}", f"<{kind}", (count,)) for k, (_, kind, count) in enumerate(self.fields)])
 
 

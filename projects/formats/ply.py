@@ -42,6 +42,7 @@ class Element:
 
     @property
     def has_lists(self) -> bool:
+        """Whether a property is a list, so that its rows differ in length."""
         return any(length for _, _, length in self.properties)
 
 
@@ -146,12 +147,14 @@ def read_layout(path: str) -> Layout:
 
 
 def _element(words: list[str], number: int) -> Element:
+    """Return the element that a line of the header begins."""
     if len(words) != 3 or not words[2].isdecimal() or len(words[2]) > 18:
         raise FormatError(f"line {number} of its header should be: element name count")
     return Element(words[1], int(words[2]), [])
 
 
 def _add_property(elements: list[Element], words: list[str], number: int) -> None:
+    """Add the property of a line of the header to the last element."""
     is_list = words[1:2] == ["list"]
     kinds, name = (words[2:4], words[4:]) if is_list else (words[1:2], words[2:])
     if not elements or len(name) != 1 or not all(kind in TYPES for kind in kinds) or not kinds:

@@ -52,6 +52,7 @@ class ListReader:
         return self.place[0] + self._walk(self._body(), -1)[1]
 
     def _body(self) -> bytes:
+        """Return the bytes from the lists on."""
         with Path(self.path).open("rb") as file:
             file.seek(self.place[0])
             return file.read()
@@ -70,6 +71,7 @@ class ListReader:
         return lengths
 
     def _unpack(self, body: bytes, at: int, code: str) -> tuple[Any, ...]:
+        """Return the values of one code at a place; refuse where the file ends before."""
         try:
             return struct.unpack_from(self.order + code, body, at)
         except struct.error as problem:
@@ -101,6 +103,7 @@ class ListReader:
         return lists, at
 
     def _read_text(self, which: int) -> list[NDArray[np.int64]]:
+        """Return the lists of a text file, those of one length in one array."""
         offset, line = self.place
         lists: list[Sequence[int]] = []
         for block in line_blocks(self.path, offset, self.n):

@@ -40,6 +40,7 @@ def in_blocks(source: ScanSource, path: Path) -> Iterator[Iterable[Scan]]:
 
 
 def _require_points(n: int, name: str, path: Path) -> None:
+    """Raise `FormatError` where a scan has no points."""
     if not n:
         raise FormatError(f"{path}: scan {name} holds no points; leave it out")
 

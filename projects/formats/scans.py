@@ -131,6 +131,7 @@ def _stream(
     frame = {"name": name, "pose": np.eye(4) if pose is None else pose, "origin": origin, "scanner": header.scanner}
 
     def chunks() -> Iterator[Scan]:
+        """Yield the scan in pieces, as the child sends them."""
         request = {"format": format_name, "job": "scan", "scan": header.to_json()}
         for message, columns in ask_child(path, request, limits):
             yield _scan(path, columns, message, unit, frame)

@@ -58,6 +58,7 @@ def write_screen_glb(path: Path, surface: Surface, uv: Floats, tangents: Floats,
 
 
 def _png(image: NDArray[np.uint8]) -> bytes:
+    """Return an image (rows, columns, 3) as PNG."""
     from PIL import Image
 
     out = io.BytesIO()

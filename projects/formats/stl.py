@@ -53,6 +53,7 @@ def _mesh(path: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def _is_binary(path: str) -> bool:
+    """Return whether the file is as long as the count in its header says."""
     with Path(path).open("rb") as file:
         head = file.read(HEADER)
     return len(head) == HEADER and os.path.getsize(path) == HEADER + RECORD.itemsize * int.from_bytes(
@@ -61,6 +62,7 @@ def _is_binary(path: str) -> bool:
 
 
 def _binary_corners(path: str) -> NDArray[np.float32]:
+    """Return the corners (3 m, 3) of the triangles."""
     return np.fromfile(path, RECORD, offset=HEADER)["corners"].reshape(-1, 3)
 
 

@@ -151,6 +151,7 @@ def _refuse_ambiguous_commas(sample: list[str], names: str) -> None:
 
 
 def _words(line: str, separator: str, has_decimal_comma: bool) -> list[str]:
+    """Return the words of a line."""
     line = line.replace('"', " ")
     if has_decimal_comma:
         line = line.replace(",", ".")
