@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from projects.arrays import Bools as Bools
+from projects.arrays import Floats as Floats
+from projects.arrays import Ints as Ints
+from projects.arrays import hold_array
 from projects.errors import ParameterError, ShapeError
-
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
-Bools = NDArray[np.bool_]
 
 
 class Assessment(IntEnum):
@@ -54,44 +54,11 @@ class Roughness(IntEnum):
     ROUGH = 2
 
 
-REQUIRED = ("points", "vertices", "faces")
-
-
 def require_noun(value: Any, what: str, *nouns: type) -> None:
     """Raise `ParameterError` where the value, which stands for `what`, is none of the nouns."""
     if not isinstance(value, nouns):
         names = " or ".join(noun.__name__ for noun in nouns)
         raise ParameterError(f"{what} is a {type(value).__name__}; a {names} is needed")
-
-
-def _array(value: ArrayLike | None, name: str, shape: tuple[int | None, ...], kind: Any) -> Any:
-    """Return `value` as an array of `shape` (None: any length) and dtype `kind`, or raise `ShapeError`."""
-    if value is None and name in REQUIRED:
-        raise ShapeError(f"{name} is None; an array is needed")
-    if value is None:
-        return None
-    array = _numbers(value, name, np.dtype(kind))
-    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
-    if not fits:
-        wanted = "(" + ", ".join("n" if s is None else str(s) for s in shape) + ")"
-        raise ShapeError(f"{name} has shape {array.shape}; {wanted} is needed")
-    return array
-
-
-def _numbers(value: ArrayLike, name: str, kind: np.dtype[Any]) -> Any:
-    """Return `value` as an array of `kind`; raise `ShapeError` where it is no numbers or would not be the same ones."""
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "biuf" and given.size:
-            raise TypeError
-        if kind.kind in "iu" and given.dtype != kind and given.size:
-            limits = np.iinfo(kind)
-            is_whole = given.dtype.kind != "f" or bool((given == np.floor(given)).all())
-            if not is_whole or given.min() < limits.min or given.max() > limits.max:
-                raise ShapeError(f"{name} holds other than whole numbers from {limits.min} to {limits.max}")
-        return np.asarray(given, dtype=kind)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ShapeError(f"{name} is not an array of numbers") from error
 
 
 @dataclass(frozen=True)
@@ -128,20 +95,17 @@ class PointCloud:
     spacing: Floats | None = None
 
     def __post_init__(self) -> None:
-        points = _array(self.points, "points", (None, 3), np.float64)
-        n = len(points)
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "normals", _array(self.normals, "normals", (n, 3), np.float64))
-        if self.origins is not None and np.ndim(self.origins) == 1:
-            object.__setattr__(self, "origins", _array(self.origins, "origins", (3,), np.float64))
-        else:
-            object.__setattr__(self, "origins", _array(self.origins, "origins", (n, 3), np.float64))
-        object.__setattr__(self, "colors", _array(self.colors, "colors", (n, 3), np.uint8))
+        hold_array(self, "points", (None, 3), np.float64)
+        n = len(self.points)
+        is_shared = self.origins is not None and np.ndim(self.origins) == 1
+        hold_array(self, "normals", (n, 3), np.float64)
+        hold_array(self, "origins", (3,) if is_shared else (n, 3), np.float64)
+        hold_array(self, "colors", (n, 3), np.uint8)
         kinds = {"sigma": np.float64, "intensity": np.float32, "scan_index": np.int32, "n_merged": np.int32,
                  "spread": np.float64, "surface_variation": np.float64, "roughness": np.uint8,
                  "spacing": np.float64}  # fmt: skip
         for name, kind in kinds.items():
-            object.__setattr__(self, name, _array(getattr(self, name), name, (n,), kind))
+            hold_array(self, name, (n,), kind)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -184,10 +148,10 @@ class Scan:
 
     def __post_init__(self) -> None:
         n = len(self.cloud)
-        object.__setattr__(self, "pose", _array(self.pose, "pose", (4, 4), np.float64))
-        object.__setattr__(self, "origin", _array(self.origin, "origin", (3,), np.float64))
-        object.__setattr__(self, "rows", _array(self.rows, "rows", (n,), np.int32))
-        object.__setattr__(self, "columns", _array(self.columns, "columns", (n,), np.int32))
+        hold_array(self, "pose", (4, 4), np.float64)
+        hold_array(self, "origin", (3,), np.float64)
+        hold_array(self, "rows", (n,), np.int32)
+        hold_array(self, "columns", (n,), np.int32)
 
     def take(self, which: Bools | Ints) -> Scan:
         """Return the scan with only the points selected."""
@@ -238,33 +202,45 @@ class Surface:
     face_invented: Bools | None = None
 
     def __post_init__(self) -> None:
-        vertices = _array(self.vertices, "vertices", (None, 3), np.float64)
-        faces = _array(self.faces, "faces", (None, 3), np.int32)
-        n = len(vertices)
+        hold_array(self, "vertices", (None, 3), np.float64)
+        hold_array(self, "faces", (None, 3), np.int32)
+        n, faces = len(self.vertices), self.faces
         if len(faces) and (faces.min() < 0 or faces.max() >= n):
             raise ShapeError(f"faces name vertices {faces.min()} to {faces.max()}; the surface has 0 to {n - 1}")
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", faces)
-        object.__setattr__(self, "normals", _array(self.normals, "normals", (n, 3), np.float64))
-        object.__setattr__(self, "colors", _array(self.colors, "colors", (n, 3), np.uint8))
-        object.__setattr__(self, "face_invented", _array(self.face_invented, "face_invented", (len(faces),), np.bool_))
+        hold_array(self, "normals", (n, 3), np.float64)
+        hold_array(self, "colors", (n, 3), np.uint8)
+        hold_array(self, "face_invented", (len(faces),), np.bool_)
         kinds = {"sigma": np.float64, "sigma_shared": np.float64, "n_support": np.int32, "sample_distance": np.float64,
                  "stray_share": np.float32, "roughness": np.uint8, "intensity": np.float32, "is_unresolved": np.bool_,
                  "is_crest": np.bool_}  # fmt: skip
         for name, kind in kinds.items():
-            object.__setattr__(self, name, _array(getattr(self, name), name, (n,), kind))
+            hold_array(self, name, (n,), kind)
 
 
 @dataclass(frozen=True)
 class Registration:
     """The motion that brings a source onto a target, and how well it is known.
 
-    `covariance` is of (w, t) in x -> c + exp([w]) (x - c) + t, a left perturbation applied after
-    `T_target_source`, in radians and metres about `centre` c (target frame). `is_stable` tells for each vertex of
-    the source whether it was held to be unmoved. A registration that did not converge has its `reason`, and
-    nothing may be built on it. `held_by_frames` names, in words, the motions that the shape does not hold and that
-    stay as the frames of both sides say, with the uncertainty of those. `doubt` says in words what speaks against the
-    stable areas being stable, or against this pose beside others that fit as well; empty where nothing does.
+    Attributes
+    ----------
+    T_target_source : (4, 4) float64, rigid; maps coordinates of the source to those of the target.
+    covariance : (6, 6) float64, rad and m, of (w, t) in x -> c + exp([w]) (x - c) + t, a left perturbation applied
+        after `T_target_source` about `centre` c.
+    centre : (3,) float64, m, in the target's frame.
+    converged : whether the motion settled; nothing may be built on one that did not.
+    reason : why it did not converge, in words.
+    n_inliers : pairs of points that were held to be unmoved.
+    n_correspondences : pairs of points that look the same way near each other.
+    n_iterations : steps taken.
+    rmse : m, root mean square of the inliers' residuals, the signed distances of a pair along the target's normal.
+    sigma : m, 1.4826 times the median size of the residuals of the stable pairs.
+    overlap : share of the samples of the source that found a partner.
+    stable_share : share of these that was held to be unmoved.
+    is_stable : (n,) bool, which points or vertices of the source were held to be unmoved.
+    held_by_frames : names, in words, the motions that the shape does not hold and that stay as the frames of both sides
+        say, with the uncertainty of those.
+    doubt : says in words what speaks against the stable areas being stable, or against this pose beside others that fit
+        as well; empty where nothing does.
     """
 
     T_target_source: Floats
@@ -284,9 +260,9 @@ class Registration:
     doubt: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_target_source", _array(self.T_target_source, "T_target_source", (4, 4), float))
-        object.__setattr__(self, "covariance", _array(self.covariance, "covariance", (6, 6), float))
-        object.__setattr__(self, "centre", _array(self.centre, "centre", (3,), float))
+        hold_array(self, "T_target_source", (4, 4), np.float64)
+        hold_array(self, "covariance", (6, 6), np.float64)
+        hold_array(self, "centre", (3,), np.float64)
 
 
 @dataclass(frozen=True)
@@ -331,9 +307,12 @@ REGION_COLUMNS = ("region", "kind", "area_m2", "sigma_area_m2", "volume_m3", "si
 class Comparison:
     """What changed between two epochs, where, how much and how sure.
 
-    `regions` is a table with the columns `REGION_COLUMNS`, largest first; `statistics` holds the figures of the
-    summary file (design: `stable_share`, `bias_m`, `nmad_m`, `rmse_m`, `lod95_median_m`, `n_vertices`,
-    `n_not_assessable`, `n_unchanged`, `n_changed`, `share_above_lod95`, `motion_significance`, ...).
+    `on_compared` and `on_reference` hold the change at the vertices of the later and of the earlier surface, both in
+    the reference epoch's coordinates. `registration` is of the compared epoch onto the reference; in the `mode`
+    "relative" its motion was removed, in "absolute" it stays in the differences. `regions` is a table with the columns
+    `REGION_COLUMNS`, largest first; `statistics` holds the figures of the summary file (`stable_share`,
+    `bias_m`, `nmad_m`, `rmse_m`, `lod95_median_m`, `n_vertices`, `n_not_assessable`, `n_unchanged`, `n_changed`,
+    `share_above_lod95`, `motion_significance`, ...).
     """
 
     on_compared: ComparedSurface
@@ -360,15 +339,15 @@ CLOSURE_COLUMNS = ("reference", "compared", "misfit_sigma")
 class Series:
     """What goes on over several epochs, on the surface of their reference epoch.
 
-    `epoch_ids`, `dates` (ISO) and `years` (k,) since the reference are of the epochs compared with it. Over the n
-    vertices of the reference surface: `rate`, `sigma_rate` [m/year], `acceleration`, `sigma_acceleration` [m/year2],
-    NaN where unknown, positive = gained, and `identity`, the followed region (0: none). `regions` (`SERIES_COLUMNS`)
-    has a row for each followed region, `history` (`HISTORY_COLUMNS`) one for each of them in each epoch, measured over
-    its whole footprint: `change_m3` is its mean change times its area, as much larger as the region's volume is
-    where that is largest. `forecast` (`FORECAST_COLUMNS`) says for regions with a trend which mean difference an epoch
-    at a time should show if it goes on as before. `motions` (`MOTION_COLUMNS`) says how the object stood as a whole in
-    each epoch against the first, from one adjustment of all registrations, `closures` (`CLOSURE_COLUMNS`) how well each
-    of them fits it; empty where there was no such network.
+    `reference_id` and `reference_date` (ISO) name that epoch; `epoch_ids`, `dates` (ISO) and `years` (k,) since then
+    are of the epochs compared with it. Over the n vertices of the reference surface: `rate`, `sigma_rate` [m/year],
+    `acceleration`, `sigma_acceleration` [m/year2], NaN where unknown, positive = gained, and `identity`, the followed
+    region (0: none). `regions` (`SERIES_COLUMNS`) has a row for each followed region, `history` (`HISTORY_COLUMNS`) one
+    for each of them in each epoch, measured over its whole footprint: `change_m3` is its mean change times its area, as
+    much larger as the region's volume is where that is largest. `forecast` (`FORECAST_COLUMNS`) says for regions with a
+    trend which mean difference an epoch at a time should show if it goes on as before. `motions` (`MOTION_COLUMNS`)
+    says how the object stood as a whole in each epoch against the first, from one adjustment of all registrations,
+    `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where there was no such network.
     """
 
     reference_id: str
@@ -390,16 +369,17 @@ class Series:
     def __post_init__(self) -> None:
         object.__setattr__(self, "epoch_ids", tuple(self.epoch_ids))
         object.__setattr__(self, "dates", tuple(self.dates))
-        object.__setattr__(self, "years", _array(self.years, "years", (len(self.dates),), np.float64))
+        hold_array(self, "years", (len(self.dates),), np.float64)
         n = len(np.atleast_1d(self.rate))
         for name in ("rate", "sigma_rate", "acceleration", "sigma_acceleration"):
-            object.__setattr__(self, name, _array(getattr(self, name), name, (n,), np.float64))
-        object.__setattr__(self, "identity", _array(self.identity, "identity", (n,), np.int32))
+            hold_array(self, name, (n,), np.float64)
+        hold_array(self, "identity", (n,), np.int32)
 
 
 @dataclass(frozen=True)
 class ControlPoint:
-    """A point of known position in the project's frame; `sigma` in metres, NaN where it was not stated."""
+    """A point, known by its `name`, of known `position` (3,) [m] in the project's frame; `sigma` [m] is that of each
+    coordinate, NaN where it was not stated."""
 
     name: str
     position: Floats
@@ -432,13 +412,16 @@ class SurveyTarget:
     name: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "centre", _array(self.centre, "centre", (3,), np.float64))
-        object.__setattr__(self, "covariance", _array(self.covariance, "covariance", (3, 3), np.float64))
+        hold_array(self, "centre", (3,), np.float64)
+        hold_array(self, "covariance", (3, 3), np.float64)
 
 
 @dataclass(frozen=True)
 class ObjectRecord:
-    """The monitored thing as the archive knows it; `extent` as of `projects.extent`, `tolerance` in metres."""
+    """The monitored thing as the archive knows it: its id, and free texts.
+
+    `extent` is where it stands in the project's frame, as of `projects.extent`; `tolerance` [m] the client's own limit.
+    """
 
     object_id: str
     name: str = ""
@@ -452,7 +435,11 @@ class ObjectRecord:
 
 @dataclass(frozen=True)
 class EpochRecord:
-    """The state of an object at one date, from one or more scans or from one finished mesh."""
+    """The state of an object at one date, from one or more scans or from one finished mesh (`is_mesh`).
+
+    `scanner` is a preset of the instruments, where one was named; with `repeated` the scans are of one station, to be
+    averaged. `sources` name the files: see `projects/FORMAT.md`. `control` are the points that hold the epoch's frame.
+    """
 
     object_id: str
     epoch_id: str
@@ -471,7 +458,8 @@ class Step:
     """One product and how it came to be: identified by the hash of what was asked of which inputs.
 
     `parameters` are the settings asked for; `automatic` the values that were found; `counts` what went in, came out
-    and was dropped with its reason; `inputs` the step ids or file hashes it was made from; `versions` the programs.
+    and was dropped with its reason; `inputs` the step ids or file hashes it was made from; `versions` the programs;
+    `created` is ISO 8601 in UTC, and `seconds` how long it took.
     """
 
     step_id: str
