@@ -2,8 +2,7 @@
 
 In come a project, an object and an epoch; out come products in the store, each identified by the hash of what was
 asked of which inputs, so that a second run does only what is missing and an interrupted one goes on.
-Steps and numbers follow the papers on Schönbrunn: Nothegger & Dorninger 2007, Dorninger & Nothegger 2009,
-Nothegger 2011.
+Steps are numbered as in docs/method.md, and follow the papers named there.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ class ScanTask:
 
 
 def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Notify) -> list[Step]:
-    """Bring one epoch up to date (design steps 1 to 10) and return its steps in order."""
+    """Bring one epoch up to date (steps 1 to 10) and return its steps in order."""
     if place.project.epoch(place.object_id, place.epoch_id).is_mesh:
         return [_adopt_mesh(place, notify)]
     calibrations = calibrate_scans(place, settings.filter.calibration, engine, notify)
@@ -81,7 +80,7 @@ def compare_epochs(
     place: Place, reference_id: str, settings: Settings, notify: Notify, mode: str | None = None,
     stable: Extent | None = None,
 ) -> Step:  # fmt: skip
-    """Compare an epoch with an earlier one (design steps 11 to 13); the result is kept with the compared epoch.
+    """Compare an epoch with an earlier one (steps 11 to 13); the result is kept with the compared epoch.
 
     `stable` is where the user says that nothing moved, in the reference's coordinates; found where left out.
     """
@@ -137,7 +136,7 @@ def _frames(places: Sequence[Place]) -> Frames | None:
 
 
 def default_mode(project: Project, object_id: str, reference_id: str, compared_id: str) -> str:
-    """Return "absolute" where control points hold both epochs, "relative" otherwise (design step 11)."""
+    """Return "absolute" where control points hold both epochs, "relative" otherwise (step 11)."""
     both = all(is_held_by_control(project, object_id, e) for e in (reference_id, compared_id))
     return "absolute" if both else "relative"
 
@@ -164,7 +163,7 @@ def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:
 def _filter_scans(
     place: Place, settings: Settings, calibrations: list[Step | None], engine: Engine, notify: Notify
 ) -> list[Step]:
-    """Filter each scan by itself (design steps 0 to 6), repeated ones their mean; return one step each."""
+    """Filter each scan by itself (steps 0 to 6), repeated ones their mean; return one step each."""
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
     if is_averaged(place, settings.filter):
         return [filter_repeats(place, settings.filter, calibrations, engine, notify)]
@@ -226,7 +225,7 @@ def move_cloud(cloud: PointCloud, T_target_source: Floats) -> PointCloud:
 
 
 def _merge(place: Place, settings: Settings, scans: list[Step], network: Step, notify: Notify) -> Step:
-    """Merge the scans and filter the merged cloud once more (design step 8; Dorninger & Nothegger 2009)."""
+    """Merge the scans and filter the merged cloud once more (step 8; Dorninger & Nothegger 2009)."""
 
     def make() -> Made:
         """Merge the clouds of the set-ups where the adjustment put them."""
@@ -248,7 +247,7 @@ def _reconstruct(
     place: Place, settings: Settings, parts: tuple[Step, ...], filtered: Step, calibrations: list[Step | None],
     notify: Notify,
 ) -> Step:  # fmt: skip
-    """Make the surface of the merged cloud (design step 9), with what its scans disagree by and leave off it."""
+    """Make the surface of the merged cloud (step 9), with what its scans disagree by and leave off it."""
 
     def make() -> Made:
         """Make the surface, then learn from the scans what its vertices share in error and what lies off it."""
@@ -298,7 +297,7 @@ def _strays(
 
 
 def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify: Notify) -> Step:
-    """Compare the surface with each scan that it came from (design step 10; Nothegger & Dorninger 2007, fig. 8)."""
+    """Compare the surface with each scan that it came from (step 10; Nothegger & Dorninger 2007, fig. 8)."""
 
     def make() -> Made:
         """Return the distances (n,) [m] of the points of each scan from the surface, and their figures."""

@@ -1,4 +1,4 @@
-"""How well a surface fits its scans, and its scans each other (design step 10).
+"""How well a surface fits its scans, and its scans each other (docs/method.md, step 10).
 
 In come a surface and the filtered clouds of its scans, out come signed distances, statistics, and the scans' agreement.
 """

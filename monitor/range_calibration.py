@@ -1,6 +1,7 @@
-"""The range calibration of each scan of an epoch (design step 2), kept with it: found once, used by its filtering.
+"""The range calibration of each scan of an epoch, kept with it: found once, used by its filtering.
 
-In: the stored scans, whole, for walls and floor are what is looked for; out: one step a scan, and its `Calibration`.
+Step 2 of docs/method.md. In: the stored scans, whole, for walls and floor are what is looked for; out: one step a
+scan, and its `Calibration`.
 """
 
 from __future__ import annotations

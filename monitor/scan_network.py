@@ -1,8 +1,8 @@
-"""The network step of the chain (design step 7): scans, their targets and the epoch's control in one adjustment.
+"""The network step of the chain: scans, their targets and the epoch's control in one adjustment.
 
-In: the steps of the filtered scans and of their targets; scans of one set-up move together. Out: the step that holds
-the motion of each scan, covariances and how everything fits; an adjustment that did not settle is refused with its
-reason.
+Step 7 of docs/method.md. In: the steps of the filtered scans and of their targets; scans of one set-up move together.
+Out: the step that holds the motion of each scan, covariances and how everything fits; an adjustment that did not
+settle is refused with its reason.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ def _require_different(paths: Sequence[Path]) -> None:
 
 
 def read_within(project: Project, object_id: str, epoch_id: str, index: int) -> tuple[Scan, dict[str, int]]:
-    """Return one stored scan within the object's extent, and the counts of what lay outside (design step 0)."""
+    """Return one stored scan within the object's extent, and the counts of what lay outside (step 0 of the chain)."""
     kept: list[Scan] = []
     n_read = 0
     for n_stored, chunk in iterate_within(project, object_id, epoch_id, index):

@@ -24,7 +24,7 @@ Notify = Callable[[str], None]
 
 
 def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | None:
-    """Follow change over all epochs compared with the first (design step 13) and keep it with the last of them.
+    """Follow change over all epochs compared with the first (step 13 of the chain) and keep it with the last of them.
 
     None where fewer than two are, or where two of one date leave no order.
     """

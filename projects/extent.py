@@ -1,7 +1,7 @@
 """The extent of an object in the project's frame: a box, or a polygon with heights, read from a small JSON file.
 
 {"box": {"min": [x, y, z], "max": [x, y, z]}} or {"polygon": [[x, y], ...], "bottom": z, "top": z}; either height may
-be left out. What lies outside is counted by the chain and not processed (design section 2, step 0).
+be left out. What lies outside is counted by the chain and not processed (docs/method.md, step 0).
 """
 
 from __future__ import annotations

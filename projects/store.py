@@ -1,4 +1,4 @@
-"""The project store: an open project folder, its objects, epochs, raw scans and products (design section 5).
+"""The project store: an open project folder, its objects, epochs, raw scans and products (projects/FORMAT.md).
 
 What each call does is written in the modules named by their nouns; here is only who calls whom, under which lock.
 """

@@ -1,6 +1,6 @@
 """Difference models, surfaces and tables as files, under the names and with the properties that other programs rely on.
 
-In: a comparison or a surface and the ids that name it. Out: the paths of the files written (design section 3).
+In: a comparison or a surface and the ids that name it. Out: the paths of the files written.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def surface_columns(surface: Surface) -> dict[str, NDArray[Any]]:
 
 
 def summarize(comparison: Comparison, step: Step) -> dict[str, Any]:
-    """Return the summary that other programs read: design section 3's keys first, then every further statistic."""
+    """Return the summary that other programs read: `SUMMARY_KEYS` first, then every further statistic."""
     motion = comparison.registration
     statistics = dict(comparison.statistics)
     named = {key: statistics.pop(key) for key in SUMMARY_KEYS}

@@ -1,4 +1,4 @@
-"""The table of commands: names, arguments and options as other programs rely on them (design section 3).
+"""The table of commands: names, arguments and options as other programs rely on them.
 
 Each command imports what it needs when it runs, so that help and errors come at once.
 """

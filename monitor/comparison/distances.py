@@ -1,4 +1,4 @@
-"""Perpendicular distances of a surface's vertices to another surface (design step 12, `papers/002`).
+"""Perpendicular distances of a surface's vertices to another surface (docs/method.md, step 12, `papers/002`).
 
 In: two surfaces in one frame. Out: for each vertex the signed distance, its foot on the other surface and, where it
 has none, the reason. Sign: positive on the outer side of the *other* surface.

@@ -1,6 +1,6 @@
 """The comparison of two epochs, from two surfaces to regions: the table of contents of detection.
 
-Registration (design step 11), distances both ways and level of detection (12), states and regions (13).
+Registration (docs/method.md, step 11), distances both ways and level of detection (12), states and regions (13).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Change regions: what hangs together over both surfaces becomes one region with its figures (design step 13).
+"""Change regions: what hangs together over both surfaces becomes one region with its figures (docs/method.md, step 13).
 
 A region joins changed vertices of one sign that are neighbours on a surface or each other's foot. It must hold as a
 whole: it makes a patch that is significant among all patches tested (Bonferroni), so the chance that an unchanged
