@@ -28,7 +28,7 @@ from projects.store import Project
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpochRequest:
-    """What `add-epoch` was asked."""
+    """What `add-epoch` was asked, as it was typed; what each means is said by the command's help."""
 
     object_id: str
     epoch_id: str

@@ -48,7 +48,12 @@ class EpochChange:
 
 @dataclass
 class Followed:
-    """A region while it is followed: where it was last seen and over all epochs, its sign, and what became of it."""
+    """A region while it is followed.
+
+    `identity` is its number, 1 the first; `sign` +1 gained, -1 lost; `latest` and `footprint` are masks (n,) of the
+    reference's vertices, where it was last seen and in any epoch; `events` says by epoch what became of it; `parent` is
+    the identity that it split from and `merged_into` the one it went into, 0 where none.
+    """
 
     identity: int
     sign: float

@@ -29,7 +29,13 @@ N_REFINED, SETTLED = 10, 0.01  # adjustments at most with the wavelength in them
 
 @dataclass(frozen=True)
 class Patch:
-    """One patch, ready for the adjustment: ranges, slopes n'u, distances to its plane, and its own shape (m, 6)."""
+    """One patch of m points, ready for the adjustment.
+
+    `ranges` (m,) [m] as measured; `slopes` (m,), n'u of the plane's normal n and the beams u: by how much a point
+    leaves the plane where its range is longer; `heights` (m,) [m] over the plane; `shape` (m, 6), the columns of a
+    bowed patch, which is its own; `cells`, the cell (m,) of each point for squares of several sizes; `wall`, the number
+    of the plane that it is part of.
+    """
 
     ranges: Floats
     slopes: Floats
@@ -49,8 +55,8 @@ class Vote:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Coefficients (sin and cos of each wave) [m], the equations behind them, and of each patch its vote, its share
-    and its residuals [m]."""
+    """The `coefficients` (2 k,) [m], sines then cosines, of k waves of the `wavelengths` (k,) [m], and the matrix
+    `normal` (2 k, 2 k) behind them; of each patch its vote, its share of all and its `residuals` (m,) [m]."""
 
     wavelengths: Floats
     coefficients: Floats

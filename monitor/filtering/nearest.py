@@ -81,7 +81,8 @@ def _spread_bits(cell: Ints) -> Ints:
 
 @dataclass(frozen=True)
 class PointIndex:
-    """Points in canonical order and the boxes over their runs; node 1 is the root, 2i and 2i + 1 the children of i.
+    """Points (n, 3) [m] in canonical order and the boxes `low` to `high` (2 l, 3) over runs of them, l of which are
+    leaves; node 1 is the root, 2i and 2i + 1 are the children of i.
 
     Boxes are in float32, rounded outward; in float64 where coordinates are so large that rounding would widen them.
     """

@@ -27,7 +27,7 @@ from projects.model import Floats, Scan
 
 @dataclass(frozen=True)
 class SurveyedEpoch:
-    """What stood there at a date, and from where it was scanned."""
+    """What stood there at a date, in the project's frame, and from where it was scanned."""
 
     scene: Scene
     stations: Sequence[Station]

@@ -43,7 +43,11 @@ class Visibility:
 
 @dataclass(frozen=True)
 class _View:
-    """What each station (m) sees of each point (n), (m, n): NaN where it does not."""
+    """What each station sees of each point, (m, n): NaN where it does not.
+
+    `spacing` [m] between pulses, `footprint` [m] the width of the beam and `sigma` [m] of the mean, over the surface,
+    and the share of a change that the beam leaves of it, `kept`.
+    """
 
     spacing: Floats
     footprint: Floats
@@ -129,7 +133,7 @@ def _look(
     scene: Scene, instrument: Instrument, stations: Sequence[Floats], points: Floats, normals: Floats,
     step: float | None, extent: float, reflectance: float, sigma_registration: float,
 ) -> _View:  # fmt: skip
-    """Return what each station would see of each point, and the smallest change it would show there."""
+    """Return what each station would see of each point; refuse where there is no station or no extent."""
     if not len(stations) or extent <= 0.0 or not 0.0 < reflectance <= 1.0:
         raise ParameterError(
             f"{len(stations)} stations, extent {extent} m, reflectance {reflectance}: at least one station, an extent "

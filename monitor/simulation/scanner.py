@@ -72,7 +72,11 @@ def misregister(pose: Floats, rng: np.random.Generator, *, sigma_position: float
 
 @dataclass(frozen=True)
 class Target:
-    """A scene ready for rays: Open3D's tree and the optical properties of its faces."""
+    """A scene ready for rays: Open3D's `tree` and the optical properties of what they meet.
+
+    `first_face` (b,) is where the faces of each body begin among all of the scene, `reflectance` (m,) that of each
+    face, 0 to 1; `gloss` (b,) the share of light that a body mirrors.
+    """
 
     tree: Any
     first_face: Ints
@@ -96,7 +100,8 @@ class Target:
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays meet: range [m] (inf: nothing), unit normal, body and face (index into the scene's reflectances)."""
+    """What rays (n, k) meet: range `t` (n, k) [m] (inf: nothing), unit normals (n, k, 3), body and face (n, k), the
+    latter as index into the scene's reflectances."""
 
     t: Floats
     normals: Floats
