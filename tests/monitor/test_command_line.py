@@ -59,6 +59,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def project(made: Path, tmp_path: Path) -> Path:
+    """Return a copy of the project, to be changed."""
+    return Path(shutil.copytree(made / "project", tmp_path / "copy"))
+
+
+@pytest.fixture
 def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a report draw its views small: six of the usual size take a quarter of a minute."""
     monkeypatch.setattr(html, "LARGEST", 200)
@@ -171,9 +177,8 @@ def test_status_as_json_names_what_was_done(made: Path, capsys: pytest.CaptureFi
     assert epochs[1]["compared_with"] == ["e1"]
 
 
-def test_areas_that_the_user_calls_stable_are_the_only_ones(made: Path, tmp_path: Path) -> None:
-    project, stable = tmp_path / "copy", tmp_path / "stable.json"
-    shutil.copytree(made / "project", project)
+def test_areas_that_the_user_calls_stable_are_the_only_ones(project: Path, tmp_path: Path) -> None:
+    stable = tmp_path / "stable.json"
     stable.write_text('{"polygon": [[-1, -1], [0, -1], [0, 1], [-1, 1]]}')  # the half on -x, without the dent
     assert run(["compare", str(project), "relief", "e1", "e2", "--stable", str(stable)]) == 0
     comparison = Project.open(project).get("relief", "e2", "comparison-e1")
@@ -184,9 +189,7 @@ def test_areas_that_the_user_calls_stable_are_the_only_ones(made: Path, tmp_path
     assert comparison.regions.iloc[0]["extreme_m"] == pytest.approx(-0.006, abs=0.001)
 
 
-def test_verify_finds_a_changed_byte(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    project = tmp_path / "copy"
-    shutil.copytree(made / "project", project)
+def test_verify_finds_a_changed_byte(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["verify", str(project)]) == 0
     victim = next((project / "objects").rglob("surface-*.h5"))
     content = bytearray(victim.read_bytes())
@@ -248,25 +251,23 @@ def test_bad_input_is_one_clear_line_and_changes_nothing(
     assert digest(made / "project") == before
 
 
-def add_far_epoch(made: Path, folder: Path, points: np.ndarray) -> Path:
-    """Copy the project and process a third epoch, "far", of one scan; return the copy."""
-    project, file = folder / "copy", folder / "far.xyz"
-    shutil.copytree(made / "project", project)
+def add_far_epoch(project: Path, folder: Path, points: np.ndarray) -> None:
+    """Add and process a third epoch, "far", of one scan."""
+    file = folder / "far.xyz"
     np.savetxt(file, points, fmt="%.6f")
     poses = folder / "far.poses"
     poses.write_text(f"far.xyz 1 0 0 40 0 1 0 0 0 0 1 0 0 0 0 1 {STATION}\n")
     added = ["add-epoch", str(project), "relief", "far", "--date", "2026-06-01", "--poses", str(poses), str(file)]
     assert run(added) == 0
     assert run(["process", str(project), "relief", "far"]) == 0
-    return project
 
 
 def test_epochs_of_other_things_elsewhere_are_refused(
-    made: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+    project: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     x, y = rng.uniform(-0.3, 0.3, (2, 9000))
     other = np.column_stack([x, y, 0.25 * np.cos(4 * x) * np.cos(5 * y) + rng.normal(0, 3e-4, 9000)])
-    project = add_far_epoch(made, tmp_path, other)
+    add_far_epoch(project, tmp_path, other)
     before = digest(project)
     capsys.readouterr()
     assert run(["compare", str(project), "relief", "e1", "far"]) == 2
@@ -278,9 +279,9 @@ def test_epochs_of_other_things_elsewhere_are_refused(
 
 @pytest.mark.usefixtures("small_pictures")
 def test_object_carried_elsewhere_is_found_by_its_shape_and_the_report_says_so(
-    made: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+    project: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    project = add_far_epoch(made, tmp_path, relief(18000, rng, 0.0))
+    add_far_epoch(project, tmp_path, relief(18000, rng, 0.0))
     assert run(["compare", str(project), "relief", "e1", "far"]) == 0
     assert "they were brought together by their shapes alone" in capsys.readouterr().out
     comparison = Project.open(project).get("relief", "far", "comparison-e1")
@@ -302,10 +303,8 @@ def test_millimetres_taken_for_metres_are_questioned_with_the_size(
 
 
 def test_an_epoch_that_fails_does_not_keep_the_others_from_being_made(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    project = tmp_path / "copy"
-    shutil.copytree(made / "project", project)
     np.savetxt(tmp_path / "few.xyz", relief(12, np.random.default_rng(3), 0.0), fmt="%.6f")
     for name, date in (("e0", "2024-05-01"), ("e9", "2099-05-01")):
         given = ["add-epoch", str(project), "relief", name, "--date", date, str(tmp_path / "few.xyz")]
@@ -328,9 +327,7 @@ def test_an_epoch_that_fails_does_not_keep_the_others_from_being_made(
     )
 
 
-def test_a_removed_epoch_is_gone_and_its_comparison_with_it(made: Path, tmp_path: Path) -> None:
-    project = tmp_path / "copy"
-    shutil.copytree(made / "project", project)
+def test_a_removed_epoch_is_gone_and_its_comparison_with_it(project: Path) -> None:
     assert run(["remove-epoch", str(project), "relief", "e1"]) == 0
     kept = Project.open(project)
     assert [e.epoch_id for e in kept.epochs("relief")] == ["e2"]
@@ -373,10 +370,8 @@ def test_an_epoch_that_is_entered_is_told_though_others_are_damaged(
 
 
 def test_what_can_no_longer_be_read_is_not_left_out_of_an_export(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    project = tmp_path / "copy"
-    shutil.copytree(made / "project", project)
     (surface,) = (project / "objects" / "relief" / "e1").glob("surface-*.h5")
     surface.unlink()
     assert run(["export", str(project), "relief", "--out", str(tmp_path / "out")]) == 2
@@ -388,10 +383,9 @@ def test_what_can_no_longer_be_read_is_not_left_out_of_an_export(
 
 
 def test_a_comparison_of_before_an_epoch_was_processed_again_is_told_so(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    project, settings = tmp_path / "copy", tmp_path / "s.toml"
-    shutil.copytree(made / "project", project)
+    settings = tmp_path / "s.toml"
     assert run(["export", str(project), "relief", "e1", "e2", "--out", str(tmp_path / "out")]) == 0
     assert "mind:" not in capsys.readouterr().err
     settings.write_text("\ufeff[surface]\ncrumb_cells = 4.0\n", encoding="utf-8")  # as some editors begin a file
@@ -402,11 +396,7 @@ def test_a_comparison_of_before_an_epoch_was_processed_again_is_told_so(
     assert "mind: e2" not in said
 
 
-def test_epochs_are_purged_one_by_one_and_afterwards_too(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    project = tmp_path / "copy"
-    shutil.copytree(made / "project", project)
+def test_epochs_are_purged_one_by_one_and_afterwards_too(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = project / "objects" / "relief"
     assert run(["remove-epoch", str(project), "relief", "e1"]) == 0
     kept = sorted(p.name for p in (folder / "e1").iterdir())

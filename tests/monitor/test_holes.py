@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from even_sphere import even_directions
 
 from monitor.comparison import compare
 from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
@@ -18,11 +19,8 @@ RADIUS = 0.06
 
 def sphere_without_caps(rng, n=6000, noise=0.0003):
     """Return points of a sphere that lacks a wide cap below and a small one above."""
-    i = np.arange(n) + 0.5
-    z, turn = 1.0 - 2.0 * i / n, np.pi * (1.0 + 5.0**0.5) * i
-    s = np.sqrt(1.0 - z * z)
-    normals = np.c_[s * np.cos(turn), s * np.sin(turn), z]
-    seen = (z > -0.8) & (z < 0.98)
+    normals = even_directions(n)
+    seen = (normals[:, 2] > -0.8) & (normals[:, 2] < 0.98)
     return PointCloud((RADIUS + noise * rng.normal(size=n)[seen, None]) * normals[seen], normals=normals[seen])
 
 

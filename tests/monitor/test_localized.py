@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from even_sphere import even_directions
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction.band import IN_BAND, OCCUPIED, cut_tiles, mark_cells
@@ -16,10 +17,7 @@ RADIUS = 0.06
 
 
 def noisy_sphere(rng, n=7200, noise=0.001):
-    i = np.arange(n) + 0.5
-    z, turn = 1.0 - 2.0 * i / n, np.pi * (1.0 + 5.0**0.5) * i
-    s = np.sqrt(1.0 - z * z)
-    normals = np.c_[s * np.cos(turn), s * np.sin(turn), z]
+    normals = even_directions(n)
     eps = noise * rng.normal(size=n)
     return (RADIUS + eps[:, None]) * normals, normals, eps
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from even_sphere import even_directions
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction import SurfaceSettings, reconstruct, reconstruct_with_record, surface_to_points
@@ -17,10 +18,7 @@ FAR = np.array([431_000.0, 4_512_000.0, 210.0])
 
 
 def fibonacci_sphere(n, radius, noise, rng):
-    i = np.arange(n) + 0.5
-    z, turn = 1.0 - 2.0 * i / n, np.pi * (1.0 + 5.0**0.5) * i
-    s = np.sqrt(1.0 - z * z)
-    normals = np.c_[s * np.cos(turn), s * np.sin(turn), z]
+    normals = even_directions(n)
     eps = noise * rng.normal(size=n)
     return PointCloud((radius + eps[:, None]) * normals, normals=normals), eps
 
