@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.filtering import estimate_normals
+from monitor.filtering.drawing_order import hash_points
 from monitor.filtering.soundness import MIN_POINTS
-from monitor.filtering.thinning import hash_points
 from monitor.registration.assembly import Assembly, assemble
 from projects.errors import ParameterError
 from projects.formats import ScanStream

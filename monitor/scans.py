@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.filtering.thinning import hash_points
+from monitor.filtering.drawing_order import hash_points
 from monitor.registration.placing import place_scans
 from monitor.registration.targets import find_targets
 from monitor.scan_assembly import assemble_streams

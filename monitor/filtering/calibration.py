@@ -29,10 +29,10 @@ from monitor.filtering.cyclic_adjustment import (
     true_ranges,
     waves_at,
 )
+from monitor.filtering.drawing_order import draw_order
 from monitor.filtering.nearest import BLOCK
 from monitor.filtering.patches import find_plane_patches
 from monitor.filtering.soundness import require_finite
-from monitor.filtering.thinning import draw_order
 from projects.model import Bools, Floats, Ints, Scan
 
 FARTHEST_RANGE = 200.0  # m: no phase-shift scanner reaches farther; wavelengths tried are as many as patches are long

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.declare import check_settings, setting
+from monitor.filtering.drawing_order import hash_points
 from monitor.filtering.nearest import canonical_order
 from monitor.filtering.normals import NormalSettings, estimate_normals
 from monitor.filtering.soundness import require_points
-from monitor.filtering.thinning import ThinnedPoints, hash_points
+from monitor.filtering.thinning import ThinnedPoints
 from projects.errors import ParameterError
 from projects.model import Floats, Ints, PointCloud
 

@@ -3,19 +3,11 @@
 import numpy as np
 import pytest
 
+from monitor.filtering.drawing_order import draw_order
+from monitor.filtering.modes import MODE_SPREAD, MODE_WIDTH, density_mode
 from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import TangentPlanes
-from monitor.filtering.thinning import (
-    DISC_PACKING,
-    MODE_SPREAD,
-    MODE_WIDTH,
-    ThinningSettings,
-    density_mode,
-    draw_order,
-    list_members,
-    target_spacings,
-    thin,
-)
+from monitor.filtering.thinning import DISC_PACKING, ThinningSettings, list_members, target_spacings, thin
 from projects.model import Roughness
 
 
