@@ -53,7 +53,8 @@ CASES = (
 
 
 class Cloud(NamedTuple):
-    """A measured cloud and what is true of it: `noise` (n,) m, `T_cloud_truth` rotation and translation."""
+    """A measured cloud and what is true of it: the points without `noise` (n,) m, `ideal` (n, 3) m in the truth's
+    frame, which `rotation` (3, 3) and `translation` (3,) m bring into the cloud's."""
 
     shape: str
     measured: PointCloud
