@@ -165,7 +165,7 @@ def process(
     """Make surfaces of scans; does only what is missing."""
     from monitor.cli.working import process_project
 
-    process_project(project, object_id, epoch_id, settings, (workers, scheduler), as_json)
+    process_project(project, object_id, epoch_id, settings_file=settings, where=(workers, scheduler), as_json=as_json)
 
 
 @app.command()
@@ -200,7 +200,10 @@ def compare(
     """
     from monitor.cli.working import compare_object
 
-    compare_object(project, object_id, (reference, compared), mode, settings, (workers, scheduler), as_json, stable)
+    compare_object(
+        project, object_id, (reference, compared), mode=mode, stable_file=stable, settings_file=settings,
+        where=(workers, scheduler), as_json=as_json,
+    )  # fmt: skip
 
 
 @app.command()

@@ -33,8 +33,8 @@ def run_demo(out: Path) -> Path:
             raise ParameterError(f"--out {out}: the scans cannot be written ({error.strerror})") from error
     project = out / "project"
     _fill_project(project, campaign)
-    process_project(project, None, None, None, (None, None), False)
-    compare_object(project, OBJECT, EPOCHS, None, None, (None, None), False)
+    process_project(project)
+    compare_object(project, OBJECT, EPOCHS)
     export_results(project, OBJECT, EPOCHS, out / "export", "ply")
     (report,) = write_reports(project, OBJECT, EPOCHS, out / "report")
     typer.echo(f"\nThe truth, which no survey knows, is in {out / 'scans' / 'truth.json'}")

@@ -28,12 +28,15 @@ from reports.quantities import NBSP, millimetres, percent
 
 Facts = dict[str, Any]
 Where = tuple[int | None, str | None]  # workers, scheduler
+HERE: Where = (None, None)  # in this process
 
 
 def process_project(
-    path: Path, object_id: str | None, epoch_id: str | None, settings_file: Path | None, where: Where, as_json: bool
-) -> None:
-    """Process the epochs asked for and say what each became; one that fails does not keep the others from it."""
+    path: Path, object_id: str | None = None, epoch_id: str | None = None, *, settings_file: Path | None = None,
+    where: Where = HERE, as_json: bool = False,
+) -> None:  # fmt: skip
+    """Process the epochs asked for, all by default, and say what each became; one that fails does not keep the others
+    from it."""
     project = Project.open(path)
     settings = read_settings(settings_file)
     places = epochs_to_process(project, object_id, epoch_id)
@@ -104,8 +107,8 @@ def _processed(place: Place, steps: list[Step]) -> Facts:
 
 
 def compare_object(
-    path: Path, object_id: str, pair: Pair, mode: str | None, settings_file: Path | None, where: Where, as_json: bool,
-    stable_file: Path | None = None,
+    path: Path, object_id: str, pair: Pair, *, mode: str | None = None, stable_file: Path | None = None,
+    settings_file: Path | None = None, where: Where = HERE, as_json: bool = False,
 ) -> None:  # fmt: skip
     """Compare the epochs asked for and say what was found; a file may say where nothing moved."""
     stable = None if stable_file is None else read_extent(stable_file)

@@ -19,8 +19,8 @@ def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[DemoCampaign, Comp
     campaign = write_demo_campaign(folder / "scans")
     path = folder / "project"
     demo._fill_project(path, campaign)
-    process_project(path, None, None, None, (None, None), False)
-    compare_object(path, demo.OBJECT, demo.EPOCHS, None, None, (None, None), False)
+    process_project(path)
+    compare_object(path, demo.OBJECT, demo.EPOCHS)
     return campaign, Project.open(path).get(demo.OBJECT, "after", "comparison-before")
 
 
