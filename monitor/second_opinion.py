@@ -19,7 +19,7 @@ from monitor.registration.propagation import propagate
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
 from projects.transforms import apply
 
-MOST_CORES = 5000
+MOST_CORES = 5000  # core points, evenly drawn: shares are known to 1 %
 PER_CYLINDER = 30.0  # points of the sparser cloud: fewer, and a level of detection is not to be trusted (Lague et al.)
 
 

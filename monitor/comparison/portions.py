@@ -22,7 +22,7 @@ from monitor.comparison.shell import Shell
 from projects.model import Floats, Ints, Surface
 
 FIRST_REACH = 1.0 / 16.0  # of the search limit
-LONGER = 16.0
+LONGER = 16.0  # times the reach before, where nothing was found within it
 MOST_FACES = 100  # to each point of a box that is not halved again
 PER_TREE = 10_000  # faces: what each tree takes besides those that it holds
 

@@ -16,7 +16,7 @@ from projects.errors import ParameterError, ShapeError
 from projects.model import Floats
 
 N_DRAWS = 4000  # of courses without an onset, which say how often chance looks like one
-LEVEL = 0.05
+LEVEL = 0.05  # probability by chance below which a trend, a jump or an onset is told
 MISFIT = 0.01  # of residuals by chance: below it none of the courses tried is the one
 
 

@@ -13,8 +13,8 @@ from monitor.simulation.shapes import capsule, ellipsoid, pipe, placed, smoothst
 from monitor.simulation.solid import Field, Part, smooth_max, smooth_min
 from projects.model import Floats
 
-_HEAD_AT = (0.02, -0.03, 6.86)
-_HEAD_TURN = (-3.0, 3.0, 14.0)
+_HEAD_AT = (0.02, -0.03, 6.86)  # heads, of the base of the skull
+_HEAD_TURN = (-3.0, 3.0, 14.0)  # degrees about x, y and z
 
 
 def _hair(p: Floats) -> Floats:

@@ -14,7 +14,7 @@ from monitor.simulation.shapes import Drawing, arc_points, draw_mirrored, draw_s
 from monitor.simulation.solid import Field, Part, smooth_max
 from projects.model import Floats
 
-HEIGHT = 0.42
+HEIGHT = 0.42  # m, as all lengths here
 HALF_WIDTH = 0.215
 DIE_HALF_WIDTH = 0.165
 DIE = (0.112, 0.325)  # heights between which the plain block stands

@@ -13,8 +13,8 @@ from monitor.simulation.shapes import draw_polygon, ellipsoid, placed, smoothste
 from monitor.simulation.solid import Part, smooth_max
 from projects.model import Floats
 
-_SHIELD_AT = (0.93, -0.93, 1.90)
-_SHIELD_TURN = (-9.0, 2.0, 20.0)
+_SHIELD_AT = (0.93, -0.93, 1.90)  # heads, of its middle
+_SHIELD_TURN = (-9.0, 2.0, 20.0)  # degrees about x, y and z
 
 
 def _shield_outline() -> Floats:
