@@ -13,18 +13,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numba import jit
-from scipy.stats import norm
 
+from monitor.comparison.asked_scale import asked_scale
 from monitor.comparison.blocks import blocks
+from monitor.comparison.calm_vertices import CalmVertices, are_copies, gather_calm, n_held
 from monitor.comparison.correlation import Correlation, estimate_correlation, estimate_of_many
 from monitor.comparison.discord import SHARE
 from monitor.comparison.error_parts import Parts, fit_parts
-from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor, least_floor
-from monitor.comparison.quantile import around_quantile, between, median, quantile
+from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor
+from monitor.comparison.quantile import median
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.strata import EVERY, GROUPS, KINDS, N_STRATA, lies_at_rim, mean_of_arms, stratum_of
@@ -118,7 +118,7 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     a stratum that holds many has a floor or a scale of its own.
     """
     spacing = float(np.sqrt(median(np.concatenate([s.areas for s in sides]))))
-    witnesses = map_sides(lambda k: _witness(sides[k], calm[k], spacing), larger_of(sides))
+    witnesses = map_sides(lambda k: gather_calm(sides[k], calm[k], spacing), larger_of(sides))
     parts, factors = learn_sizes(witnesses, share, known, rng)
     floors = np.maximum(factors * parts.floor, max(w.resolution for w in witnesses))
     unknown = Correlation(np.zeros(1), np.ones(1))
@@ -136,53 +136,6 @@ def _correlate(side: Side, calm: Bools, noise: Noise, rng: np.random.Generator) 
     errors = side.distances / noise.sigma_of(side)
     errors[~calm] = np.nan
     return estimate_correlation(points, errors, side.areas, rng)
-
-
-class CalmVertices(NamedTuple):  # a named tuple, since kernels take it whole
-    """The calm vertices of one side: their `places` (n,), rising, among all, of which `points` (m, 3) [m], `distances`
-    (m,) [m], one sigma (m,) [m] of what is stated of the surfaces, `own`, of their `discord`, of the scans, `shared`,
-    and of the registration, `motion`. `stratum` (n,) of each; `members` (n,) are the places by stratum, those of
-    stratum k from starts[k] on; distances below the `resolution` [m] are none. Once their parts are known `own` is all
-    of them but the registration's."""
-
-    points: Floats
-    places: Ints
-    distances: Floats
-    own: Floats
-    discord: Floats
-    shared: Floats
-    motion: Floats
-    stratum: Ints
-    members: Ints
-    starts: Ints
-    resolution: float
-
-
-def _witness(side: Side, calm: Bools, spacing: float) -> CalmVertices:
-    """Return the calm vertices of a side."""
-    places, stratum = np.flatnonzero(calm).astype(np.int32), stratum_of(side, spacing)
-    if len(places) < len(calm):
-        stratum = stratum[places]
-    members, starts = sort_by_stratum(places, stratum)
-    return CalmVertices(side.surface.vertices, places, side.distances, side.sigma_surfaces, side.sigma_discord,
-                        side.sigma_shared, side.sigma_motion, stratum, keep_on_disk(members), starts,
-                        least_floor(side.surface.vertices))  # fmt: skip
-
-
-def sort_by_stratum(places: Ints, stratum: Ints) -> tuple[Ints, Ints]:
-    """Return the places (n,) by stratum, in their order within one, and where each of the `N_STRATA` begins."""
-    starts = np.append(0, np.cumsum(np.bincount(stratum, minlength=N_STRATA)))
-    return np.asarray(_sort_places(places, stratum, starts)), starts
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _sort_places(places, stratum, starts):  # type: ignore[no-untyped-def]
-    """Return the places (n,) sorted by stratum, in their order within each."""
-    out, filled = np.empty_like(places), starts[:-1].copy()
-    for i in range(len(places)):
-        out[filled[stratum[i]]] = places[i]
-        filled[stratum[i]] += 1
-    return out
 
 
 def learn_sizes(
@@ -204,24 +157,9 @@ def learn_sizes(
         n_witnesses = _count(calm, group, known, rng)
         if n_witnesses >= FEWEST_WITNESSES:
             held_by = STATED_WITNESSES if len(group) == N_STRATA else ALIKE_WITNESSES
-            asked = drawn if sum(_n_held(c, group) for c in calm) > N_LEARNT else calm
+            asked = drawn if sum(n_held(c, group) for c in calm) > N_LEARNT else calm
             factors[group] *= believe(asked_scale(asked, group, factors, share), n_witnesses, held_by)
     return parts, factors
-
-
-def are_copies(calm: Sequence[CalmVertices]) -> bool:
-    """Return whether most calm vertices lie on the other side to the last digit, which no second survey does."""
-    n_off = sum(_count_within(c.distances, c.places, c.resolution) for c in calm)
-    return bool(2 * n_off > sum(len(c.places) for c in calm))
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _count_within(distances, places, limit):  # type: ignore[no-untyped-def]
-    """Return how many of the distances at the `places` are at most `limit` in size."""
-    n = 0
-    for v in places:
-        n += abs(distances[v]) <= limit
-    return n
 
 
 def _mix(calm: CalmVertices, parts: Parts) -> Floats:
@@ -291,7 +229,7 @@ def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | Non
     """Return how many witnesses some strata hold, on the side that has more of them; both bear the same witness."""
     if known is None:
         return 0.0
-    held = [_n_held(c, members) for c in calm]
+    held = [n_held(c, members) for c in calm]
     most, n = calm[int(np.argmax(held))], max(held)
     ranks = _draw_ranks(n, rng)
     if n > MANY:  # by stratum, without a pass over all
@@ -300,12 +238,7 @@ def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | Non
         some = most.members[most.starts[members + 1][which] + ranks - ends[which]]
     else:
         some = most.places[_find_members(most.stratum, _mark(members), ranks)]
-    return _worth(most.points[some], n, known)
-
-
-def _n_held(calm: CalmVertices, members: Ints) -> int:
-    """Return how many vertices some strata hold."""
-    return int((calm.starts[members + 1] - calm.starts[members]).sum())
+    return count_witnesses(most.points[some], n, known)
 
 
 def _mark(members: Ints) -> Bools:
@@ -327,65 +260,18 @@ def _find_members(stratum, is_member, ranks):  # type: ignore[no-untyped-def]
     return out
 
 
-def count_witnesses(points: Floats, places: Ints, correlation: Correlation, rng: np.random.Generator) -> float:
-    """Return how many independent errors those at the `places` (n,) among `points` (m, 3) m are worth to one who asks
-    for their size.
-
-    The squares of normal errors with correlation rho correlate with rho^2 (Isserlis 1918), so a variance learned from
-    n of them is as sure as one from n / (1 + (n - 1) mean rho^2) independent ones.
-    """
-    return _worth(points[places[_draw_ranks(len(places), rng)]], len(places), correlation)
-
-
 def _draw_ranks(n: int, rng: np.random.Generator) -> Ints:
     """Return which of n vertices show how many witnesses all are, rising; all where they are few."""
     return np.arange(n) if n <= N_PAIRED else np.sort(rng.choice(n, N_PAIRED, replace=False))
 
 
-def _worth(points: Floats, n: int, correlation: Correlation) -> float:
-    """Return how many independent errors n are worth that lie as the `points` (k, 3) [m] drawn from them do."""
+def count_witnesses(points: Floats, n: int, correlation: Correlation) -> float:
+    """Return how many independent errors n are worth to one who asks for their size, that lie as the `points` (k, 3)
+    [m] drawn from them do.
+
+    The squares of normal errors with correlation rho correlate with rho^2 (Isserlis 1918), so a variance learned from
+    n of them is as sure as one from n / (1 + (n - 1) mean rho^2) independent ones.
+    """
     if n < 2:
         return float(n)
     return n / (1.0 + (n - 1) * correlation.mean_square(points))
-
-
-def asked_scale(calm: Sequence[CalmVertices], members: Ints, factors: Floats, share: float) -> float:
-    """Return what `own` must be multiplied by for `share` of the distances to lie where a normal error puts them.
-
-    Asked are the vertices in the strata `members`, whose `own` is taken times the `factors` (N_STRATA,) of their
-    stratum. The registration's part is learned from residuals and stays as stated. It was fitted to these very
-    distances, which show less of it than there is: it makes up for half of the variance at most.
-
-    Notes
-    -----
-    A distance lies within z sqrt(s^2 own^2 + motion^2) where s^2 >= (d^2 / z^2 - motion^2) / own^2: s^2 is the `share`
-    quantile of the right-hand sides.
-    """
-    z = float(norm.ppf(0.5 + 0.5 * share))
-    low, high, t = around_quantile(_gather_ratios(calm, members, factors, z, False), share)
-    found = between(low, high, t)
-    if low > 0.51:  # the other ratios lie between these and 1: at most twice as large from here on
-        return float(np.sqrt(found))
-    return float(np.sqrt(max(found, 0.5 * quantile(_gather_ratios(calm, members, factors, z, True), share))))
-
-
-def _gather_ratios(calm: Sequence[CalmVertices], members: Ints, factors: Floats, z: float, is_within: bool) -> Floats:
-    """Return (d^2 / z^2 - motion^2) / own^2, or d^2 / z^2 / (own^2 + motion^2) where `is_within`, of the vertices in
-    the strata `members`."""
-    ratios, used = np.empty(sum(_n_held(c, members) for c in calm)), 0
-    for c in calm:
-        used = _add_ratios(c, members, factors, z, is_within, ratios, used)
-    return ratios
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _add_ratios(calm, strata, factors, z, is_within, ratios, used):  # type: ignore[no-untyped-def]
-    """Write the ratios of some strata of one side from `used` on; return how many are used then."""
-    for k in strata:
-        for i in range(calm.starts[k], calm.starts[k + 1]):
-            v = calm.members[i]
-            d, own = calm.distances[v] / z, factors[k] * calm.own[v]
-            own2, motion2 = max(own * own, 1e-300), calm.motion[v] * calm.motion[v]
-            ratios[used] = d * d / (own2 + motion2) if is_within else (d * d - motion2) / own2
-            used += 1
-    return used

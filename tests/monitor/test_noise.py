@@ -7,17 +7,11 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from monitor.comparison import noise as noise_module
+from monitor.comparison.asked_scale import asked_scale
+from monitor.comparison.calm_vertices import CalmVertices, n_held, sort_by_stratum
 from monitor.comparison.correlation import Correlation, spherical
 from monitor.comparison.error_parts import Parts
-from monitor.comparison.noise import (
-    CalmVertices,
-    Noise,
-    asked_scale,
-    believe,
-    count_witnesses,
-    learn_sizes,
-    sort_by_stratum,
-)
+from monitor.comparison.noise import Noise, believe, count_witnesses, learn_sizes
 from monitor.comparison.side import thirds_of
 from monitor.comparison.strata import EVERY, KINDS, N_STRATA, SHAPE, stratum_of
 from projects.model import Floats, Ints
@@ -30,9 +24,7 @@ def test_witnesses_of_a_variance_are_those_that_its_scatter_shows(rng: np.random
     rho = np.where(lag > 0.0, 0.6 * spherical(lag / 0.4), 1.0)
     errors = np.linalg.cholesky(rho) @ rng.normal(size=(300, 4000))
     scatter2 = np.var(np.mean(errors**2, axis=0))  # 2 / n of n independent ones
-    assert count_witnesses(points, np.arange(300), correlation, rng) == pytest.approx(
-        2.0 / scatter2, rel=0.1
-    )  # of means: a quarter
+    assert count_witnesses(points, 300, correlation) == pytest.approx(2.0 / scatter2, rel=0.1)  # of means: a quarter
 
 
 def asked_of(distances: Floats, own: Floats, motion: Floats) -> float:
@@ -221,7 +213,7 @@ def test_of_many_vertices_an_even_draw_teaches_and_of_a_small_class_all(
     n_asked = {}
 
     def ask(calm: list[CalmVertices], members: Ints, factors: Floats, share: float) -> float:
-        n_asked[tuple(members)] = sum(noise_module._n_held(c, members) for c in calm)
+        n_asked[tuple(members)] = sum(n_held(c, members) for c in calm)
         return asked_scale(calm, members, factors, share)
 
     monkeypatch.setattr(noise_module, "asked_scale", ask)
