@@ -15,6 +15,7 @@ import numpy as np
 from numba import jit
 from scipy.spatial import cKDTree
 
+from monitor.reconstruction.departures import N_HERE, compare_steps, mean_of_pool
 from monitor.reconstruction.gathering import (
     OVER_THE_RIM,
     ROOM,
@@ -30,23 +31,10 @@ from monitor.reconstruction.gathering import (
     rows_room,
 )
 from monitor.reconstruction.moments import Level
+from monitor.reconstruction.probing import apart2, is_supported, probe_room
 from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, Furrows, Reach, Samples
 from monitor.reconstruction.quadric import CURVED, HEIGHT, UNIT_ERROR, fit_patch
-from monitor.reconstruction.reach import (
-    N_HERE,
-    N_POOLED,
-    Climbed,
-    Ladder,
-    Probes,
-    Stated,
-    apart2,
-    climb,
-    compare_steps,
-    is_supported,
-    mean_of_pool,
-    probe_room,
-    spread_probes,
-)
+from monitor.reconstruction.reach import N_POOLED, Climbed, Ladder, Probes, Stated, climb, spread_probes
 from monitor.threads import run_tasks
 from projects.model import Floats, Ints
 

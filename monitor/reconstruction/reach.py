@@ -9,77 +9,41 @@ says where a plane will do, and what misfit remains, which becomes part of the v
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import jit
 from scipy.spatial import cKDTree
 
-from monitor.reconstruction.gathering import (
-    OVER_THE_RIM,
-    ROOM,
-    Sites,
-    block_edge,
-    block_sites,
-    edge_of_groups,
-    find_near,
-    gate_height,
-    gather_inner_first,
-    keep_own_side,
-    mean_normal,
-    near_room,
-    patch_room,
-    rows_room,
-    tangent_frame,
+from monitor.reconstruction.departures import (
+    change_around,
+    compare_steps,
+    count_apart,
+    is_bent,
+    mean_of_pool,
 )
-from monitor.reconstruction.moments import Level
-from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, MOST_EXTRAPOLATED, Reach, Samples
-from monitor.reconstruction.quadric import (
-    BEND,
-    COUNT,
-    CURVED,
-    EFFECTIVE,
-    HEIGHT,
-    PLANE,
-    SIGMA,
-    UNIT_ERROR,
-    fit_patch,
-    substitute,
-    sum_up,
+from monitor.reconstruction.probing import (
+    CURVATURE,
+    CURVED_UNIT,
+    FLAT_STEP,
+    FLAT_STEP_UNIT2,
+    FLAT_UNIT,
+    SCATTER,
+    SECOND2,
+    SECOND_UNIT2,
+    STEP,
+    STEP_UNIT2,
+    probe,
 )
-from monitor.threads import run_tasks
+from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, Reach, Samples
 from projects.model import Bools, Floats, Ints
 
 NARROWEST_SIGMAS = 6.0  # of noise: in a narrower fit the noise passes for curvature
 VERTICES_PER_PROBE = 12
 FOURTH_LEFT2 = 0.25  # of the squared bias with its fourth order taken off, on waves
 FOURTH_COST = 0.3  # of the variance, that taking it off adds
-N_HERE = 4  # probes next to each other that tell how large a bias is where it is seen
 N_STATED = 4  # points nearest to a probe whose stated noise counts there
-FEWEST_AROUND = 12  # probes, that tell how the curvature changes,
-NARROWEST_POOL = 0.0025  # determinant over squared trace of their places: of a strip twenty times as long as wide
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
-DOUBT, REFUSAL, BENT = 1.25, 4.0, 2.0  # sigmas of a pooled mean square departure above that of noise alone
-ONE_SIDED = 1.5  # sigmas of the mean departure of pooled probes, which curvature gives one sign
-OWN_REFUSAL = 16.0  # the same for one probe: four sigma
-CLIPPED, MEAN_CLIPPED = (
-    4.0,
-    0.92,
-)  # of a squared departure, so that an edge nearby does not decide; mean of min(chi2, 4)
 MOST_BENT = 0.84  # sum of both slopes at the rim: 0.42 of a sphere's radius, beyond which sixth order counts
-(
-    CURVATURE,
-    CURVED_UNIT,
-    SCATTER,
-    STEP,
-    STEP_UNIT2,
-    FLAT_UNIT,
-    FLAT_STEP,
-    FLAT_STEP_UNIT2,
-    SECOND2,
-    SECOND_UNIT2,
-    N_ROW,
-) = range(11)
 
 
 class Ladder(NamedTuple):
@@ -251,36 +215,6 @@ def third_derivatives2(rows: Floats, noise2: Floats, radius: float, probes: Prob
     return np.maximum(change2 - unit2 / n_apart * mean_of_pool(rows[:, SECOND_UNIT2] * noise2, probes.pool), 0.0)
 
 
-@jit(nopython=True, cache=True, nogil=True)
-def change_around(values: Floats, places: Floats, normals: Floats, pool: Ints) -> Any:
-    """Squared gradient (n,) along the surface of `values` over each place's pool, and what independent errors of one
-    unit make of it, times their number [1/m2]; NaN where too few are known, or they lie on a line.
-
-    Places whose normals look the other way are of another sheet.
-    """
-    change2, unit2 = np.full(len(values), np.nan), np.full(len(values), np.nan)
-    for i in range(len(values)):
-        (tx, ty, tz), (bx, by, bz) = tangent_frame(normals[i])
-        n = su = sv = sh = suu = suv = svv = suh = svh = 0.0
-        for j in pool[i]:
-            h = values[j]
-            cosine = normals[j, 0] * normals[i, 0] + normals[j, 1] * normals[i, 1] + normals[j, 2] * normals[i, 2]
-            if np.isfinite(h) and cosine > 0.0:
-                x, y, z = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1], places[j, 2] - places[i, 2]
-                u, v = x * tx + y * ty + z * tz, x * bx + y * by + z * bz
-                n, su, sv, sh = n + 1.0, su + u, sv + v, sh + h
-                suu, suv, svv, suh, svh = suu + u * u, suv + u * v, svv + v * v, suh + u * h, svh + v * h
-        if n < FEWEST_AROUND:
-            continue
-        suu, suv, svv = (suu - su * su / n) / n, (suv - su * sv / n) / n, (svv - sv * sv / n) / n
-        suh, svh = (suh - su * sh / n) / n, (svh - sv * sh / n) / n
-        det, both = suu * svv - suv * suv, suu + svv
-        if det > NARROWEST_POOL * both * both:
-            gu, gv = (svv * suh - suv * svh) / det, (suu * svh - suv * suh) / det
-            change2[i], unit2[i] = gu * gu + gv * gv, both / det
-    return change2, unit2
-
-
 def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
     """Return the variance (n,) [m2] of the points by which fits are judged, pooled over the probes around.
 
@@ -295,176 +229,3 @@ def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
         return pooled2
     scale = max(float(np.median(ratio[known])), 1.0)
     return np.fmin(pooled2, scale**2 * mean_of_pool(stated**2, pool))
-
-
-def count_apart(n: int, area: float, radius: float) -> float:
-    """Return how many independent fits `n` probes of `area` (m2) each amount to; those that overlap tell the same."""
-    return min(float(n), max(n * area / (0.5 * np.pi * radius**2), 1.0))
-
-
-def is_bent(step: Departure, radius: float, area: float) -> bool:
-    """Whether probes together depart more than noise explains: a bias too small for any one neighbourhood.
-
-    Neighbourhoods that doubt the radius by themselves are left out: their relief says nothing of the rest.
-    """
-    known = step.own2[np.isfinite(step.own2) & ~step.is_doubtful]
-    if not len(known):
-        return False
-    limit = 1.0 + BENT * np.sqrt(2.0 / count_apart(len(known), area, radius))
-    return bool(np.minimum(known, CLIPPED).mean() / MEAN_CLIPPED > limit)
-
-
-class Departure(NamedTuple):
-    """How two fits depart from each other at each probe: beyond noise or perhaps so; by how much (m2), how sure."""
-
-    own2: Floats  # squared, in units of its variance
-    is_refused: Bools
-    is_doubtful: Bools
-    is_one_sided: Bools
-    excess2: Floats
-    here2: Floats  # m2, by how much at the probe and those next to it, edges and all
-    doubt2: Floats
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def mean_of_pool(values: Floats, pool: Ints, n_next: int = 1 << 30) -> Floats:
-    """Mean over each probe's neighbours, of which the next `n_next` count; NaN where none has a value.
-
-    Numbers below none in the pool stand for no neighbour.
-    """
-    out = np.empty(len(pool))
-    for i in range(len(pool)):
-        total, count = 0.0, 0
-        for k in range(min(pool.shape[1], n_next)):
-            value = values[pool[i, k]]
-            if pool[i, k] >= 0 and np.isfinite(value):
-                total += value
-                count += 1
-        out[i] = total / count if count > 0 else np.nan
-    return out
-
-
-def compare_steps(step: Floats, variance: Floats, pool: Ints, n_apart: float | Floats) -> Departure:
-    """Judge departures (n,) against the variance (n,) that noise gives them, pooled over the probes around."""
-    chance = np.sqrt(2.0 / n_apart)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        own = step**2 / variance
-        pooled = mean_of_pool(np.minimum(own, CLIPPED), pool) / MEAN_CLIPPED
-        is_refused = (pooled > 1.0 + REFUSAL * chance) | (own > OWN_REFUSAL)
-        one_sided = np.abs(mean_of_pool(np.clip(step / np.sqrt(variance), -2.0, 2.0), pool)) > ONE_SIDED / np.sqrt(
-            n_apart
-        )
-        is_doubtful = pooled > 1.0 + DOUBT * chance
-    expected = mean_of_pool(variance, pool)
-    excess2 = np.nan_to_num(np.maximum(pooled - 1.0, 0.0) * expected)
-    here2 = np.nan_to_num(np.maximum(mean_of_pool(step**2 - variance, pool, N_HERE), 0.0))
-    return Departure(own, is_refused, is_doubtful, one_sided, excess2, here2, expected * chance)
-
-
-@jit(nopython=True, cache=True)
-def is_supported(fit: Floats) -> bool:
-    """Whether points lie all around, so that the patch does not extrapolate."""
-    supported: bool = fit[UNIT_ERROR] * np.sqrt(fit[EFFECTIVE]) <= MOST_EXTRAPOLATED
-    return supported
-
-
-@jit(nopython=True, cache=True)
-def probe_one(
-    level: Any, near: Any, n_near: int, vertex: Floats, normal: Floats, along: Floats, sizes: Any, room: Any,
-    row: Floats,
-) -> None:  # fmt: skip
-    """Compare three fits at one probe: curved within the radius, curved within the last taken, plane."""
-    held, other, fit_other, own = room
-    patch, work, influence, fit = held.patch, held.work, held.influence, held.fit
-    radius, gate, inner = sizes
-    if not mean_normal(near, n_near, vertex, normal, along, radius, 1.0, gate, own):
-        return
-    shape = (radius, 1.0, gate, inner)
-    n_inner, n = gather_inner_first(level, near, n_near, vertex, own, along, shape, patch, held.picked)
-    if not fit_patch(patch, n, radius, 1.0, 1.0, CURVED, work, fit, influence):
-        return
-    if not is_supported(fit):
-        return
-    row[CURVATURE], row[CURVED_UNIT], row[SCATTER] = fit[BEND], fit[UNIT_ERROR], fit[SIGMA]
-    write_second(patch, n, radius, work, row)
-    if (
-        inner < 1.0
-        and fit_patch(patch, n_inner, radius, inner, 1.0, CURVED, work, fit_other, other)
-        and is_supported(fit_other)
-    ):
-        other[n_inner:n] = 0.0
-        row[STEP] = fit[HEIGHT] - fit_other[HEIGHT]
-        row[STEP_UNIT2] = apart2(patch, n, influence, other)
-    if fit_patch(patch, n, radius, 1.0, 1.0, PLANE, work, fit_other, other):
-        row[FLAT_UNIT] = fit_other[UNIT_ERROR]
-        row[FLAT_STEP] = fit[HEIGHT] - fit_other[HEIGHT]
-        row[FLAT_STEP_UNIT2] = apart2(patch, n, influence, other)
-
-
-@jit(nopython=True, cache=True)
-def write_second(patch: Floats, n: int, radius: float, work: Any, row: Floats) -> None:
-    """Write the sum of squares (1/m2) of the second derivatives of the patch fitted last, and of the sum of both
-    curvatures the variance (1/m4) in that of a point, which is about that of the former too."""
-    c, a, g, _, squares, _, weights, influence = work
-    row[SECOND2] = (4.0 * c[3] * c[3] + 2.0 * c[4] * c[4] + 4.0 * c[5] * c[5]) / radius**2
-    g[:] = 0.0
-    g[3] = g[5] = 2.0
-    substitute(a, g, 6)
-    _, _, _, variance = sum_up(patch, n, g, squares, weights, influence)
-    row[SECOND_UNIT2] = variance / radius**4
-
-
-@jit(nopython=True, cache=True)
-def probe_room(n: int) -> Any:
-    """Room for two fits to one patch of up to n groups, and for its normal."""
-    return patch_room(n), np.empty(n), np.empty(7), np.empty(3)
-
-
-@jit(nopython=True, cache=True)
-def apart2(patch: Floats, n: int, influence: Floats, other: Floats) -> float:
-    """Variance of the difference of two fits to one patch, in units of that of a point."""
-    total = 0.0
-    for i in range(n):
-        total += patch[COUNT, i] * (influence[i] - other[i]) ** 2
-    return total
-
-
-def probe(
-    places: Floats, normals: Floats, which: Ints, samples: Samples, rung: int, inner: Floats,
-    cuts: Floats | None = None,
-) -> Floats:  # fmt: skip
-    """Return what fits at one rung tell at the places `which`, (n, `N_ROW`); NaN elsewhere.
-
-    `inner` (n,) is the share of the radius within which the fit to compare with is made; 1 for none.
-    """
-    rows = np.full((len(places), N_ROW), np.nan)
-    radius = samples.radii[rung]
-    if len(which):
-        sites, gate = block_sites(places, normals, which, radius, cuts=cuts), gate_height(radius, samples.noise)
-        run_tasks(_probe, len(sites.starts) - 1, sites, samples.levels[rung], radius, gate, inner, rows)
-    return rows
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _probe(
-    first: int, last: int, sites: Sites, level: Level, radius: float, gate: float, inner: Floats, rows: Floats
-) -> None:
-    """Probe at the vertices of the blocks `first` to `last`, for `run_tasks`."""
-    reach = np.hypot(OVER_THE_RIM * radius, gate)
-    spans, near = rows_room(reach, block_edge(radius), level.bucket), near_room(ROOM)
-    room, mixed, own = probe_room(ROOM), edge_of_groups(level, radius), near_room(ROOM)
-    for block in range(first, last):
-        n_near, near = find_near(level, sites, block, reach, spans, near)
-        if n_near > len(room[1]):
-            room = probe_room(2 * n_near)
-        if len(near.groups) > len(own.groups):
-            own = near_room(len(near.groups))
-        for k in range(sites.starts[block], sites.starts[block + 1]):
-            i = sites.which[k]
-            sizes = (radius, gate, inner[i])
-            vertex, normal, along = sites.vertices[i], sites.normals[i], sites.alongs[k]
-            if len(sites.cuts) == 0:
-                probe_one(level, near, n_near, vertex, normal, along, sizes, room, rows[i])
-            else:
-                n_own = keep_own_side(near, n_near, sites.cuts[k], mixed, own)
-                probe_one(level, own, n_own, vertex, normal, along, sizes, room, rows[i])

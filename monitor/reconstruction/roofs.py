@@ -14,12 +14,12 @@ import numpy as np
 from numba import jit
 from scipy.spatial import cKDTree
 
+from monitor.reconstruction.departures import mean_of_pool
 from monitor.reconstruction.faces import least_cosines
 from monitor.reconstruction.gathering import ROOM, Sites, block_edge, block_sites, find_near, near_room, rows_room
 from monitor.reconstruction.mesh import any_corner
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.projection import Projection, Samples
-from monitor.reconstruction.reach import mean_of_pool
 from monitor.reconstruction.roof_evidence import (
     ACTIVE,
     BOW,
