@@ -27,7 +27,7 @@ METHOD = {
     "surface": 23,
     "mesh": 6,
     "quality": 3,
-    "comparison": 30,
+    "comparison": 31,
     "series": 4,
 }
 

@@ -52,6 +52,9 @@ def registration_table(comparison: Comparison) -> Table:
         ("correspondences used", f"{count(registration.n_inliers)} of {count(registration.n_correspondences)}"),
         ("scatter of the stable surface (one sigma)", millimetres(registration.sigma)),
     )
+    if registration.layer:
+        layer = estimate(registration.layer, registration.sigma_layer, MM, "mm", signed=True).text
+        rows = (*rows, ("found beside a layer all over (or ranges that differ) of", layer))
     if registration.held_by_frames:
         rows = (*rows, ("known by the control points alone, not by the shape", registration.held_by_frames))
     if registration.doubt:

@@ -18,6 +18,7 @@ from monitor.registration.alignment import Alignment, AlignmentRules, align
 from monitor.registration.covariance import estimate_covariance
 from monitor.registration.degeneracy import find_free_motion, find_free_motions
 from monitor.registration.held import Frames, FreeMotions, held_covariance, without_free_part
+from monitor.registration.layer import Layered, find_layer
 from monitor.registration.matching import Samples, make_samples, with_relief
 from monitor.registration.partners import Partners
 from monitor.registration.patches import PatchGrid, cut_patches
@@ -25,7 +26,7 @@ from monitor.registration.rivals import judge_rivals
 from monitor.registration.sampling import sample_source
 from monitor.registration.self_likeness import Fit
 from monitor.registration.sides import Side, prepare_side
-from monitor.registration.stable_areas import doubt_stable, find_stable
+from monitor.registration.stable_areas import StableSamples, doubt_stable, find_stable, keep_stable
 from monitor.threads import with_one_blas_thread
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface, require_noun
@@ -149,7 +150,12 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     is_kept = stable.is_kept
     free = None if frames is None else free_motions(found, is_kept, numbers)
     if free is None or frames is None:
-        concluded = conclude(source, target, grid, samples, numbers, found, stable, n_iterations, n_source)
+        layered = find_layer(samples, target, found, rules, numbers, rng, both_oriented)
+        if layered is not None:
+            samples, found, stable, is_kept = layered.samples, layered.found, layered.stable, layered.stable.is_kept
+            n_iterations += layered.n_iterations
+        concluded = conclude(source, target, grid, samples, numbers, found, stable, n_iterations, n_source,
+                             layered=layered)  # fmt: skip
         return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
     T = without_free_part(found.T_target_source, np.eye(4), free)
     found = align(samples, target, T, replace(rules, locked=free), is_kept=is_kept, fine=True,
@@ -205,14 +211,6 @@ def find_search_radius(samples: Samples, target: Side, T_start: Floats) -> float
     return float(np.clip(SEARCH_MEDIANS * np.median(np.minimum(distance, limit)), min(5.0 * spacing, limit), limit))
 
 
-@dataclass(frozen=True)
-class StableSamples:
-    """Which samples (n,) are stable, and the factor (n,) of their variance that their neighbourhoods share."""
-
-    is_kept: Bools
-    shared: Floats
-
-
 def align_stable(samples: Samples, target: Side, found: Alignment, rules: AlignmentRules, numbers: Ints,
                  rng: np.random.Generator, both_oriented: bool, partners: Partners,
                  ) -> tuple[Alignment, StableSamples, int]:  # fmt: skip
@@ -222,8 +220,7 @@ def align_stable(samples: Samples, target: Side, found: Alignment, rules: Alignm
     for _ in range(N_ROUNDS_STABLE):
         pairs = found.matches
         motion, pair_is_stable, pair_shared = find_stable(pairs, numbers[pairs.source], found.centre, rng)
-        previous, stable = stable, StableSamples(np.zeros(n, dtype=bool), np.ones(n))
-        stable.is_kept[pairs.source], stable.shared[pairs.source] = pair_is_stable, pair_shared
+        previous, stable = stable, keep_stable(n, pairs, pair_is_stable, pair_shared)
         T = perturb(found.T_target_source, found.centre, motion)
         again = align(samples, target, T, rules, is_kept=stable.is_kept, fine=True, both_oriented=both_oriented,
                       partners=partners, shared=stable.shared)  # fmt: skip
@@ -246,7 +243,7 @@ def free_motions(found: Alignment, is_kept: Bools, numbers: Ints) -> FreeMotions
 
 def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment,
              areas: StableSamples, n_iterations: int, n_source: int, held: tuple[FreeMotions, Frames] | None = None,
-             ) -> Registration:  # fmt: skip
+             layered: Layered | None = None) -> Registration:  # fmt: skip
     """Return the registration with its covariance, its stable areas and its doubts."""
     pairs = found.matches
     if not found.weights.any():
@@ -260,6 +257,8 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
     covariance = np.full((6, 6), np.nan)
     if not reason and held is not None:
         covariance = held_covariance(stable, sigma, centre, *held, shared)
+    elif not reason and layered is not None:
+        covariance = layered.covariance
     elif not reason:
         covariance = estimate_covariance(stable, sigma, centre, shared=shared)
     inlier = (found.weights > 0) & kept
@@ -274,6 +273,7 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
         is_stable=spread_to_vertices(source, grid, np.unique(numbers[stable.source]), n_source),
         held_by_frames="" if held is None else held[0].words,
         doubt=doubt_stable(stable, numbers[stable.source], on_faces),
+        layer=0.0 if layered is None else layered.thickness, sigma_layer=math.nan if layered is None else layered.sigma,
     )  # fmt: skip
 
 

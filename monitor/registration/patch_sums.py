@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.registration.matching import Matches
-from monitor.registration.sampling import motion_rows
+from monitor.registration.sampling import parameter_rows
 from monitor.registration.weights import residual_sigma, rounding_of
 from projects.model import Bools, Floats, Ints
 
@@ -32,15 +32,16 @@ class Patches:
     scatter: Floats
 
     def left_by(self, motion: Floats) -> Floats:
-        """Return the mean residual [m] of each patch once a `motion` (6,) about the centre of the rows is applied."""
+        """Return the mean residual [m] of each patch once a `motion` (k,) about the centre of the rows is applied."""
         return np.asarray(self.mean + self.row @ motion)
 
 
-def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
-    """Return the sums of each patch; `numbers` (n pairs) are patch numbers."""
+def sum_patches(matches: Matches, numbers: Ints, centre: Floats, has_layer: bool = False) -> Patches:
+    """Return the sums of each patch; `numbers` (n pairs) are patch numbers. With a layer all over, motions have seven
+    parameters, the last its thickness [m]."""
     _, member = np.unique(numbers, return_inverse=True)
     n = int(member.max()) + 1
-    rows = motion_rows(matches.points, matches.normals, centre)
+    rows = parameter_rows(matches.points, matches.normals, centre, has_layer)
     count = np.bincount(member, minlength=n).astype(float)
 
     def total(values: Floats) -> Floats:
@@ -51,8 +52,9 @@ def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
     deviation = (matches.residuals - mean[member]) * np.sqrt(count / np.maximum(count - 1.0, 1.0))[member]
     sigma = residual_sigma(deviation, matches.causes, count[member] > 1, rounding_of(matches.points))
     weighted = rows / sigma[:, None] ** 2
-    one, other = np.triu_indices(6)
-    information = np.empty((n, 6, 6))
+    k = rows.shape[1]
+    one, other = np.triu_indices(k)
+    information = np.empty((n, k, k))
     information[:, one, other] = information[:, other, one] = total(weighted[:, one] * rows[:, other])
     return Patches(
         count=count,
@@ -68,7 +70,7 @@ def sum_patches(matches: Matches, numbers: Ints, centre: Floats) -> Patches:
 
 
 def solve_patches(patches: Patches, keep: Bools) -> Floats:
-    """Return the motion (6,) that the kept patches ask for."""
+    """Return the motion (k,) that the kept patches ask for."""
     information, right = patches.information[keep].sum(axis=0), patches.right[keep].sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     return scale * (np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-8, hermitian=True) @ (scale * right))

@@ -21,6 +21,12 @@ def motion_rows(points: Floats, normals: Floats, centre: Floats) -> Floats:
     return np.hstack([np.cross(points - centre, normals), normals])
 
 
+def parameter_rows(points: Floats, normals: Floats, centre: Floats, has_layer: bool) -> Floats:
+    """Return J (n, 6) of a small motion, or (n, 7) with a layer all over, whose thickness [m] residuals are less by."""
+    rows = motion_rows(points, normals, centre)
+    return np.hstack([rows, np.full((len(rows), 1), -1.0)]) if has_layer else rows
+
+
 def cell_numbers(points: Floats, cell: float) -> Ints:
     """Return one number (n,) per point that is equal for points in the same cube of edge `cell` [m]."""
     return number_cells(points, cell)[0]

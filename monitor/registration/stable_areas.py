@@ -10,6 +10,7 @@ it holds both: the search is made from the other side too, and what stands apart
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
@@ -32,12 +33,28 @@ LEAST_SCATTER = 0.5 * MEAN_OF_ABSOLUTE  # usual of patches; they have less only 
 DOUBTFUL = 3.0  # times what is stated of patches: so far off each other, what is taken for stable moved
 
 
+@dataclass(frozen=True)
+class StableSamples:
+    """Which samples (n,) are stable, and the factor (n,) of their variance that their neighbourhoods share."""
+
+    is_kept: Bools
+    shared: Floats
+
+
+def keep_stable(n: int, matches: Matches, is_stable: Bools, shared: Floats) -> StableSamples:
+    """Return which of n samples are stable; those without a partner are not."""
+    kept = StableSamples(np.zeros(n, dtype=bool), np.ones(n))
+    kept.is_kept[matches.source], kept.shared[matches.source] = is_stable, shared
+    return kept
+
+
 def find_stable(
-    matches: Matches, numbers: Ints, centre: Floats, rng: np.random.Generator
+    matches: Matches, numbers: Ints, centre: Floats, rng: np.random.Generator, has_layer: bool = False
 ) -> tuple[Floats, Bools, Floats]:
     """Return the motion (6,) of the majority about `centre` and, for each pair, whether its patch follows it and by
-    what factor its patch's variance exceeds that of independent noise (`share_noise`)."""
-    patches = sum_patches(matches, numbers, centre)
+    what factor its patch's variance exceeds that of independent noise (`share_noise`). With a layer all over the motion
+    is (7,), its last number the thickness [m]."""
+    patches = sum_patches(matches, numbers, centre, has_layer)
     trials = try_motions(patches, rng)
     motion, keep = settle(patches, leaves_least_median(patches, trials), grow)
     narrow, near = settle_narrow(patches, fit_least_part(patches, trials))
@@ -155,15 +172,19 @@ def doubt_stable(stable: Matches, numbers: Ints, on_faces: Bools) -> str:
     than one of them. Nor is one of a few large faces, whose points err by what their corners do, stated or not.
     """
     patches = sum_patches(stable, numbers, np.zeros(3))
-    noise = max(robust_scale(stable.residuals - patches.mean[patches.member]), rounding_of(stable.points))
-    noise2 = noise**2
-    single2 = np.maximum(stable.sigma**2, np.where(on_faces, noise2, 0.0))
-    single2 = np.bincount(patches.member, single2, len(patches.count)) / patches.count
-    stated2 = noise2 / patches.count + np.where(patches.shared2 > 0.0, patches.shared2, single2)
-    scatter, stated = robust_scale(patches.mean), float(np.sqrt(np.median(stated2)))
+    scatter, stated = robust_scale(patches.mean), stated_scatter(stable, patches, on_faces)
     if scatter <= DOUBTFUL * stated:
         return ""
     off = f"the stable areas lie {1e3 * scatter:.2g} mm off each other, {scatter / stated:.0f} times what"
     if np.any(patches.shared2 > 0.0):
         return f"{off} their scans state: perhaps all of it moved, in pieces"
     return f"{off} the noise of their points explains: errors of the scans, or all of it moved, in pieces"
+
+
+def stated_scatter(stable: Matches, patches: Patches, on_faces: Bools) -> float:
+    """Return by what [m] the means of patches are off each other according to what is stated of them (see above)."""
+    noise2 = max(robust_scale(stable.residuals - patches.mean[patches.member]), rounding_of(stable.points)) ** 2
+    single2 = np.maximum(stable.sigma**2, np.where(on_faces, noise2, 0.0))
+    single2 = np.bincount(patches.member, single2, len(patches.count)) / patches.count
+    stated2 = noise2 / patches.count + np.where(patches.shared2 > 0.0, patches.shared2, single2)
+    return float(np.sqrt(np.median(stated2)))

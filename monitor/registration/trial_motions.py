@@ -20,7 +20,7 @@ N_KEPT, DIGITS = 4, 6  # of sharp motions, those that leave the same to 1 um bei
 
 
 def try_motions(patches: Patches, rng: np.random.Generator) -> Floats:
-    """Return motions (k, 6): none, and many from few patches each."""
+    """Return motions (k, 6), with a layer (k, 7): none, and many from few patches each."""
     n = len(patches.count)
     size = min(N_PATCHES_PER_TRIAL, n)
     probability = patches.count / patches.count.sum()
@@ -30,7 +30,7 @@ def try_motions(patches: Patches, rng: np.random.Generator) -> Floats:
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("nii->ni", information), 1e-300))
     inverse = np.linalg.pinv(information * scale[:, :, None] * scale[:, None, :], rcond=1e-6, hermitian=True)
     trials = scale * np.einsum("nij,nj->ni", inverse, scale * right)
-    return np.vstack([np.zeros(6), trials])
+    return np.vstack([np.zeros(trials.shape[1]), trials])
 
 
 def leaves_least_median(patches: Patches, trials: Floats) -> Floats:

@@ -1,0 +1,122 @@
+"""A layer all over: the seventh parameter, where one thickness explains what no motion does.
+
+In: the stable areas and the motion found without one. Out: the same beside a layer, where there is one. An object that
+was cleaned all over, or scanned by an instrument whose ranges differ, is smaller or larger by the same amount
+everywhere. Where it is not seen alike from all sides, its motion takes up part of that: -1 mm all over a body whose top
+is seen steeply moved it by 0.5 mm. What all samples lie off by is peeled off them, and all goes on as without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor.registration.alignment import Alignment, AlignmentRules, align
+from monitor.registration.covariance import estimate_covariance
+from monitor.registration.matching import Matches, Samples
+from monitor.registration.partners import Partners
+from monitor.registration.patch_sums import Patches, solve_patches, sum_patches
+from monitor.registration.sides import Side
+from monitor.registration.stable_areas import WIDER, StableSamples, find_stable, keep_stable, stated_scatter
+from monitor.registration.weights import robust_scale
+from projects.model import Floats, Ints
+from projects.transforms import perturb
+
+N_ROUNDS = 4
+N_CONCENTRATIONS = 20
+ALL_OVER = 0.8  # of the patches: a layer explains them, not the better half of them
+SURE = 3.0  # sigmas
+
+
+@dataclass(frozen=True)
+class Layered:
+    """A registration beside a layer: the samples without it, where they lie, what is stable, the iterations taken, the
+    `thickness` [m] (positive: the source lies outside of the target), its `sigma` [m], in which scans disagree as if
+    all together, and the motion's covariance (6, 6)."""
+
+    samples: Samples
+    found: Alignment
+    stable: StableSamples
+    n_iterations: int
+    thickness: float
+    sigma: float
+    covariance: Floats
+
+
+def peel_off(samples: Samples, thickness: float) -> Samples:
+    """Return samples put inward by a thickness [m] along their normals."""
+    return replace(samples, points=samples.points - thickness * samples.normals)
+
+
+def find_layer(samples: Samples, target: Side, found: Alignment, rules: AlignmentRules, numbers: Ints,
+               rng: np.random.Generator, both_oriented: bool) -> Layered | None:  # fmt: skip
+    """Return the registration beside a layer all over; None where none is told from what the motion alone leaves.
+
+    It is told where, with it, four fifths of the patches lie within a scale less by `WIDER`, the stable areas by no
+    more than so many times off each other as their scans state, and its thickness is beyond 3 sigma. A layer on a part
+    is not one all over, and a flat or half-seen shape does not tell it from a shift.
+    """
+    pairs = found.matches
+    if not may_lie_over(pairs, numbers[pairs.source], found.centre):
+        return None
+    before, thickness, n_iterations, peeled = found, 0.0, 0, samples
+    for _ in range(N_ROUNDS):
+        pairs = found.matches
+        motion, is_stable, shared = find_stable(pairs, numbers[pairs.source], found.centre, rng, has_layer=True)
+        if before is found and not explains_more(pairs, numbers[pairs.source], found.centre, motion):
+            return None
+        stable = keep_stable(len(samples.points), pairs, is_stable, shared)
+        thickness += float(motion[6])
+        peeled = peel_off(samples, thickness)
+        found = align(peeled, target, perturb(found.T_target_source, found.centre, motion[:6]), rules,
+                      is_kept=stable.is_kept, fine=True, both_oriented=both_oriented, shared=stable.shared,
+                      partners=Partners(target.tree, len(samples.points)))  # fmt: skip
+        n_iterations += found.n_iterations
+        if not found.weights.any():
+            return None
+        if abs(motion[6]) < rules.precision:
+            break
+    return _conclude(peeled, found, stable, n_iterations, thickness, numbers)
+
+
+def _conclude(peeled: Samples, found: Alignment, areas: StableSamples, n_iterations: int, thickness: float,
+              numbers: Ints) -> Layered | None:  # fmt: skip
+    """Return the registration beside a layer where it is significant and leaves no more than is stated."""
+    kept = areas.is_kept[found.matches.source]
+    stable, shared = found.matches.take(kept), areas.shared[found.matches.source][kept]
+    centre = stable.points.mean(axis=0)
+    patches = sum_patches(stable, numbers[stable.source], centre)
+    if robust_scale(patches.mean) > WIDER * stated_scatter(stable, patches, np.zeros(len(stable), dtype=bool)):
+        return None
+    covariance = estimate_covariance(stable, found.sigma[kept], centre, shared=shared, has_layer=True)
+    if not abs(thickness) > SURE * float(np.sqrt(covariance[6, 6])):
+        return None
+    sigma = float(np.sqrt(covariance[6, 6] + np.median(patches.shared2)))
+    return Layered(peeled, found, areas, n_iterations, thickness, sigma, covariance[:6, :6])
+
+
+def may_lie_over(pairs: Matches, numbers: Ints, centre: Floats) -> bool:
+    """Return whether a layer, made sharp on four fifths of the patches, leaves less of them than the motion alone."""
+    patches = sum_patches(pairs, numbers, centre, has_layer=True)
+    motion: Floats = np.zeros(7)
+    for _ in range(N_CONCENTRATIONS):
+        left = np.abs(patches.left_by(motion))
+        last, motion = motion, solve_patches(patches, left <= reach_of(left))
+        if np.allclose(motion, last, rtol=0.0, atol=1e-7):
+            break
+    return _is_less(patches, motion)
+
+
+def explains_more(pairs: Matches, numbers: Ints, centre: Floats, motion: Floats) -> bool:
+    """Return whether a motion beside a layer (7,) leaves less of four fifths of the patches than no step does."""
+    return _is_less(sum_patches(pairs, numbers, centre, has_layer=True), motion)
+
+
+def _is_less(patches: Patches, motion: Floats) -> bool:
+    return reach_of(np.abs(patches.mean)) > WIDER * reach_of(np.abs(patches.left_by(motion)))
+
+
+def reach_of(left: Floats) -> float:
+    """Return within what [m] four fifths of the patches lie."""
+    return float(np.quantile(left, ALL_OVER))
