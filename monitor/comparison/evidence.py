@@ -14,7 +14,7 @@ import numpy as np
 from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.side import EXTRAPOLATED, Side
 from monitor.comparison.sight import Sighted, StationSight, look_at
-from projects.model import Bools, Floats, Ints, NotAssessed
+from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 from projects.transforms import apply
 
 Sights = tuple[Sequence[StationSight], Sequence[StationSight]]
@@ -25,9 +25,10 @@ def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_com
                  ) -> tuple[tuple[Side, Side], Beyond]:  # fmt: skip
     """Return the sides and what lies beyond the perpendicular, as far as the other epoch's scanners bear it out.
 
-    Looked through is a vertex without a counterpart, farther than `least` [m] from all of the other surface, that a
-    way from a station passes through. Where no station measured in its direction, or something hid it, it is NOT_SEEN,
-    and no surface tells that it is exposed.
+    Looked through is a vertex without a counterpart, farther than `least` [m] from all of the other surface, beside
+    which a beam of a station went through the surface that it is of, to something farther all around. Where no station
+    measured in its direction, or something hid it, or beams may have passed beside it, it is NOT_SEEN, and no surface
+    tells that it is exposed.
     """
     new_sides, change, through = [], [], []
     for k, side in enumerate(sides):
@@ -37,15 +38,28 @@ def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_com
             through.append(beyond.is_through[k])
             continue
         which = np.flatnonzero(np.isin(side.reasons, ABSENT))
-        points = side.surface.vertices[which]
         seen = np.full(len(side.areas), -1, dtype=np.int64)
-        seen[which] = look_at(sights[1 - k], points if k else apply(T_compared_reference, points), least)
+        T_sights_side = np.eye(4) if k else T_compared_reference
+        points, around = part_around(side, which, T_sights_side)
+        seen[which] = look_at(sights[1 - k], points, least, around)
         is_through = (seen == Sighted.LOOKED_THROUGH) & is_apart(side, beyond.gaps[k], least)
         new_sides.append(name_not_seen(side, seen))
         change.append(bear_out(beyond, k, is_through, seen == Sighted.NOT_SEEN))
         through.append(is_through)
     borne_out = dataclasses.replace(beyond, change=(change[0], change[1]), is_through=(through[0], through[1]))
     return (new_sides[0], new_sides[1]), borne_out
+
+
+def part_around(side: Side, which: Ints, T_sights_side: Floats) -> tuple[Floats, Surface | None]:
+    """Return some vertices (m, 3) of a side and the surface that its faces around them make, None without any, in the
+    frame of the sights."""
+    is_asked = np.zeros(len(side.areas), dtype=np.bool_)
+    is_asked[which] = True
+    used, corners = np.unique(side.surface.faces[is_asked[side.surface.faces].any(axis=1)], return_inverse=True)
+    points = apply(T_sights_side, side.surface.vertices[which])
+    if not len(used):
+        return points, None
+    return points, Surface(apply(T_sights_side, side.surface.vertices[used]), corners.reshape(-1, 3))
 
 
 def is_apart(side: Side, gaps: Floats, least: float) -> Bools:

@@ -2,11 +2,12 @@
 
 In: the scans of an epoch and where they stood, in the epoch's frame, chunk by chunk. Out: for each point whether the
 way from a station passed through it to something farther: what stood there is gone, or had not come yet. Memory grows
-with the number of directions, not of points.
+with the number of directions, not of points: a cell of some four beams knows its nearest range and where they went.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
@@ -14,13 +15,17 @@ from enum import IntEnum
 import numpy as np
 from scipy.spatial import cKDTree
 
-from projects.model import Bools, Floats, Ints
+from monitor.comparison.directions import Bits, direction_keys, face_of_key, join_key, part_bits
+from monitor.comparison.mesh_tree import build_tree
+from monitor.comparison.pierced import find_pierced
+from projects.model import Bools, Floats, Ints, Surface
+
+Cells = tuple[Ints, Floats, Bits]
 
 CELL_STEPS = 2.0  # angular steps of a scan along the edge of a cell of directions: four measurements each
 CLEAR_CELLS = 3  # cells along the edge of the window that must be clear; a window is as wide as it must be deep
 LEAST_SINE = 0.1  # of a beam above a surface, as far as the range within a cell is looked for
 N_SAMPLES = 2000  # directions that show a scan's angular step
-SIDE_BITS = 24
 
 
 class Sighted(IntEnum):
@@ -33,22 +38,23 @@ class Sighted(IntEnum):
 
 @dataclass(frozen=True)
 class StationSight:
-    """The nearest range in each direction that a station measured in.
+    """The nearest range in each direction that a station measured in, and where in it the beams went.
 
-    `origin` (3,) [m]; `cell` [rad]; `keys` (k,) of the cells, rising; `nearest` (k,) [m].
+    `origin` (3,) [m]; `cell` [rad]; `keys` (k,) of the cells, rising; `nearest` (k,) [m]; `beams` (k,) where in
+    them something was measured (`part_bits`).
     """
 
     origin: Floats
     cell: float
     keys: Ints
     nearest: Floats
+    beams: Bits
 
 
 def gather_sight(origin: Floats, chunks: Iterable[Floats]) -> StationSight | None:
     """Return what a station at `origin` (3,) saw from the chunks (n, 3) [m] of its points; None without points."""
     cell = 0.0
-    keys: Ints = np.zeros(0, dtype=np.int64)
-    nearest: Floats = np.zeros(0)
+    cells = _no_cells()
     for points in chunks:
         beams = np.asarray(points, dtype=np.float64) - origin
         ranges = np.linalg.norm(beams, axis=1)
@@ -56,9 +62,9 @@ def gather_sight(origin: Floats, chunks: Iterable[Floats]) -> StationSight | Non
         if len(ranges) < 2:
             continue
         cell = cell or CELL_STEPS * angular_step(beams / ranges[:, None])
-        keys, nearest = _nearest_each(np.concatenate([keys, direction_keys(beams, cell)[0]]),
-                                      np.concatenate([nearest, ranges]))  # fmt: skip
-    return StationSight(np.asarray(origin, dtype=np.float64), cell, keys, nearest) if len(keys) else None
+        found = direction_keys(beams, cell)[0], ranges, part_bits(beams, cell)
+        cells = _join_cells(*(np.concatenate(both) for both in zip(cells, found, strict=True)))
+    return StationSight(np.asarray(origin, dtype=np.float64), cell, *cells) if len(cells[0]) else None
 
 
 def angular_step(directions: Floats) -> float:
@@ -68,55 +74,56 @@ def angular_step(directions: Floats) -> float:
     return float(np.median(chord[chord > 0.0])) if (chord > 0.0).any() else 1e-3
 
 
-def _nearest_each(keys: Ints, ranges: Floats) -> tuple[Ints, Floats]:
-    """Return the keys, each once and rising, with the smallest range of each."""
+def _no_cells() -> Cells:
+    return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0, dtype=np.uint64)
+
+
+def _join_cells(keys: Ints, ranges: Floats, bits: Bits) -> Cells:
+    """Return the keys, each once and rising, with the smallest range and all the bits of each."""
     order = np.argsort(keys, kind="stable")
-    keys, ranges = keys[order], ranges[order]
+    keys, ranges, bits = keys[order], ranges[order], bits[order]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
-    return keys[first], np.minimum.reduceat(ranges, first)
+    return keys[first], np.minimum.reduceat(ranges, first), np.bitwise_or.reduceat(bits, first)
 
 
-def direction_keys(beams: Floats, cell: float) -> tuple[Ints, Ints, Ints]:
-    """Return the key (n,) of the cell of directions that each beam lies in, its row and column on its cube's face."""
-    axis = np.abs(beams).argmax(axis=1)
-    along = beams[np.arange(len(beams)), axis]
-    face = 2 * axis + (along > 0.0)
-    u = beams[np.arange(len(beams)), (axis + 1) % 3] / np.abs(along)
-    v = beams[np.arange(len(beams)), (axis + 2) % 3] / np.abs(along)
-    row, column = (np.floor((np.arctan(w) + 0.8) / cell).astype(np.int64) for w in (u, v))
-    return _key(face, row, column), row, column
-
-
-def _key(face: Ints, row: Ints, column: Ints) -> Ints:
-    return (face << (2 * SIDE_BITS)) | (row << SIDE_BITS) | column
-
-
-def look_at(sights: Iterable[StationSight], points: Floats, least: float) -> Ints:
+def look_at(sights: Iterable[StationSight], points: Floats, least: float, surface: Surface | None = None) -> Ints:
     """Return `Sighted` (n,) of points (n, 3) in the frame of the stations.
 
     Looked through is what lies nearer, by a window's width and `least` [m], than everything measured in a window of
-    three by three cells about its direction, each of which has a measurement: edges, mixed pixels and thin parts do not
-    pass.
+    three by three cells about its direction, each of which has a measurement: edges, mixed pixels and thin parts that a
+    beam met do not pass. Of thinner ones that stand between the beams nothing would be nearer either: where the
+    `surface` that the points are of is given, a beam must have gone through it beside the point (`find_pierced`).
     """
+    tree = None if surface is None else build_tree(surface, surface.vertices[0], math.pi)
     out = np.full(len(points), Sighted.NOT_SEEN, dtype=np.int64)
     for sight in sights:
-        beams = points - sight.origin
-        ranges = np.linalg.norm(beams, axis=1)
-        key, row, column = direction_keys(beams, sight.cell)
-        face = key >> (2 * SIDE_BITS)
+        ranges = np.linalg.norm(points - sight.origin, axis=1)
         margin = np.maximum(CLEAR_CELLS * sight.cell * ranges, least)
-        in_window = np.stack([_ranges_at(sight, _key(face, row + i, column + j)) for i in (-1, 0, 1)
-                              for j in (-1, 0, 1)])  # fmt: skip
+        window = cells_around(sight, points)
+        in_window = np.where(window >= 0, sight.nearest[window], np.nan)
         clear = (in_window > ranges + margin).all(axis=0)  # NaN, no measurement, is not clear
+        if tree is not None:
+            which = np.flatnonzero(clear)
+            clear[which] = find_pierced(
+                sight.origin, sight.cell, tree, points[which], margin[which], sight.beams[window[:, which]]
+            )  # fmt: skip
         there = np.abs(in_window[4] - ranges) <= margin
         out = np.maximum(out, np.where(clear, Sighted.LOOKED_THROUGH, np.where(there, Sighted.MEASURED, 0)))
     return out
 
 
-def _ranges_at(sight: StationSight, keys: Ints) -> Floats:
-    """Return the nearest range in the cells (n,) [m]; NaN where nothing was measured."""
+def cells_around(sight: StationSight, points: Floats) -> Ints:
+    """Return which cell of the station lies in each place (9, n) of the window about each point (n, 3), row by row; -1
+    where nothing was measured in it."""
+    key, row, column = direction_keys(points - sight.origin, sight.cell)
+    face = face_of_key(key)
+    return np.stack([_find_cells(sight, join_key(face, row + i, column + j)) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+
+
+def _find_cells(sight: StationSight, keys: Ints) -> Ints:
+    """Return which cell (n,) has each key; -1 where nothing was measured in it."""
     at = np.minimum(np.searchsorted(sight.keys, keys), len(sight.keys) - 1)
-    return np.where(sight.keys[at] == keys, sight.nearest[at], np.nan)
+    return np.where(sight.keys[at] == keys, at, -1)
 
 
 def is_measured(sight: StationSight, points: Floats, sines: Floats) -> Bools:
@@ -124,5 +131,6 @@ def is_measured(sight: StationSight, points: Floats, sines: Floats) -> Bools:
     the surface, of which `sines` (n,) are of the beam's angle above it."""
     beams = points - sight.origin
     ranges = np.linalg.norm(beams, axis=1)
-    nearest = _ranges_at(sight, direction_keys(beams, sight.cell)[0])
+    at = _find_cells(sight, direction_keys(beams, sight.cell)[0])
+    nearest = np.where(at >= 0, sight.nearest[at], np.nan)
     return np.abs(nearest - ranges) <= CLEAR_CELLS * sight.cell * ranges / np.maximum(sines, LEAST_SINE)

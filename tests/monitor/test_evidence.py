@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 
 import numpy as np
@@ -47,7 +48,7 @@ def look(distance: float) -> list[StationSight]:
 
 
 def shifted(sights: list[StationSight], by: np.ndarray) -> list[StationSight]:
-    return [StationSight(s.origin + by, s.cell, s.keys, s.nearest) for s in sights]
+    return [dataclasses.replace(s, origin=s.origin + by) for s in sights]
 
 
 def run(rng: np.random.Generator, fingers: tuple[bool, bool], walls: tuple[float, float] | None) -> Comparison:
