@@ -23,6 +23,7 @@ from monitor.comparison.regions import area_looked_through, find_regions, least_
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
+from monitor.comparison.stood_there import drop_where_it_stood
 from monitor.comparison.summary import summarize
 from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
@@ -94,8 +95,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     tolerance : m, a client's own limit, reported beside the level of detection.
     sights : what the stations of the reference and of the compared epoch saw, each in its own epoch's coordinates. With
         them a missing surface is a loss only where a scan of the compared epoch looked through it, and not seen
-        elsewhere; left out, only what has a counterpart is changed. They also tell how steeply each place was seen,
-        which its level of detection knows where the stations of both epochs are known.
+        elsewhere, nor is one that a scan met, or that something hid, though another surface lies behind it; left out,
+        only what has a counterpart is changed. They also tell how steeply each place was seen, which its level of
+        detection knows where the stations of both epochs are known.
     points : returns the points (n, 3) m that the reference and the compared surface were made of, each in its own
         epoch's coordinates, None for a finished mesh; asked where regions were found. With them a region is one only
         where what was measured shows it, in both epochs, and not what a surface makes up between its points.
@@ -139,6 +141,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
+    if sights is not None and len(regions.table):
+        regions, sides = drop_where_it_stood(regions, sides, sights, back)
     if points is not None and len(regions.table):
         gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
         regions, sides = keep_borne_out(regions, sides, in_one_frame(points(), T), limits, gone)

@@ -126,11 +126,23 @@ def _find_cells(sight: StationSight, keys: Ints) -> Ints:
     return np.where(sight.keys[at] == keys, at, -1)
 
 
+def goes_on(sight: StationSight, points: Floats, depths: Floats) -> tuple[Bools, Bools]:
+    """Return of which points (n, 3) a station can tell whether its way goes on for `depths` (n,) [m] behind them, and
+    whether it does: it measured in their direction, and they are deeper than a window is wide."""
+    nearest, ranges = _nearest_at(sight, points)
+    margin = CLEAR_CELLS * sight.cell * ranges
+    return np.isfinite(nearest) & (depths > margin), nearest > ranges + margin
+
+
+def _nearest_at(sight: StationSight, points: Floats) -> tuple[Floats, Floats]:
+    """Return the nearest range [m] in the cell of each point (n, 3), NaN where nothing was measured, and its own."""
+    beams = points - sight.origin
+    at = _find_cells(sight, direction_keys(beams, sight.cell)[0])
+    return np.where(at >= 0, sight.nearest[at], np.nan), np.linalg.norm(beams, axis=1)
+
+
 def is_measured(sight: StationSight, points: Floats, sines: Floats) -> Bools:
     """Return whether the station measured a surface at each point (n, 3): at its range, within a window's width along
     the surface, of which `sines` (n,) are of the beam's angle above it."""
-    beams = points - sight.origin
-    ranges = np.linalg.norm(beams, axis=1)
-    at = _find_cells(sight, direction_keys(beams, sight.cell)[0])
-    nearest = np.where(at >= 0, sight.nearest[at], np.nan)
+    nearest, ranges = _nearest_at(sight, points)
     return np.abs(nearest - ranges) <= CLEAR_CELLS * sight.cell * ranges / np.maximum(sines, LEAST_SINE)
