@@ -13,7 +13,8 @@ import numpy as np
 
 from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.side import EXTRAPOLATED, Side
-from monitor.comparison.sight import Sighted, StationSight, look_at
+from monitor.comparison.sight import Sighted, StationSight, look_at, window_width
+from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 from projects.transforms import apply
 
@@ -40,7 +41,7 @@ def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_com
         which = np.flatnonzero(np.isin(side.reasons, ABSENT))
         seen = np.full(len(side.areas), -1, dtype=np.int64)
         T_sights_side = np.eye(4) if k else T_compared_reference
-        points, around = part_around(side, which, T_sights_side)
+        points, around = part_around(side, which, T_sights_side, sights[1 - k])
         seen[which] = look_at(sights[1 - k], points, least, around)
         is_through = (seen == Sighted.LOOKED_THROUGH) & is_apart(side, beyond.gaps[k], least)
         new_sides.append(name_not_seen(side, seen))
@@ -50,13 +51,14 @@ def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_com
     return (new_sides[0], new_sides[1]), borne_out
 
 
-def part_around(side: Side, which: Ints, T_sights_side: Floats) -> tuple[Floats, Surface | None]:
-    """Return some vertices (m, 3) of a side and the surface that its faces around them make, None without any, in the
-    frame of the sights."""
-    is_asked = np.zeros(len(side.areas), dtype=np.bool_)
-    is_asked[which] = True
-    used, corners = np.unique(side.surface.faces[is_asked[side.surface.faces].any(axis=1)], return_inverse=True)
+def part_around(side: Side, which: Ints, T_sights_side: Floats, sights: Sequence[StationSight],
+                ) -> tuple[Floats, Surface | None]:  # fmt: skip
+    """Return some vertices (m, 3) of a side and the surface around them, None without any face, in the frame of the
+    sights: as far as the beams beside them are asked whether they went through it."""
     points = apply(T_sights_side, side.surface.vertices[which])
+    reach = max((window_width(sight, points).max(initial=0.0) for sight in sights), default=0.0)
+    is_around = spread_along(side, which, np.ones(len(side.areas), dtype=np.bool_), reach) >= 0
+    used, corners = np.unique(side.surface.faces[is_around[side.surface.faces].any(axis=1)], return_inverse=True)
     if not len(used):
         return points, None
     return points, Surface(apply(T_sights_side, side.surface.vertices[used]), corners.reshape(-1, 3))

@@ -98,7 +98,7 @@ def look_at(sights: Iterable[StationSight], points: Floats, least: float, surfac
     out = np.full(len(points), Sighted.NOT_SEEN, dtype=np.int64)
     for sight in sights:
         ranges = np.linalg.norm(points - sight.origin, axis=1)
-        margin = np.maximum(CLEAR_CELLS * sight.cell * ranges, least)
+        margin = np.maximum(window_width(sight, points), least)
         window = cells_around(sight, points)
         in_window = np.where(window >= 0, sight.nearest[window], np.nan)
         clear = (in_window > ranges + margin).all(axis=0)  # NaN, no measurement, is not clear
@@ -110,6 +110,11 @@ def look_at(sights: Iterable[StationSight], points: Floats, least: float, surfac
         there = np.abs(in_window[4] - ranges) <= margin
         out = np.maximum(out, np.where(clear, Sighted.LOOKED_THROUGH, np.where(there, Sighted.MEASURED, 0)))
     return out
+
+
+def window_width(sight: StationSight, points: Floats) -> Floats:
+    """Return how wide [m] a window of directions is at points (n, 3)."""
+    return np.asarray(CLEAR_CELLS * sight.cell * np.linalg.norm(points - sight.origin, axis=1))
 
 
 def cells_around(sight: StationSight, points: Floats) -> Ints:
@@ -130,7 +135,7 @@ def goes_on(sight: StationSight, points: Floats, depths: Floats) -> tuple[Bools,
     """Return of which points (n, 3) a station can tell whether its way goes on for `depths` (n,) [m] behind them, and
     whether it does: it measured in their direction, and they are deeper than a window is wide."""
     nearest, ranges = _nearest_at(sight, points)
-    margin = CLEAR_CELLS * sight.cell * ranges
+    margin = window_width(sight, points)
     return np.isfinite(nearest) & (depths > margin), nearest > ranges + margin
 
 

@@ -56,6 +56,8 @@ def test_a_bar_is_gone_only_where_a_scan_looked_on(rng, before, n_regions, swapp
         epochs, sights = epochs[::-1], sights[::-1]
     result = compare(*epochs, KNOWN, sights=sights)
     assert result.regions.kind.tolist() == ["added" if swapped else "lost"] * n_regions
+    if n_regions:  # with its rim, which has no counterpart
+        assert result.regions.area_m2[0] == pytest.approx(0.08 * 0.2, rel=0.02)
     side = result.on_compared if swapped else result.on_reference
     middle = (np.abs(side.surface.vertices[:, :2]) < [0.03, 0.09]).all(axis=1) & (side.surface.vertices[:, 2] > 0.02)
     state, reason = (
