@@ -40,7 +40,7 @@ class NotAssessed(IntEnum):
     FREE_EDGE = 2  # the foot of the perpendicular falls on a boundary of the other surface
     SHEET_BETWEEN = 3  # the perpendicular crosses another sheet first
     TOO_UNCERTAIN = 4  # no level of detection, one above its limit, or the points do not bear the difference out
-    NOT_SEEN = 5  # one epoch's scanners did not look there
+    NOT_SEEN = 5  # one epoch's scanners did not look there, or met something where the other's surface is missing
     BEYOND_SEARCH = 6  # no face of the other surface at all within the search limit
     LOOKED_THROUGH = 7  # changed: a scan of the other epoch looked through it; no perpendicular
     NO_ONE_SURFACE = 8  # in both epochs' mean most of what was measured there lies off the surface

@@ -37,7 +37,7 @@ WHY_NOT = {
     NotAssessed.FREE_EDGE: "it lies beyond the edge of what the other epoch recorded",
     NotAssessed.SHEET_BETWEEN: "another part of the object lies in between",
     NotAssessed.TOO_UNCERTAIN: "the measurement is too uncertain there",
-    NotAssessed.NOT_SEEN: "the scanners of one epoch did not look there",
+    NotAssessed.NOT_SEEN: "no scan of one epoch saw whether anything is there",
     NotAssessed.BEYOND_SEARCH: "the other epoch has no surface near by",
     NotAssessed.LOOKED_THROUGH: "the other epoch’s scanner looked through it, over less than a region’s area",
     NotAssessed.NO_ONE_SURFACE: "most of what was measured there lies off any one surface (plants, spray, joints)",

@@ -33,7 +33,7 @@ SURE = 3.0  # sigmas
 class Layered:
     """A registration beside a layer: the samples without it, where they lie, what is stable, the iterations taken, the
     `thickness` [m] (positive: the source lies outside of the target), its `sigma` [m], in which scans disagree as if
-    all together, and the motion's covariance (6, 6)."""
+    all together, the motion's covariance (6, 6), and what speaks against a layer all over, in words."""
 
     samples: Samples
     found: Alignment
@@ -42,6 +42,7 @@ class Layered:
     thickness: float
     sigma: float
     covariance: Floats
+    doubt: str
 
 
 def peel_off(samples: Samples, thickness: float) -> Samples:
@@ -54,8 +55,9 @@ def find_layer(samples: Samples, target: Side, found: Alignment, rules: Alignmen
     """Return the registration beside a layer all over; None where none is told from what the motion alone leaves.
 
     It is told where, with it, four fifths of the patches lie within a scale less by `WIDER`, the stable areas by no
-    more than so many times off each other as their scans state, and its thickness is beyond 3 sigma. A layer on a part
-    is not one all over, and a flat or half-seen shape does not tell it from a shift.
+    more than so many times off each other as their scans state (in doubt where by more than they state), and its
+    thickness is beyond 3 sigma. A layer on a part is not one all over, and a flat or half-seen shape does not tell it
+    from a shift.
     """
     pairs = found.matches
     if not may_lie_over(pairs, numbers[pairs.source], found.centre):
@@ -87,13 +89,24 @@ def _conclude(peeled: Samples, found: Alignment, areas: StableSamples, n_iterati
     stable, shared = found.matches.take(kept), areas.shared[found.matches.source][kept]
     centre = stable.points.mean(axis=0)
     patches = sum_patches(stable, numbers[stable.source], centre)
-    if robust_scale(patches.mean) > WIDER * stated_scatter(stable, patches, np.zeros(len(stable), dtype=bool)):
+    scatter = robust_scale(patches.mean)
+    stated = stated_scatter(stable, patches, np.zeros(len(stable), dtype=bool))
+    if scatter > WIDER * stated:
         return None
     covariance = estimate_covariance(stable, found.sigma[kept], centre, shared=shared, has_layer=True)
     if not abs(thickness) > SURE * float(np.sqrt(covariance[6, 6])):
         return None
     sigma = float(np.sqrt(covariance[6, 6] + np.median(patches.shared2)))
-    return Layered(peeled, found, areas, n_iterations, thickness, sigma, covariance[:6, :6])
+    doubt = "" if scatter <= stated else in_doubt(thickness, scatter)
+    return Layered(peeled, found, areas, n_iterations, thickness, sigma, covariance[:6, :6], doubt)
+
+
+def in_doubt(thickness: float, scatter: float) -> str:
+    """Return in words that stable areas lie `scatter` [m] off each other beside a layer all over, more than stated."""
+    return (
+        f"beside a layer all over of {1e3 * thickness:.2g} mm the stable areas lie {1e3 * scatter:.2g} mm off each "
+        "other, more than their scans state: perhaps it lies on a part of them alone"
+    )
 
 
 def may_lie_over(pairs: Matches, numbers: Ints, centre: Floats) -> bool:

