@@ -54,7 +54,7 @@ def registration_table(comparison: Comparison) -> Table:
     )
     if registration.layer:
         layer = estimate(registration.layer, registration.sigma_layer, MM, "mm", signed=True).text
-        rows = (*rows, ("found beside a layer all over (or ranges that differ) of", layer))
+        rows = (*rows, ("beside it the whole surface lies further out (+) or in (−) by", layer))
     if registration.held_by_frames:
         rows = (*rows, ("known by the control points alone, not by the shape", registration.held_by_frames))
     if registration.doubt:

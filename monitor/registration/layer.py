@@ -105,7 +105,7 @@ def in_doubt(thickness: float, scatter: float) -> str:
     """Return in words that stable areas lie `scatter` [m] off each other beside a layer all over, more than stated."""
     return (
         f"beside a layer all over of {1e3 * thickness:.2g} mm the stable areas lie {1e3 * scatter:.2g} mm off each "
-        "other, more than their scans state: perhaps it lies on a part of them alone"
+        "other, more than their scans state: perhaps it lies on a part of them alone, or ranges differ"
     )
 
 

@@ -17,6 +17,7 @@ from report_examples import (
 from projects.errors import StoreError
 from projects.model import ControlPoint, Step
 from projects.store import Project
+from reports.certainty import registration_table
 from reports.document import gather_facts, make_facts
 
 NAN = float("nan")
@@ -105,6 +106,17 @@ def test_an_epoch_dated_after_its_comparison_is_pointed_out():
     dated = dataclasses.replace(after.record, date=datetime.date(2062, 5, 18))
     (remark,) = facts_of(epochs=(before, dataclasses.replace(after, record=dated))).remarks
     assert plain(remark).startswith("Epoch e2 is dated 18 May 2062, after this comparison was computed: ")
+
+
+def test_a_layer_beside_the_motion_has_a_row_of_its_own():
+    comparison = example_comparison()
+    layered = dataclasses.replace(comparison.registration, layer=-0.001, sigma_layer=0.0001)
+    (said,) = [
+        value for name, value in registration_table(dataclasses.replace(comparison, registration=layered)).rows
+        if "whole surface lies further out" in name
+    ]  # fmt: skip
+    assert plain(said) == "−1.00 ± 0.20 mm"
+    assert not any("further out" in name for name, _ in registration_table(comparison).rows)
 
 
 def test_doubts_stand_with_the_answer():
