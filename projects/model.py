@@ -242,8 +242,8 @@ class Registration:
     doubt : says in words what speaks against the stable areas being stable, or against this pose beside others that fit
         as well; empty where nothing does.
     layer : m, the thickness by which the stable areas of the source all lie outside of the target, beside which the
-        motion was found; 0 where there is none.
-    sigma_layer : m, one sigma of it, in which scans disagree as if all together; NaN where there is none.
+        motion was found; NaN where none is told.
+    sigma_layer : m, one sigma of it, in which scans disagree as if all together; NaN where none is told.
     """
 
     T_target_source: Floats
@@ -261,7 +261,7 @@ class Registration:
     is_stable: Bools | None = None
     held_by_frames: str = ""
     doubt: str = ""
-    layer: float = 0.0
+    layer: float = float("nan")
     sigma_layer: float = float("nan")
 
     def __post_init__(self) -> None:

@@ -52,7 +52,7 @@ def registration_table(comparison: Comparison) -> Table:
         ("correspondences used", f"{count(registration.n_inliers)} of {count(registration.n_correspondences)}"),
         ("scatter of the stable surface (one sigma)", millimetres(registration.sigma)),
     )
-    if registration.layer:
+    if np.isfinite(registration.layer):
         layer = estimate(registration.layer, registration.sigma_layer, MM, "mm", signed=True).text
         rows = (*rows, ("beside it the whole surface lies further out (+) or in (−) by", layer))
     if registration.held_by_frames:

@@ -273,7 +273,8 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
         is_stable=spread_to_vertices(source, grid, np.unique(numbers[stable.source]), n_source),
         held_by_frames="" if held is None else held[0].words,
         doubt=layered.doubt if layered is not None else doubt_stable(stable, numbers[stable.source], on_faces),
-        layer=0.0 if layered is None else layered.thickness, sigma_layer=math.nan if layered is None else layered.sigma,
+        layer=math.nan if layered is None else layered.thickness,
+        sigma_layer=math.nan if layered is None else layered.sigma,
     )  # fmt: skip
 
 

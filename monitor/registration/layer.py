@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.registration.alignment import Alignment, AlignmentRules, align
 from monitor.registration.covariance import estimate_covariance
-from monitor.registration.matching import Matches, Samples
+from monitor.registration.matching import Samples
 from monitor.registration.partners import Partners
 from monitor.registration.patch_sums import Patches, solve_patches, sum_patches
 from monitor.registration.sides import Side
@@ -56,17 +56,19 @@ def find_layer(samples: Samples, target: Side, found: Alignment, rules: Alignmen
 
     It is told where, with it, four fifths of the patches lie within a scale less by `WIDER`, the stable areas by no
     more than so many times off each other as their scans state (in doubt where by more than they state), and its
-    thickness is beyond 3 sigma. A layer on a part is not one all over, and a flat or half-seen shape does not tell it
-    from a shift.
+    thickness is beyond 3 sigma. A layer on a part is not one all over, a flat or half-seen shape does not tell it from
+    a shift, and where normals look either way nobody knows which way is out.
     """
-    pairs = found.matches
-    if not may_lie_over(pairs, numbers[pairs.source], found.centre):
+    if not both_oriented:
         return None
-    before, thickness, n_iterations, peeled = found, 0.0, 0, samples
-    for _ in range(N_ROUNDS):
+    patches = sum_patches(found.matches, numbers[found.matches.source], found.centre, has_layer=True)
+    if not leaves_less(patches, sharpen(patches)):
+        return None
+    thickness, n_iterations, peeled = 0.0, 0, samples
+    for number in range(N_ROUNDS):
         pairs = found.matches
         motion, is_stable, shared = find_stable(pairs, numbers[pairs.source], found.centre, rng, has_layer=True)
-        if before is found and not explains_more(pairs, numbers[pairs.source], found.centre, motion):
+        if number == 0 and not leaves_less(patches, motion):
             return None
         stable = keep_stable(len(samples.points), pairs, is_stable, shared)
         thickness += float(motion[6])
@@ -109,24 +111,19 @@ def in_doubt(thickness: float, scatter: float) -> str:
     )
 
 
-def may_lie_over(pairs: Matches, numbers: Ints, centre: Floats) -> bool:
-    """Return whether a layer, made sharp on four fifths of the patches, leaves less of them than the motion alone."""
-    patches = sum_patches(pairs, numbers, centre, has_layer=True)
+def sharpen(patches: Patches) -> Floats:
+    """Return the motion beside a layer (7,) that the four fifths of the patches ask for which it fits best."""
     motion: Floats = np.zeros(7)
     for _ in range(N_CONCENTRATIONS):
         left = np.abs(patches.left_by(motion))
         last, motion = motion, solve_patches(patches, left <= reach_of(left))
         if np.allclose(motion, last, rtol=0.0, atol=1e-7):
             break
-    return _is_less(patches, motion)
+    return motion
 
 
-def explains_more(pairs: Matches, numbers: Ints, centre: Floats, motion: Floats) -> bool:
+def leaves_less(patches: Patches, motion: Floats) -> bool:
     """Return whether a motion beside a layer (7,) leaves less of four fifths of the patches than no step does."""
-    return _is_less(sum_patches(pairs, numbers, centre, has_layer=True), motion)
-
-
-def _is_less(patches: Patches, motion: Floats) -> bool:
     return reach_of(np.abs(patches.mean)) > WIDER * reach_of(np.abs(patches.left_by(motion)))
 
 

@@ -10,7 +10,7 @@ from bumpy_body import correlated_noise
 from monitor.apart import stand_apart
 from monitor.comparison import compare
 from monitor.registration import register
-from projects.model import Floats, Registration, Surface
+from projects.model import Floats, PointCloud, Registration, Surface
 from projects.transforms import apply
 
 SHARED = 1.5e-4  # m, stated of what the scans of each epoch disagree by
@@ -78,8 +78,15 @@ def test_a_layer_all_over_is_a_parameter_of_its_own(rng: np.random.Generator, la
 def test_what_is_no_layer_all_over_is_told_as_none(rng: np.random.Generator, layer: float, above: float) -> None:
     before, after = make_body(rng, 0.0, 0.0, above), make_body(rng, 0.7, layer, above)
     found = register(after, before)
-    assert found.layer == 0.0
+    assert np.isnan(found.layer)
     assert np.isnan(found.sigma_layer)
+
+
+def test_where_normals_look_either_way_no_layer_is_told(rng: np.random.Generator) -> None:
+    """Peeled off along normals that look inward it would be laid on."""
+    before, after = (open_below(make_body(rng, 0.7 * k, 0.001 * k, -2.0)) for k in range(2))
+    clouds = [PointCloud(b.vertices, sigma=np.full(len(b.vertices), SHARED)) for b in (before, after)]
+    assert np.isnan(register(clouds[1], clouds[0]).layer)
 
 
 @pytest.mark.parametrize("seed", [1, 3])
@@ -87,7 +94,7 @@ def test_a_layer_on_half_of_it_is_none_all_over_or_doubted(seed: int) -> None:
     rng = np.random.default_rng(seed)
     before, after = make_body(rng, 0.0, 0.0, 0.0), make_body(rng, 0.7, 0.001, 0.0)
     found = register(after, before)
-    assert found.layer == 0.0 or "on a part of them alone" in found.doubt
+    assert np.isnan(found.layer) or "on a part of them alone" in found.doubt
 
 
 def test_a_layer_taken_off_nearly_half_is_one_region_and_half_and_half_is_refused(rng: np.random.Generator) -> None:
