@@ -3,6 +3,9 @@
 Numba takes a kernel for current as long as the file that it stands in is unchanged, though it holds the code of all
 kernels that it calls. After an update of some files the others would go on computing by the old code. And of a kernel
 that two processes compile at once, for other types each, it keeps both under one name: either would run the other's.
+
+That copy of a called kernel was optimised once more with its caller and may round otherwise than the kernel by itself.
+Of both a process runs what it has first: the kernel where it compiles it, the copy where it finds the caller compiled.
 """
 
 from __future__ import annotations
@@ -42,6 +45,12 @@ def use_own_folder(package: Path) -> None:
             return
 
 
+def prepare_cache() -> None:
+    """Have numba save one at a time and load what a kernel calls before it; once more does nothing."""
+    save_one_at_a_time()
+    load_called_first()
+
+
 def save_one_at_a_time() -> None:
     """Have processes that compile the same kernels at once write to numba's cache one after the other.
 
@@ -60,6 +69,41 @@ def save_one_at_a_time() -> None:
             save(self, key, data)
 
     IndexDataCacheFile.save = save_alone
+
+
+def load_called_first() -> None:
+    """Have a kernel that is found compiled run the kernels it calls, as where it is compiled, not copies of them."""
+    from numba.core.caching import FunctionCache
+
+    load = FunctionCache.load_overload
+    if hasattr(load, "__wrapped__"):
+        return
+
+    @functools.wraps(load)
+    def load_after_called(self: Any, signature: Any, target: Any) -> Any:
+        """Load as numba does, after what is kept of each kernel that this one names."""
+        for kernel in called_kernels(self._py_func):
+            load_kept(kernel, target)
+        return load(self, signature, target)
+
+    FunctionCache.load_overload = load_after_called
+
+
+def called_kernels(function: Any) -> list[Any]:
+    """Return the kernels that are kept and that a kernel's function names, other than itself."""
+    from numba.core.caching import FunctionCache
+
+    named = (function.__globals__.get(name) for name in function.__code__.co_names)
+    return [k for k in named if isinstance(getattr(k, "_cache", None), FunctionCache) and k.py_func is not function]
+
+
+def load_kept(kernel: Any, target: Any) -> None:
+    """Load every signature of a kernel that is kept for this machine and not loaded yet."""
+    cache, codegen = kernel._cache, target.codegen()
+    for key in cache._cache_file._load_index():
+        signature = key[0]
+        if signature not in kernel.overloads and key == cache._index_key(signature, codegen):
+            kernel.compile(signature)
 
 
 @contextmanager

@@ -15,9 +15,9 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from threadpoolctl import threadpool_limits
 
-from monitor.kernel_cache import save_one_at_a_time
+from monitor.kernel_cache import prepare_cache
 
-save_one_at_a_time()  # numba is loaded here anyway; packages with kernels that do not come by call it themselves
+prepare_cache()  # numba is loaded here anyway; packages with kernels that do not come by call it themselves
 
 Given = ParamSpec("Given")
 Made = TypeVar("Made")

@@ -9,9 +9,9 @@ from monitor.filtering.scan import FilterResult, FilterSettings, filter_scan, fi
 from monitor.filtering.silhouettes import SilhouetteSettings
 from monitor.filtering.thinning import ThinningSettings
 from monitor.filtering.voxel_median import VoxelMedianSettings, voxel_median
-from monitor.kernel_cache import save_one_at_a_time
+from monitor.kernel_cache import prepare_cache
 
-save_one_at_a_time()
+prepare_cache()
 
 __all__ = [
     "AveragedScan",

@@ -1,6 +1,6 @@
 """A laboratory with known truth: instruments, scenes, a scanner that measures them, and the demo's campaign."""
 
-from monitor.kernel_cache import save_one_at_a_time
+from monitor.kernel_cache import prepare_cache
 from monitor.simulation.attic_sculpture import attic_model, attic_scene
 from monitor.simulation.campaign import Campaign, SurveyedEpoch, describe_truth, scan_stations, write_campaign
 from monitor.simulation.changes import Edit, break_off, clean, coat, erode, fill, hollow_out, move_part, move_whole
@@ -21,7 +21,7 @@ from monitor.simulation.stove import rebuild_stove, stove_model, stove_scene
 from monitor.simulation.triangulation import TriangulationSensor, scan_by_triangulation
 from monitor.simulation.true_change import TrueChange, change_at, measure_changes
 
-save_one_at_a_time()
+prepare_cache()
 
 __all__ = [
     "INSTRUMENTS", "Body", "Campaign", "CarvedFigure", "DemoCampaign", "Drift", "Edit", "Instrument", "Model",
