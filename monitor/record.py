@@ -24,7 +24,7 @@ METHOD = {
     "targets": 1,
     "network": 15,
     "filtered": 9,
-    "surface": 23,
+    "surface": 24,
     "mesh": 6,
     "quality": 3,
     "comparison": 31,

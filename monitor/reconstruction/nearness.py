@@ -16,7 +16,7 @@ from monitor.reconstruction.moments import BUCKETS_PER_RADIUS, Level, find_rows,
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
-ANY_WAY = -2.0  # no cosine is less
+ANY_WAY = -np.inf  # whatever the ways are, of no length or of many metres
 MOST_BUCKETS = 8.0  # of the level that the search reaches over; beyond, points are sorted into wider ones
 
 
