@@ -80,7 +80,7 @@ class Adjustment:
 
     `applied` is False, with its `reason`, where the given poses stay. `converged` is False, with its `reason`, where
     nothing may be built on the result. `covariances` (n, 6, 6) are of each scan's motion about `centres` (n, 3) [m]
-    (rad, m; design section 3): relative to the mean of all scans, or, with control, in the project's frame; then
+    (turn first, rad, then shift, m): relative to the mean of all scans, or, with control, in the project's frame; then
     `joint_covariance` (6 n, 6 n) is of all of them together, so that what they do in common is known too, and
     `covariance` (6, 6) is that of the epoch as a whole about `centre`, NaN otherwise. `ties` and `components` are the
     residuals of targets and control points and the variance components (1: as stated). `doubt` says which scans
@@ -194,7 +194,7 @@ def adjust_scans(
     sigma_before, sigma_after = misfit_of(before), misfit_of(after)
     found = Adjustment(
         unmoved, pairs, False, state.reason, sigma_before, sigma_after, state.n_iterations, not state.reason,
-        ties=describe_ties(state.solution, state.ties, network.ties, n), components=state.components,
+        ties=describe_ties(state.solution, state.ties, network.ties), components=state.components,
     )  # fmt: skip
     if state.reason:
         return found

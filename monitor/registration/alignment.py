@@ -19,7 +19,6 @@ from monitor.registration.weights import huber_weights, residual_sigma, rounding
 from projects.model import Bools, Floats
 from projects.transforms import apply, perturb
 
-N_PAIRS_NEEDED = 30
 SHRINK = 0.5  # at most so much is the sideways limit reduced from one iteration to the next
 STEPS_ASIDE = 5.0  # pairs may be aside by so many lengths of the last step
 FINE_ANGLE_SHARE = 0.75  # of the angle between normals that is allowed once the pairs stand over each other

@@ -85,7 +85,7 @@ def _without(kept: np.ndarray, index: int) -> np.ndarray:
     return less
 
 
-def describe_ties(solution: Solution, ties: Ties, given: Ties, n_scans: int) -> tuple[TieFit, ...]:
+def describe_ties(solution: Solution, ties: Ties, given: Ties) -> tuple[TieFit, ...]:
     """Return how every target and control point fits, blunders among them, targets first."""
     if not len(given):
         return ()
