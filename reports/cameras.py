@@ -2,32 +2,42 @@
 
 A surface goes in; named views and the frames of their pictures come out. "Front" is the side that most of the measured
 surface faces horizontally; "right" is the side at the right hand of someone who stands before the front.
+
+A room shows nothing from outside but the backs of its walls. It is looked at from the same six sides with all left out
+that looks away from the viewer: what is seen is the wall beyond, the floor from above, the ceiling from below.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from projects.model import Bools, Floats, Surface
+from projects.model import Bools, Floats, Ints, Surface
 from projects.open3d_library import load_open3d
 
 UP = np.array([0.0, 0.0, 1.0])
 N_PROBES = 4000
 WORTH_A_VIEW = 0.04  # share of the surface that a view must show and no earlier view does
 MARGIN, FOOT = 0.035, 0.06  # of the longest side: room around the object, and below it for the scale bar
+FROM_WITHIN = 0.5  # share of the surface below which views from outside show too little of it
 ROUND = 1.25  # how much more surface the best side must show than the worst to be called a front
 
 
 @dataclass(frozen=True)
 class View:
-    """A direction to look from. `towards` (object to viewer) and `up` (in the picture) are unit vectors (3,)."""
+    """A direction to look from. `towards` (object to viewer) and `up` (in the picture) are unit vectors (3,).
+
+    `cut_away`: what looks away from the viewer is left out, so that a room is seen from within.
+    """
 
     name: str
     towards: Floats
     up: Floats
+    cut_away: bool = False
 
 
 @dataclass(frozen=True)
@@ -44,6 +54,7 @@ class Frame:
     foot : pixels at the lower edge that are kept for the scale bar.
     near : m along `towards` from `centre`; what lies nearer to the viewer is cut away.
     beside : pixels of the longest side of the pictures that stand beside it at its scale; 0 where it stands alone.
+    cut_away : as of the view.
     """
 
     name: str
@@ -57,6 +68,7 @@ class Frame:
     foot: int = 0
     near: float = np.inf
     beside: int = 0
+    cut_away: bool = False
 
     @property
     def longest(self) -> int:
@@ -131,15 +143,24 @@ def sample_surface(surface: Surface, n: int) -> tuple[Floats, Floats]:
     return points, normals[picked] / areas[picked, None]
 
 
+def make_scene(vertices: NDArray[np.float32], faces: Ints) -> Any:
+    """Return Open3D's scene for rays of vertices (n, 3) and faces (m, 3)."""
+    scene = load_open3d().t.geometry.RaycastingScene()
+    scene.add_triangles(vertices, faces.astype(np.uint32))
+    return scene
+
+
 def see_probes(surface: Surface, views: Sequence[View]) -> Bools:
     """Return which of `N_PROBES` points of the surface are seen, less than 75 degrees oblique, in each view."""
-    scene = load_open3d().t.geometry.RaycastingScene()
-    middle = surface.vertices.mean(axis=0)
-    scene.add_triangles((surface.vertices - middle).astype(np.float32), surface.faces.astype(np.uint32))
+    middle, of_faces = surface.vertices.mean(axis=0), face_normals(surface)
+    vertices = (surface.vertices - middle).astype(np.float32)
+    whole = None if all(view.cut_away for view in views) else make_scene(vertices, surface.faces)
     points, normals = sample_surface(surface, N_PROBES)
     lift = 1e-4 * np.ptp(surface.vertices, axis=0).max()
     seen = []
     for view in views:
+        scene = make_scene(vertices, surface.faces[of_faces @ view.towards > 0.0]) if view.cut_away else whole
+        assert scene is not None
         start = points - middle + lift * (normals + view.towards)
         rays = np.concatenate([start, np.broadcast_to(view.towards, start.shape)], axis=1).astype(np.float32)
         seen.append(~scene.test_occlusions(rays).numpy() & (normals @ view.towards > np.cos(np.deg2rad(75.0))))
@@ -150,10 +171,16 @@ def choose_views(surface: Surface) -> list[View]:
     """Return the views worth drawing, of front, right, back, left, top and below, in this order.
 
     A view is worth it where it shows at least 4 % of the measured surface that none before it shows: a relief has its
-    front alone, a statue its four sides, a floor its top.
+    front alone, a statue its four sides, a floor its top. Where all six show less than half of the surface, and more
+    of it cut away, as of a room, all are cut away.
     """
     views = all_views(find_front(surface))
     seen = see_probes(surface, views)
+    if seen.any(axis=0).mean() < FROM_WITHIN:
+        cut = tuple(replace(view, cut_away=True) for view in views)
+        through = see_probes(surface, cut)
+        if through.any(axis=0).sum() > seen.any(axis=0).sum():
+            views, seen = cut, through
     chosen, shown = [], np.zeros(N_PROBES, dtype=bool)
     for view, sees in zip(views, seen, strict=True):
         if np.count_nonzero(sees & ~shown) >= WORTH_A_VIEW * N_PROBES:
@@ -173,7 +200,10 @@ def frame_view(view: View, points: Floats, metres_per_pixel: float, *, room: int
     width, height = (int(np.ceil(length / metres_per_pixel)) + 2 * room for length in (high - low)[:2])
     centre = (low + high) / 2
     centre[1] -= foot / 2 * metres_per_pixel
-    return Frame(view.name, centre @ axes, axes[0], axes[1], axes[2], metres_per_pixel, width, height + foot, foot)
+    return Frame(
+        view.name, centre @ axes, axes[0], axes[1], axes[2], metres_per_pixel, width, height + foot, foot,
+        cut_away=view.cut_away,
+    )  # fmt: skip
 
 
 def frame_views(views: Sequence[View], surfaces: Sequence[Surface], *, longest_px: int = 900) -> list[Frame]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from projects.model import Assessment, Bools, ComparedSurface, Comparison, Floats
+from projects.model import Assessment, Bools, ComparedSurface, Comparison, Floats, NotAssessed
 
 UNCHANGED = (214, 213, 210)
 NOT_ASSESSABLE = (158, 164, 174)
@@ -56,10 +56,24 @@ def change_range(distances: Floats, lod95: Floats) -> float:
 
 
 def choose_limit(comparison: Comparison) -> float:
-    """Return `change_range` [m] over what is called changed on both sides: one for every picture, bar and export."""
+    """Return `change_range` [m] over what is called changed on both sides: one for every picture, bar and export.
+
+    Of a region that is gone or came as a whole most has no perpendicular: how far behind it the next surface lies does
+    not stretch the colours where anything else changed.
+    """
     sides = (comparison.on_compared, comparison.on_reference)
-    changed = [np.where(s.assessment == Assessment.CHANGED, s.distances, np.nan) for s in sides]
-    return change_range(np.concatenate(changed), np.concatenate([s.lod95 for s in sides]))
+    changed = np.concatenate([np.where(s.assessment == Assessment.CHANGED, s.distances, np.nan) for s in sides])
+    as_whole = np.concatenate([gone_or_come(s) for s in sides])
+    if np.isfinite(changed[~as_whole]).any():
+        changed[as_whole] = np.nan
+    return change_range(changed, np.concatenate([s.lod95 for s in sides]))
+
+
+def gone_or_come(side: ComparedSurface) -> Bools:
+    """Return which vertices (n,) are of a region of which most was looked through by the other epoch's scans."""
+    through = side.reasons == NotAssessed.LOOKED_THROUGH
+    share = np.bincount(side.region, through) / np.maximum(np.bincount(side.region), 1)
+    return through | ((share > 0.5)[side.region] & (side.region > 0))
 
 
 def change_ramp(distances: Floats, limit_m: float) -> Floats:

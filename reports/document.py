@@ -34,7 +34,7 @@ from reports.history import (
 from reports.opinion import opinion_tables
 from reports.quantities import CM2, CM3, MM, day, estimate, listed, percent
 from reports.ranging import gather_calibrations
-from reports.whereabouts import locate
+from reports.whereabouts import Setting, locate, setting_of
 from reports.wholemotion import parts_table
 
 MEANINGS = {
@@ -104,7 +104,8 @@ def make_facts(
     """
     made = after.step(f"comparison-{before.record.epoch_id}")
     first, second = name_epochs(before.record, after.record)
-    regions = tuple(describe_region(comparison, row) for _, row in comparison.regions.iterrows())
+    setting = setting_of(comparison.on_reference.surface)
+    regions = tuple(describe_region(comparison, row, setting) for _, row in comparison.regions.iterrows())
     has_control = not _without_control(before) and not _without_control(after)
     heads = name_columns((before, after))
     columns = {f"{heads[0]} ({first.date})": before.steps, f"{heads[1]} ({second.date})": after.steps}
@@ -131,10 +132,11 @@ def make_facts(
         comparison=comparison,
         parts=parts_table(comparison, first, second),
         stable=_given_stable(made),
+        is_room=setting.is_room,
     )
 
 
-def describe_region(comparison: Comparison, row: pd.Series) -> RegionFacts:
+def describe_region(comparison: Comparison, row: pd.Series, setting: Setting) -> RegionFacts:
     """Return one row of the table of regions as texts: cm2, cm3 and mm, each with its 95 % margin."""
     place = row[["x", "y", "z"]].to_numpy(dtype=float)
     number, kind = int(row["region"]), str(row["kind"])
@@ -143,7 +145,7 @@ def describe_region(comparison: Comparison, row: pd.Series) -> RegionFacts:
         kind=kind,
         meaning=MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else MEANINGS.get(kind, kind),
         side=COLOURED.get(kind, "other"),
-        where=locate(comparison, number, place),
+        where=locate(comparison, number, place, setting),
         area=estimate(float(row["area_m2"]), float(row["sigma_area_m2"]), CM2, "cm²"),
         volume=estimate(float(row["volume_m3"]), float(row["sigma_volume_m3"]), CM3, "cm³", signed=True),
         extreme=estimate(float(row["extreme_m"]), float(row["sigma_extreme_m"]), MM, "mm", signed=True),

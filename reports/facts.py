@@ -127,6 +127,7 @@ class ReportFacts:
     parts : the parts that moved rigidly, where there are any.
     stable : where the user says that nothing moved, where they did.
     crs : the reference system of the project's coordinates, "" where it is local.
+    is_room : the object is seen from within, and words of place are those of a room.
     calibrations : the range calibration of a scan of each epoch, where one was corrected.
     record : the steps in order; versions and inputs : what they were made with and from.
     """
@@ -152,3 +153,4 @@ class ReportFacts:
     parts: Table | None = None
     stable: Extent | None = None
     crs: str = ""
+    is_room: bool = False

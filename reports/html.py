@@ -31,6 +31,8 @@ from reports.views import Picture, View, ViewPictures, choose_views, draw_close_
 
 VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
               "below": "From below"}  # fmt: skip
+ROOM_NAMES = {"front": "Wall ahead", "right": "Wall to the left", "back": "Wall behind", "left": "Wall to the right",
+              "top": "Floor", "below": "Ceiling"}  # fmt: skip
 PIXELS = 1.6e6  # of one epoch's views together: about twice as fine as the page shows them
 LARGEST, SMALLEST = 1200, 400  # pixels, longest side of a view
 ROW, GAP, TALLEST = 99.0, 1.6, 66.0  # per cent of the page's width: a row of pictures, between them, height at most
@@ -127,12 +129,17 @@ def choose_size(comparison: Comparison, views: Sequence[View]) -> int:
     return min(max(round(1000 * math.sqrt(PIXELS / pixels)), SMALLEST), LARGEST)
 
 
+def title_of(view: View) -> str:
+    """Return the words below a view: the side that is seen, of a room the wall."""
+    return (ROOM_NAMES if view.cut_away else VIEW_NAMES).get(view.name, view.name)
+
+
 def embed_views(views: Sequence[ViewPictures]) -> tuple[EmbeddedView, ...]:
     """Return the views for the page, at one scale in the overview and at one beside each other."""
     sizes = [(v.difference.width, v.difference.height) for v in views]
     wide, narrow = fit_rows(sizes), fit_strip(sizes)
     return tuple(
-        EmbeddedView(VIEW_NAMES.get(v.view.name, v.view.name), embed(v.before), embed(v.after), embed(v.difference),
+        EmbeddedView(title_of(v.view), embed(v.before), embed(v.after), embed(v.difference),
                      round(wide * v.difference.width, 2), round(narrow * v.difference.width, 2))
         for v in views
     )  # fmt: skip
@@ -142,7 +149,7 @@ def embed_stable(drawn: Sequence[tuple[View, Picture]]) -> tuple[EmbeddedSingle,
     """Return the pictures of the stable areas for the page: in one row, no wider than a third of the page each."""
     total = sum(p.width for _, p in drawn) if drawn else 1
     scale = min((ROW - GAP * (len(drawn) - 1)) / total, min((ROW / 4.0 / p.width for _, p in drawn), default=0.0))
-    return tuple(EmbeddedSingle(VIEW_NAMES.get(v.name, v.name), embed(p), round(scale * p.width, 2)) for v, p in drawn)
+    return tuple(EmbeddedSingle(title_of(v), embed(p), round(scale * p.width, 2)) for v, p in drawn)
 
 
 def fit_rows(sizes: Sequence[tuple[int, int]]) -> float:

@@ -6,24 +6,26 @@ per pixel how much of the sky and of the key light reaches the place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from projects.model import Bools, Floats, Ints, Surface
-from projects.open3d_library import load_open3d
-from reports.cameras import Frame, face_normals
+from reports.cameras import Frame, face_normals, make_scene
 from reports.lighting import SUBPIXELS, cast_light
+
+EDGE_ON = 0.01  # cosine to the viewer, below which a face is seen as a line and left out of a view that is cut away
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A surface made ready for rays: Open3D's scene in coordinates about `middle`, faces, vertex normals."""
+    """A surface made ready for rays: Open3D's scene in coordinates about `middle`, vertices in them, faces, normals."""
 
     rays: Any
     middle: Floats
+    vertices: NDArray[np.float32]
     faces: Ints
     normals: NDArray[np.float32]
     lift: float  # [m] how far secondary rays start off the surface
@@ -68,18 +70,29 @@ def vertex_normals(surface: Surface) -> Floats:
 
 def build_scene(surface: Surface) -> Scene:
     """Return the surface ready for rays; coordinates are taken about its middle, because the rays are float32."""
-    scene = load_open3d().t.geometry.RaycastingScene()
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     middle, size = (low + high) / 2, float((high - low).max())
-    scene.add_triangles((surface.vertices - middle).astype(np.float32), surface.faces.astype(np.uint32))
+    vertices = (surface.vertices - middle).astype(np.float32)
     area = np.linalg.norm(face_normals(surface), axis=1).mean() / 2
     lift = float(np.clip(0.5 * np.sqrt(area), 2e-5 * size, 2e-3 * size))
     normals = vertex_normals(surface).astype(np.float32)
-    return Scene(scene, middle, surface.faces, normals, lift, size, surface.face_invented)
+    rays = make_scene(vertices, surface.faces)
+    return Scene(rays, middle, vertices, surface.faces, normals, lift, size, surface.face_invented)
+
+
+def keep_facing(scene: Scene, towards: Floats) -> Scene:
+    """Return the scene with only those faces that look to a viewer who is far away `towards` (3,)."""
+    a, b, c = (scene.vertices[scene.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    facing = normals @ towards.astype(np.float32) > EDGE_ON * np.linalg.norm(normals, axis=1)
+    faces, invented = scene.faces[facing], None if scene.invented is None else scene.invented[facing]
+    return replace(scene, rays=make_scene(scene.vertices, faces), faces=faces, invented=invented)
 
 
 def cast_view(scene: Scene, frame: Frame) -> Pixels:
     """Return what each sub-pixel of the view sees and how it is lit."""
+    if frame.cut_away:
+        scene = keep_facing(scene, frame.towards)
     rays, start = _primary_rays(scene, frame)
     answer = scene.rays.cast_rays(rays)
     distance = answer["t_hit"].numpy()

@@ -24,7 +24,7 @@ from reports.raycast import Pixels
 FILL_LIGHT = np.array([0.72, -0.05, 0.69])
 HATCH_PERIOD = 9.0  # pixels of the picture
 OUTLINE = (30, 30, 36)
-GHOST = 0.45  # how strongly a place is drawn that only the earlier surface has
+GHOST, BEFORE = 0.45, 0.75  # how strongly a place is drawn that only the earlier surface has: on paper, before a later
 
 
 def to_linear(colour: Floats) -> Floats:
@@ -117,18 +117,24 @@ def draw_stone(pixels: Pixels) -> RGB:
 
 def draw_change(pixels: Pixels, colour: Floats) -> RGB:
     """Return the picture of change: the colours of the legend over the relief, whose light is held back for them."""
-    relief = shade(pixels)[..., None]
-    light = colour * np.clip(0.30 + 0.80 * relief, 0.25, 1.08)
-    return compose(light, pixels.hit)
+    return compose(light_of_change(pixels, colour), pixels.hit)
 
 
-def add_ghost(picture: RGB, pixels: Pixels, earlier: Pixels, colour: Floats) -> RGB:
-    """Return the picture with what only the earlier surface has, beyond the outline of the later, drawn paler."""
-    only = earlier.hit & ~pixels.hit
-    relief = np.clip(0.30 + 0.80 * shade(earlier)[..., None], 0.25, 1.08)
-    pale = compose(GHOST * colour * relief + (1 - GHOST), only)
-    share = coverage(only)[..., None]
-    return np.rint(picture - (255.0 - pale.astype(np.float32)) * (share > 0)).clip(0, 255).astype(np.uint8)
+def light_of_change(pixels: Pixels, colour: Floats) -> Floats:
+    """Return the linear light (rows, columns, 3) of change painted in `colour` over the relief."""
+    return colour * np.clip(0.30 + 0.80 * shade(pixels)[..., None], 0.25, 1.08)
+
+
+def draw_with_ghost(pixels: Pixels, colour: Floats, earlier: Pixels, colour_earlier: Floats, only: Bools) -> RGB:
+    """Return the picture of change with what the mask says that only the earlier surface has, drawn paler over it.
+
+    What stood before something that is seen now is outlined.
+    """
+    light = np.where(pixels.hit[..., None], light_of_change(pixels, colour), 1.0)
+    share = np.where(pixels.hit, BEFORE, GHOST)[..., None].astype(np.float32)
+    pale = share * light_of_change(earlier, colour_earlier) + (1 - share) * light
+    drawn = compose(np.where(only[..., None], pale, light), pixels.hit | only)
+    return outline(drawn, only & pixels.hit)
 
 
 def coverage(hit: Bools) -> Floats:

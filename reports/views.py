@@ -15,20 +15,21 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from projects.model import ComparedSurface, Comparison, Floats, Ints, Surface
+from projects.model import Bools, ComparedSurface, Comparison, Floats, Ints, Surface
 from reports.annotations import annotate, place_labels, seen_regions
 from reports.cameras import Frame, View, choose_views, face_normals, frame_view, frame_views, project_points
 from reports.colours import RGB, choose_limit
 from reports.lighting import SUBPIXELS
 from reports.raycast import Pixels, Scene, build_scene, cast_view
 from reports.sections import SectionPlane, choose_plane, main_side, region_areas, region_normal
-from reports.shading import add_ghost, draw_change, draw_stone, map_regions, outline, paint_change
+from reports.shading import draw_change, draw_stone, draw_with_ghost, map_regions, outline, paint_change
 
 __all__ = ["Frame", "Picture", "View", "ViewPictures", "choose_views", "draw_close_up", "draw_comparison",
            "draw_difference", "draw_surface", "frame_views"]  # fmt: skip
 
 QUALITY = 90  # of JPEG, colours at full resolution: no ringing seen about lines and hatches
 LEAST_SHARE = 0.1  # of a region's area, that a picture must show to be said to show the region
+BEFORE = 2.0  # pixels, by which what is gone stood nearer to the viewer than what is seen now
 FIELD = 2.4  # a close-up shows this many times the region's extent
 
 
@@ -105,7 +106,7 @@ def draw_difference(
     compared_surface : the side that is drawn.
     view, height_px, frame : as of `draw_surface`.
     limit_m : m, where the colours end: `colours.choose_limit` of the comparison.
-    other : the other side; what it alone has beyond the outline of this one is drawn paler.
+    other : the other side; what it alone has, beyond the outline of this one or before it, is drawn paler.
     label : whether the regions are numbered.
     """
     surfaces = [compared_surface.surface] + ([other.surface] if other else [])
@@ -163,15 +164,28 @@ def _difference(
 ) -> Picture:
     """Return the picture of change on one side, with what only the other side has as a ghost."""
     surface, seen = side
-    picture = draw_change(seen, paint_change(seen, surface, limit))
+    colour = paint_change(seen, surface, limit)
     numbers, hit = map_regions(seen, surface), seen.hit
-    if other is not None:
-        picture = add_ghost(picture, seen, other[1], paint_change(other[1], other[0], limit))
-        numbers = np.where(hit, numbers, map_regions(other[1], other[0]))
-        hit = hit | other[1].hit
+    if other is None:
+        picture = draw_change(seen, colour)
+    else:
+        earlier, gone = other[1], map_regions(other[1], other[0])
+        only = earlier.hit & (~hit | stood_before(seen, numbers, earlier, gone, frame.metres_per_pixel))
+        picture = draw_with_ghost(seen, colour, earlier, paint_change(earlier, other[0], limit), only)
+        numbers, hit = np.where(only, gone, numbers), hit | only
     numbers = _drop_slivers(_thin_out(numbers), side[0], other[0] if other else None, frame)
     labels = place_labels(numbers, _thin_out(hit), frame) if label else []
     return finish_picture(annotate(picture, frame, labels), frame, numbers, _say_change(frame, numbers))
+
+
+def stood_before(later: Pixels, numbers: Ints, earlier: Pixels, gone: Ints, metres_per_pixel: float) -> Bools:
+    """Return where a region of the earlier surface stood before what is seen now, and is not seen now as that region.
+
+    `numbers` and `gone` are the regions of the later and the earlier surface at the sub-pixels.
+    """
+    with np.errstate(invalid="ignore"):
+        before = earlier.depth - later.depth > BEFORE * metres_per_pixel
+    return (gone > 0) & (gone != numbers) & before
 
 
 def _drop_slivers(numbers: Ints, side: ComparedSurface, other: ComparedSurface | None, frame: Frame) -> Ints:

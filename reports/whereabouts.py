@@ -1,19 +1,44 @@
 """Where on the object a region lies, in the words of someone who stands before its front.
 
-In: a comparison. Out: which way the region faces, on which part of the object it lies, its height above the base.
+In: a comparison. Out: which way the region faces, on which part of the object it lies, its height above the base. Of a
+room, in the words of someone who stands in it before the wall that the front view shows: which wall, floor or ceiling.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from projects.model import ComparedSurface, Comparison, Floats
-from reports.cameras import UP, face_normals, find_front
+from projects.model import ComparedSurface, Comparison, Floats, Surface
+from reports.cameras import UP, choose_views, face_normals, find_front
 from reports.quantities import NOT_KNOWN, height
 
 STEEP = np.cos(np.deg2rad(40.0))  # a region that faces so nearly up or down is on the top or the underside
 SIDES = ("front", "front right", "right side", "back right", "back", "back left", "left side", "front left")
+WALLS = ("wall ahead", "wall ahead to the left", "wall to the left", "wall behind to the left",
+         "wall behind", "wall behind to the right", "wall to the right", "wall ahead to the right")  # fmt: skip
+SIDEWAYS = {*SIDES, *WALLS} - {"front", "back", "wall ahead", "wall behind"}  # where left and right are said already
+ON_THE_WALL = 0.8  # of the way from the middle of a room to its end: what faces back from there is wall
 APART = 1.0 / 6.0  # of the object's width, from its middle: beyond it one says "left" or "right"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What words of place go by: the way to someone before the front (3,), the object's box (2, 3) m, if it is a room.
+
+    A room is what views from outside do not show (`cameras.choose_views`).
+    """
+
+    front: Floats
+    box: Floats
+    is_room: bool
+
+
+def setting_of(surface: Surface) -> Setting:
+    """Return what words of place about a surface go by."""
+    box = np.stack([surface.vertices.min(axis=0), surface.vertices.max(axis=0)])
+    return Setting(find_front(surface), box, choose_views(surface)[0].cut_away)
 
 
 def facing(compared: ComparedSurface, number: int) -> Floats:
@@ -35,6 +60,18 @@ def name_side(normal: Floats, front: Floats) -> str:
     return SIDES[round(float(turn) / (np.pi / 4)) % 8]
 
 
+def name_wall(normal: Floats, place: Floats, setting: Setting) -> str:
+    """Return the wall, floor or ceiling that faces along `normal` at `place`; what stands free is "within the room"."""
+    side = name_side(normal, setting.front)
+    if not side:
+        return "within the room"
+    unit, half = normal / np.linalg.norm(normal), 0.5 * np.ptp(setting.box, axis=0)
+    away = -float((place - setting.box.mean(axis=0)) @ unit) / float(np.abs(unit) @ half)
+    if away < ON_THE_WALL:
+        return "within the room"
+    return {"top": "floor", "underside": "ceiling"}.get(side) or WALLS[SIDES.index(side)]
+
+
 def name_part(place: Floats, box: Floats, front: Floats) -> str:
     """Return "to the left" or "to the right" of the object's middle as seen from the front, else nothing."""
     right = np.cross(UP, front)
@@ -43,14 +80,12 @@ def name_part(place: Floats, box: Floats, front: Floats) -> str:
     return "to the left" if across < -APART else "to the right" if across > APART else ""
 
 
-def locate(comparison: Comparison, number: int, place: Floats) -> str:
+def locate(comparison: Comparison, number: int, place: Floats, setting: Setting) -> str:
     """Return where a region with its centroid at `place` (3,) lies: its side, its part, its height above the base."""
     if not np.isfinite(place).all():
         return NOT_KNOWN
-    reference = comparison.on_reference.surface
-    front = find_front(reference)
-    box = np.stack([reference.vertices.min(axis=0), reference.vertices.max(axis=0)])
-    side = name_side(facing(comparison.on_compared, number) + facing(comparison.on_reference, number), front)
-    part = name_part(place, box, front) if side in ("front", "back", "top", "underside", "") else ""
-    above = f"{height(float(place[2] - box[0, 2]))} above the base"
+    normal = facing(comparison.on_compared, number) + facing(comparison.on_reference, number)
+    side = name_wall(normal, place, setting) if setting.is_room else name_side(normal, setting.front)
+    part = "" if side in SIDEWAYS else name_part(place, setting.box, setting.front)
+    above = f"{height(float(place[2] - setting.box[0, 2]))} above the {'floor' if setting.is_room else 'base'}"
     return ", ".join(words for words in (side, part, above) if words)
