@@ -48,6 +48,11 @@ FROM, TO = np.array([1.0, 2.2, 0.4]), np.array([-1.0, 2.2, 0.4])  # m, middle of
 WITHIN = 0.001  # m: points lie 20 mm apart and err by 0.6 mm
 HALF = np.array([0.3, 0.2, 0.4])  # m
 LIMIT = 3600.0
+SMALL_BARS = (
+    "area of the surface over that of the plain room",
+    "chest lost where it stood",
+    "chest added where it stands",
+)
 
 
 def furnished(size: Size) -> Model:
