@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, norm
 
+from monitor.comparison.family import adjust_together, share_as_small
 from projects.errors import ParameterError, ShapeError
 from projects.model import Floats
 
-N_DRAWS = 4000  # of courses without an onset, which say how often chance looks like one
-LEVEL = 0.05  # probability by chance below which a trend, a jump or an onset is told
-MISFIT = 0.01  # of residuals by chance: below it none of the courses tried is the one
+N_DRAWS = 4000  # of courses on which nothing goes on, which say how often chance looks otherwise
+LEVEL = 0.05  # how often, at most, a course on which nothing goes on gets another name than "none"
+MISFIT = 0.01  # of LEVEL, for residuals by chance: below it none of the courses tried is the one
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,14 @@ class Course:
         jumps), "single" (one epoch after the reference is known, which leaves all of them open).
     rate, sigma_rate : m/year, of the steady model; p_rate: two-sided, of a rate of zero.
     acceleration, sigma_acceleration, p_acceleration : m/year2; NaN with fewer than two epochs after the reference.
-    p_onset : how often a steady course looks as much like an onset or a jump; NaN with one epoch after the reference.
+    p_onset : how often chance looks as much like an onset or a jump where nothing goes on; NaN with one epoch after
+        the reference.
     onset : years since the reference between which the change began; NaN where the model has no such moment.
     p_fit : of the residuals of the steady model; NaN without any to spare.
+
+    Each p value is that of one test by itself. The model rests on all of them together (`adjust_together`): a course on
+    which nothing goes on gets another name than "none" in at most `LEVEL`, a steady one seldom gets another than its
+    own. A p value just below 0.05 by itself makes no name.
     """
 
     model: str
@@ -132,17 +138,18 @@ def fit_course(years: Floats, means: Floats, sigmas: Floats, sigma_reference: fl
     rate, sigma_rate = float(line.parameters[0, 1]), float(np.sqrt(line.covariance[0, 1, 1]))
     bend, sigma_bend = 2.0 * float(curve.parameters[0, 2]), 2.0 * float(np.sqrt(curve.covariance[0, 2, 2]))
     p_rate, p_bend = two_sided(rate / sigma_rate), two_sided(bend / sigma_bend)
-    p_onset, moment, left = judge_onset(years, means, sigmas, sigma_reference, seed)
     spare, onset = len(years) - 1, (np.nan, np.nan)
-    model, p_model = "none" if p_rate > level else "steady", p_of_chi2(line.chi2[0], spare)
-    p_fit = p_model
-    if moment is not None and p_onset <= level:
-        model, p_model, onset = moment.form, p_of_chi2(left, spare), moment.between
-    elif p_bend <= level:
-        model, p_model = "accelerating", p_of_chi2(curve.chi2[0], spare - 1)
+    p_fit = p_of_chi2(line.chi2[0], spare)
     if spare == 0:
-        model = "single"
-    elif p_model < MISFIT:
+        return Course("single", rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, np.nan, onset, p_fit)
+    p_onset, moment, left, chance = judge_moments(*column, seed)
+    goes_on, bends, begins = adjust_together(np.array([p_rate, p_bend, p_onset]), chance) <= level - MISFIT
+    model, p_model = "steady" if goes_on else "none", p_fit
+    if begins:
+        model, p_model, onset = moment.form, p_of_chi2(left, spare), moment.between
+    elif bends:
+        model, p_model = "accelerating", p_of_chi2(curve.chi2[0], spare - 1)
+    if p_model < MISFIT:
         model, onset = "irregular", (np.nan, np.nan)
     return Course(model, rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, p_onset, onset, p_fit)
 
@@ -166,25 +173,32 @@ class Moment:
     between: tuple[float, float]
 
 
-def judge_onset(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float,
-                seed: int) -> tuple[float, Moment | None, float]:  # fmt: skip
-    """Return how often a steady course looks as much like one with a moment, the best moment, and its chi-square.
+def judge_moments(years: Floats, means: Floats, sigmas: Floats, sigma_reference: Floats,
+                  seed: int) -> tuple[float, Moment, float, Floats]:  # fmt: skip
+    """Return how often chance looks as much like a course with a moment, the best moment, its chi-square, and what
+    chance makes of the tests of rate, acceleration and moment at once, p values (3, `N_DRAWS`).
 
-    Tried are a jump between each two epochs and a line that starts at each epoch, against a line from the reference on;
-    the evidence is the fall of chi-square, its law that of `N_DRAWS` steady courses with the same sigmas.
+    `means`, `sigmas` (k, 1) are of k > 1 epochs, `sigma_reference` (1,). Tried are a jump between each two epochs and a
+    line that starts at each epoch, against a line from the reference on; the evidence is the fall of chi-square, its
+    law that of courses with the same sigmas on which nothing goes on.
     """
-    if len(years) < 2:
-        return float("nan"), None, float("nan")
-    times, values, variances = _with_reference(
-        years, means[:, None], sigmas[:, None], np.array([float(sigma_reference)])
-    )
+    times, values, variances = _with_reference(years, means, sigmas, sigma_reference)
     sigma, moments = np.sqrt(variances[:, 0]), list_moments(times)
-    designs = [np.column_stack([np.ones_like(times), times]), *(m.design for m in moments)]
+    line = times[:, None] ** np.arange(2)
+    designs = [line, *(m.design for m in moments)]
     draws = np.random.default_rng(seed).standard_normal((len(times), N_DRAWS))
     fall, best, left = _fall_of_chi2(designs, values[:, 0] / sigma, sigma)
-    chance, _, _ = _fall_of_chi2(designs, draws, sigma)
-    p = float((1 + np.count_nonzero(chance >= fall)) / (1 + N_DRAWS))
-    return p, moments[int(best)], float(left)
+    falls, _, _ = _fall_of_chi2(designs, draws, sigma)
+    chance = [two_sided_of_last(d, draws, sigma) for d in (line, times[:, None] ** np.arange(3))]
+    p = float(share_as_small(-fall, -falls))
+    return p, moments[int(best)], float(left), np.stack([*chance, share_as_small(-falls, -falls)])
+
+
+def two_sided_of_last(design: Floats, draws: Floats, sigma: Floats) -> Floats:
+    """Return the two-sided p values (m,) of the last parameter of a design (k, p) fitted to standardized values `draws`
+    (k, m): over its sigma it is their product with the last column of Q of the standardized design."""
+    q, _ = np.linalg.qr(design / sigma[:, None])
+    return np.asarray(2.0 * norm.sf(np.abs(q[:, -1] @ draws)))
 
 
 def list_moments(times: Floats) -> list[Moment]:
