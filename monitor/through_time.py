@@ -43,7 +43,7 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
         notify(f"following change over {len(epochs) + 1} epochs")
         comparisons = [p.get(s) for p, s in zip(places, direct, strict=True)]
         changes = [EpochChange(e.epoch_id, e.date, c) for e, c in zip(epochs, comparisons, strict=True)]
-        series = follow(changes, first.epoch_id, first.date)
+        series = follow(changes, first.epoch_id, first.date, level=strictest_level(direct))
         links = [EpochLink(0, k + 1, c.registration) for k, c in enumerate(comparisons)]
         links += [EpochLink(k + 1, k + 2, places[k + 1].get(s).registration) for k, s in between]
         network = adjust_network(links, len(epochs) + 1)
@@ -69,6 +69,11 @@ def epochs_of_one_date(project: Project, object_id: str) -> list[str]:
 def kept_comparison(project: Project, object_id: str, reference: EpochRecord, compared: EpochRecord) -> Step | None:
     """Return the step of a comparison that the project holds, None where there is none."""
     return project.latest(object_id, compared.epoch_id, comparison_product(reference.epoch_id))
+
+
+def strictest_level(comparisons: Sequence[Step]) -> float:
+    """Return the least false discovery rate that was asked of any of the comparisons."""
+    return min(float(step.parameters["compare"]["false_discovery_rate"]) for step in comparisons)
 
 
 def tell_network(network: EpochNetwork, links: Sequence[EpochLink],

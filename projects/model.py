@@ -353,6 +353,9 @@ class Series:
     trend which mean difference an epoch at a time should show if it goes on as before. `motions` (`MOTION_COLUMNS`)
     says how the object stood as a whole in each epoch against the first, from one adjustment of all registrations,
     `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where there was no such network.
+    `rate_assessment` (n,) is the `Assessment` of each vertex's rate: CHANGED where it is significant, with false
+    discoveries held over the surface and over patches of every size, so that one vertex's rate over its sigma does not
+    decide; NOT_ASSESSABLE where fewer than two epochs tell one; None where an older program left it open.
     """
 
     reference_id: str
@@ -370,6 +373,7 @@ class Series:
     forecast: pd.DataFrame
     motions: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(MOTION_COLUMNS)))
     closures: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(CLOSURE_COLUMNS)))
+    rate_assessment: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "epoch_ids", tuple(self.epoch_ids))
@@ -379,6 +383,7 @@ class Series:
         for name in ("rate", "sigma_rate", "acceleration", "sigma_acceleration"):
             hold_array(self, name, (n,), np.float64)
         hold_array(self, "identity", (n,), np.int32)
+        hold_array(self, "rate_assessment", (n,), np.uint8)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,8 @@ def export_surface(out: Path, object_id: str, epoch_id: str, surface: Surface, f
 
 
 def export_series(out: Path, object_id: str, series: Series, surface: Surface, formats: Sequence[str]) -> list[Path]:
-    """Write the rates on the reference surface, the followed regions and their history; return the paths.
+    """Write the rates on the reference surface, where they are significant (`rate_assessment`: 0 not assessable, 1 not
+    significant, 2 significant), the followed regions and their history; return the paths.
 
     Parameters
     ----------
@@ -77,6 +78,8 @@ def export_series(out: Path, object_id: str, series: Series, surface: Surface, f
         "rate": series.rate.astype(np.float32), "sigma_rate": series.sigma_rate.astype(np.float32),
         "identity": series.identity.astype(np.int32),
     }  # fmt: skip
+    if series.rate_assessment is not None:
+        properties["rate_assessment"] = series.rate_assessment.astype(np.uint8)
     written = _write_formats(out / stem, surface, properties, formats)
     for name in ("regions", "history", "forecast", "motions", "closures"):
         path = out / f"{stem}_{name}.csv"

@@ -8,6 +8,7 @@ witness) are no regions. What is no region is not called changed, nor is the ski
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -183,7 +184,7 @@ def reach_of_fits(surface: Surface) -> float:
     return float(np.sqrt(np.median(surface.n_support) * area / np.pi))
 
 
-def bear_out_parts(sides: tuple[Side, Side], noise: Noise, parts: tuple[Ints, Ints], n_parts: int) -> Bools:
+def bear_out_parts(sides: Sequence[Side], noise: Noise, parts: Sequence[Ints], n_parts: int) -> Bools:
     """Return which parts (n_parts,) both sides show, or lie mostly away from free edges.
 
     Where a surface ends its errors have tails that no level describes: one surface alone is no witness there.
@@ -197,7 +198,7 @@ def bear_out_parts(sides: tuple[Side, Side], noise: Noise, parts: tuple[Ints, In
     return np.asarray((whole > 0.0).all(axis=0) | (at_rim.sum(axis=0) < 0.5 * whole.sum(axis=0)))
 
 
-def hold_patches(sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints], n_parts: int, level: float) -> Bools:
+def hold_patches(sides: Sequence[Side], test: Tested, parts: Sequence[Ints], n_parts: int, level: float) -> Bools:
     """Return which parts (n_parts,) make up most of the change of a patch that is significant among all patches tested.
 
     All parts together are at least half of it, and this one is the largest: a faint change falls to pieces vertex by
@@ -222,7 +223,7 @@ def hold_patches(sides: tuple[Side, Side], test: Tested, parts: tuple[Ints, Ints
     return stands
 
 
-def least_area(sides: tuple[Side, Side], found: Detected) -> float:
+def least_area(sides: Sequence[Side], found: Detected) -> float:
     """Return the area [m2] below which a speck is no region: one witness, at least a handful of vertices."""
     spacing2 = max(float(np.median(s.areas)) for s in sides)
     return max(min(found.noise.correlation.area, found.test.size**2), 7.0 * spacing2)

@@ -17,6 +17,8 @@ import pandas as pd
 from monitor.comparison.following import EpochChange, Followed, follow_regions, sign_of_regions
 from monitor.comparison.footprints import Footprint, measure_footprint
 from monitor.comparison.level_of_detection import Z95
+from monitor.comparison.rate_regions import LEVEL, find_rate_regions
+from monitor.comparison.rate_side import Fits, make_rate_side
 from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.comparison.trend import Course, fit_polynomial, predict
 from projects.errors import ComparisonError
@@ -36,13 +38,14 @@ AHEAD, N_FORECAST = 0.25, 21  # of the time so far; steps of the forecast
 
 
 def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: datetime.date, *,
-           seed: int = 0) -> Series:  # fmt: skip
+           level: float = LEVEL, seed: int = 0) -> Series:  # fmt: skip
     """Return what goes on over several epochs, on the surface of their common reference epoch.
 
     Parameters
     ----------
     changes : two or more, each compared with the same reference surface; in any order.
     reference_id, reference_date : the earliest epoch.
+    level : expected share of false ones among the patches whose rate is called significant, as of a comparison.
 
     Returns
     -------
@@ -62,6 +65,8 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     sigma_reference = reference_share([c.comparison for c in changes], sigmas)
     line = fit_polynomial(years, distances, sigmas, sigma_reference, degree=1)
     curve = fit_polynomial(years, distances, sigmas, sigma_reference, degree=2)
+    rates = make_rate_side(changes, Fits(line, curve, years, sigmas, sigma_reference))
+    going = find_rate_regions(rates, level, seed)
     surface = changes[0].side.surface
     areas = vertex_areas(make_mesh(surface.vertices, surface.faces))
     numbers, signs = [c.places for c in changes], [sign_of_regions(c.comparison) for c in changes]
@@ -82,6 +87,7 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
                HISTORY_COLUMNS),
         _table([row for f, m, c in zip(followed, measured, courses, strict=True)
                 for row in forecast_rows(f, m, c, years)], FORECAST_COLUMNS),
+        rate_assessment=going.assessment,
     )  # fmt: skip
 
 

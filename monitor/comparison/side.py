@@ -171,7 +171,7 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
         shared = np.hypot(_shared_sigma(surface), interpolate_at_feet(_shared_sigma(other), other, feet))
         shared[~np.isfinite(shared)] = 0.0
         shared, noise = keep_on_disk(shared), np.hypot(sigma, shared)
-    expected = np.zeros(len(normals)) if left is None else _expected_change(surface.vertices, normals, left, sign)
+    expected = np.zeros(len(normals)) if left is None else expected_change(surface.vertices, normals, left, sign)
     sigma_expected = motion if left is None else _motion_sigma(left, surface.vertices, normals)
     return Side(
         surface, other, keep_on_disk(feet.faces), keep_on_disk(corners), normals, shell.neighbours, shell.areas,
@@ -228,7 +228,7 @@ def _gap_of(shell: Shell) -> Ints:
     return np.searchsorted(GAP_STEPS, distance / np.sqrt(median(shell.areas)), side="right").astype(np.uint8)
 
 
-def _expected_change(points: Floats, normals: Floats, left: Registration, sign: float) -> Floats:
+def expected_change(points: Floats, normals: Floats, left: Registration, sign: float) -> Floats:
     """Return the change (n,) [m] along the normals that the motion between the epochs alone makes.
 
     What lay at x in the reference epoch lies at T^-1 x in the compared one, what lies there at y lay at T y.

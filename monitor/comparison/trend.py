@@ -101,6 +101,18 @@ def fit_polynomial(years: Floats, distances: Floats, sigmas: Floats, sigma_refer
     return Polynomial(parameters, covariance, chi2, n_observed)
 
 
+def weights_of_last(fit: Polynomial, years: Floats, sigmas: Floats, sigma_reference: Floats) -> Floats:
+    """Return what a metre of each difference makes of the last parameter of a fit, (k, n) 1/year or 1/year2; 0 where it
+    is not known.
+
+    The weights of all observations sum to zero, so minus their sum is that of the reference, which is 0 at time 0.
+    """
+    variances = sigmas**2 - sigma_reference**2
+    weight = np.where(variances > 0.0, 1.0 / np.where(variances > 0.0, variances, 1.0), 0.0)
+    powers = np.asarray(years)[:, None] ** np.arange(fit.parameters.shape[1])
+    return np.nan_to_num(weight * (powers @ fit.covariance[:, -1].T))
+
+
 def _with_reference(years: Floats, distances: Floats, sigmas: Floats,
                     sigma_reference: Floats) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Return times (k + 1,), values and variances (k + 1, n) with the reference as the first observation."""

@@ -15,7 +15,7 @@ from monitor.record import Place
 from projects import Project, Surface
 from projects.errors import ComparisonError
 from projects.formats import write_ply_mesh
-from projects.model import Step
+from projects.model import Assessment, Step
 from reports import html
 from reports.courses import draw_courses
 
@@ -61,6 +61,20 @@ def test_the_worn_place_is_one_region_with_its_rate(made: Path) -> None:
     assert np.hypot(row.x - 0.05, row.y) < 0.005
     deepest = np.nanmin(series.rate)
     assert deepest == pytest.approx(-6e-4, abs=8e-5)
+
+
+def test_rates_are_significant_where_it_is_worn_and_nowhere_else(made: Path) -> None:
+    """By themselves one vertex in twenty would be, all over the relief."""
+    project = Project.open(made / "project")
+    series = project.get("relief", "e2025", "series-e2021")
+    surface = project.get("relief", "e2025", "comparison-e2021").on_reference.surface
+    away = np.hypot(surface.vertices[:, 0] - 0.05, surface.vertices[:, 1])
+    significant = series.rate_assessment == Assessment.CHANGED
+    assert significant[away < 0.025].all()
+    assert not significant[away > 0.06].any()
+    assert (np.isnan(series.rate) <= (series.rate_assessment == Assessment.NOT_ASSESSABLE)).all()
+    header = (made / "relief_e2021_series.ply").read_bytes()[:2000]
+    assert b"property uchar rate_assessment" in header
 
 
 def test_motions_of_the_whole_are_adjusted_together_and_close(made: Path) -> None:

@@ -1,0 +1,116 @@
+"""Where the rates of a series are significant, and what hangs together there: as a comparison finds change.
+
+In: the rates as a side. Out: a number for each vertex. Noise and correlation are learned from what goes on nowhere,
+patches of every size are tested with false discoveries held over all of them (`detection`), and what hangs
+together must hold as a whole (`regions`): the chance that a series of unchanged epochs shows any region is at most the
+level. So a rate that no single epoch shows is found where many epochs and many vertices together show it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from monitor.comparison.connected import connect_like
+from monitor.comparison.detection import (
+    Detected,
+    away_from_both,
+    can_teach,
+    detect,
+    judge_units,
+    learn_errors,
+    mark_changed,
+)
+from monitor.comparison.patches import PatchErrors, Patches, calm_errors, lay_out_again
+from monitor.comparison.rate_side import RateSide
+from monitor.comparison.region_figures import sigma_of_mean
+from monitor.comparison.regions import Regions, bear_out_parts, hold_patches, keep_significant, least_area
+from monitor.comparison.side import Side
+from monitor.comparison.skirts import trim_skirts
+from projects.model import Assessment, Bools, Floats, Ints
+
+LEVEL = 0.05  # expected share of false ones among the patches whose rate is called significant
+
+
+@dataclass(frozen=True)
+class RateRegions:
+    """Regions 1 to r of significant rates: the `region` (n,) of each vertex, 0 for none; the `assessment` (n,) of each
+    vertex's rate, CHANGED where it is significant; and of each region the mean change over the series at its rate,
+    `means`, `sigmas` (r,) [m]."""
+
+    region: Ints
+    assessment: NDArray[np.uint8]
+    means: Floats
+    sigmas: Floats
+
+
+def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> RateRegions:
+    """Return the regions of significant rates, largest first, with false discoveries of at most `level`."""
+    side = rates.side
+    state = np.where(side.is_assessed, Assessment.UNCHANGED, Assessment.NOT_ASSESSABLE).astype(np.uint8)
+    nothing = np.zeros(len(state), dtype=np.int32)
+    if not side.is_assessed.any():
+        return RateRegions(nothing, state, np.zeros(0), np.zeros(0))
+    sides = (side, side)  # nobody told the rates on another surface: this one stands for both
+    found = detect_rates(rates, level, seed)
+    region = trim_skirts(side, hold_together(side, found, level), found.sides[0].smooth)
+    table = measure_rates(side, region, found, rates)
+    z = np.abs((table["mean_m"] / table["sigma_mean_m"]).to_numpy(dtype=float))
+    order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
+    ordered = Regions(table, (region, region), (region, region)).keep(order)
+    held = keep_significant(ordered, sides, z[order], np.zeros(len(z), dtype=np.bool_), level)
+    state[held.seen[0] > 0] = Assessment.CHANGED
+    means, sigmas = (held.table[name].to_numpy(dtype=float) for name in ("mean_m", "sigma_mean_m"))
+    return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas)
+
+
+def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
+    """Decide which vertices' rates are significant.
+
+    Noise and correlation are learned from the accelerations, in which a trend does not show, be it as wide as it may.
+    What goes on nowhere must scatter as they say; where its patches scatter more, these say it.
+    """
+    sides, still = (rates.side, rates.side), (rates.still, rates.still)
+    by_itself = detect(still, rates.motion, level, seed)
+    noise, errors = by_itself.noise, by_itself.test.errors
+    layout = lay_out_again(by_itself.layout, sides, rates.motion)
+    test = judge_units(layout, sides, by_itself.calm, noise, level, lambda _: errors)
+    rest = away_from_both(sides, test)
+    if can_teach(rest, sides, test):
+        test = judge_units(layout, sides, rest, noise, level, partial(as_wide_as, errors))
+    found = mark_changed(rates.side, rates.still, test, 0, noise, by_itself.calm[0])
+    return Detected((found, found), noise, test, layout, by_itself.calm)
+
+
+def as_wide_as(errors: tuple[PatchErrors, ...], both: tuple[Patches, Patches]) -> tuple[PatchErrors, ...]:
+    """Return how patches of each size scatter: as `errors` say, or as the calm ones do where these scatter more."""
+    return tuple(max(pair, key=lambda e: e.scale) for pair in zip(errors, learn_errors(calm_errors, both), strict=True))
+
+
+def hold_together(side: Side, found: Detected, level: float) -> Ints:
+    """Return the number (n,) of the part that each vertex belongs to, 0 for none: parts that are wide enough to be a
+    witness, hold as a whole, and do not lie along free edges, since no other surface bears them out."""
+    kinds = np.sign(np.nan_to_num(found.sides[0].smooth)).astype(np.int8) + np.int8(1)
+    part = connect_like(np.where(found.sides[0].is_changed, kinds, np.int8(-1)), [side.neighbours])
+    n_parts = int(part.max(initial=-1)) + 1
+    area = np.bincount(part[part >= 0], side.areas[part >= 0], minlength=n_parts)
+    test = replace(found.test, n_tested=found.test.n_tested // 2)  # the one side was counted twice
+    kept: Bools = hold_patches((side,), test, (part,), n_parts, level)
+    kept &= bear_out_parts((side,), found.noise, (part,), n_parts) & (area >= least_area((side,), found))
+    number = np.zeros(n_parts + 1, dtype=np.int32)
+    number[np.flatnonzero(kept)] = np.arange(1, np.count_nonzero(kept) + 1)
+    return np.asarray(number[part])  # part -1 is the last entry: 0
+
+
+def measure_rates(side: Side, region: Ints, found: Detected, rates: RateSide) -> pd.DataFrame:
+    """Return area and mean change over the series, with its sigma, of each region of the vertices (n,)."""
+    rows = []
+    for k in range(1, int(region.max(initial=0)) + 1):
+        at = np.flatnonzero(region == k)
+        mean = float(np.average(side.distances[at], weights=side.areas[at]))
+        rows.append([k, float(side.areas[at].sum()), mean, sigma_of_mean(side, found, at, rates.motion)])
+    return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m"])
