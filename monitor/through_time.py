@@ -50,7 +50,8 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
         motions, closures = tell_network(network, links, [first, *epochs])
         figures = {"closure_chi2": network.chi2, "closure_freedom": network.freedom,
                    "closure_probability": network.probability}  # fmt: skip
-        counts = {"regions": len(series.regions), "epochs": len(epochs) + 1}
+        by_trend = int((series.regions["found_by"] == "trend").sum())
+        counts = {"regions": len(series.regions), "regions_by_trend": by_trend, "epochs": len(epochs) + 1}
         return Made(replace(series, motions=motions, closures=closures), figures, counts)
 
     asked = Asked(f"series-{first.epoch_id}", "series", {}, (*direct, *(s for _, s in between)))

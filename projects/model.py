@@ -331,7 +331,8 @@ class Comparison:
 SERIES_COLUMNS = ("identity", "first_seen", "last_seen", "parent", "merged_into", "area_m2", "model",
                   "rate_m_per_year", "sigma_rate_m_per_year", "p_rate", "acceleration_m_per_year2",
                   "sigma_acceleration_m_per_year2", "p_acceleration", "p_onset", "onset_from_years", "onset_to_years",
-                  "p_fit", "x", "y", "z")  # fmt: skip
+                  "p_fit", "x", "y", "z", "found_by", "volume_rate_m3_per_year",
+                  "sigma_volume_rate_m3_per_year")  # fmt: skip
 HISTORY_COLUMNS = ("identity", "epoch", "years", "region", "event", "mean_m", "sigma_mean_m", "change_m3",
                    "sigma_change_m3")  # fmt: skip
 FORECAST_COLUMNS = ("identity", "years", "mean_m", "sigma_m")
@@ -349,9 +350,11 @@ class Series:
     `acceleration`, `sigma_acceleration` [m/year2], NaN where unknown, positive = gained, and `identity`, the followed
     region (0: none). `regions` (`SERIES_COLUMNS`) has a row for each followed region, `history` (`HISTORY_COLUMNS`) one
     for each of them in each epoch, measured over its whole footprint: `change_m3` is its mean change times its area, as
-    much larger as the region's volume is where that is largest. `forecast` (`FORECAST_COLUMNS`) says for regions with a
-    trend which mean difference an epoch at a time should show if it goes on as before. `motions` (`MOTION_COLUMNS`)
-    says how the object stood as a whole in each epoch against the first, from one adjustment of all registrations,
+    much larger as the region's volume is where that is largest. Of a region `found_by` its "trend" no single epoch
+    shows anything, and `first_seen` and `last_seen` are empty; others were found by "epochs", or "both". `forecast`
+    (`FORECAST_COLUMNS`) says for regions with a trend which mean difference an epoch at a time should show if it goes
+    on as before. `motions` (`MOTION_COLUMNS`) says how the object stood as a whole in each epoch against the first,
+    from one adjustment of all registrations,
     `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where there was no such network.
     `rate_assessment` (n,) is the `Assessment` of each vertex's rate: CHANGED where it is significant, with false
     discoveries held over the surface and over patches of every size, so that one vertex's rate over its sigma does not

@@ -17,7 +17,7 @@ from projects.model import Floats, Series
 from reports.colours import change_ramp
 from reports.drawing import INK, MM, SOFT, drawing, plain_number, write_svg
 from reports.facts import CourseFacts, SeriesFacts, Table
-from reports.quantities import CM2, DEGREES, Estimate, day, estimate, in_words
+from reports.quantities import CM2, CM3, DEGREES, Estimate, day, estimate, in_words
 
 CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
@@ -41,7 +41,9 @@ def tell_series(series: Series) -> SeriesFacts:
     if not courses:
         return SeriesFacts(lead + "No region changed in any of them.", (), series, tell_motions(series))
     going = sum(row["model"] in ("steady", "accelerating", "onset") for _, row in rows.iterrows())
-    return SeriesFacts(f"{lead}{_say_followed(len(courses), going)}", courses, series, tell_motions(series))
+    alone = sum(_is_by_trend(row) for _, row in rows.iterrows())
+    told = f"{lead}{_say_followed(len(courses), going)}{_say_by_trend(alone, len(courses))}"
+    return SeriesFacts(told, courses, series, tell_motions(series))
 
 
 def tell_motions(series: Series) -> Table | None:
@@ -71,6 +73,19 @@ def _say_followed(n: int, going: int) -> str:
     return f"{in_words(n).capitalize()} regions are followed, each {where}; {rest} on changing."
 
 
+def _is_by_trend(row: pd.Series) -> bool:
+    """Return whether no single epoch shows a region, and its trend does; of older series that was not asked."""
+    return str(row.get("found_by", "epochs")) == "trend"
+
+
+def _say_by_trend(n: int, n_all: int) -> str:
+    """Return how many regions are found by their trend alone, in words; empty for none."""
+    if not n:
+        return ""
+    which = "No single epoch shows it" if n_all == 1 else f"No single epoch shows {in_words(n)} of them"
+    return f"{which}: all epochs together do, by {'its' if n == 1 else 'their'} trend."
+
+
 def tell_course(series: Series, row: pd.Series) -> CourseFacts:
     """Return one followed region as texts."""
     history = series.history[series.history["identity"] == row["identity"]]
@@ -83,10 +98,11 @@ def tell_course(series: Series, row: pd.Series) -> CourseFacts:
         side="lost" if mean < 0 else "gained" if mean > 0 else "other",
         course=say_course(series, row) + since,
         origin=_origin(row),
-        first_seen=str(row["first_seen"]),
+        first_seen="by its trend alone" if _is_by_trend(row) else str(row["first_seen"]),
         area=estimate(float(row["area_m2"]), 0.0, CM2, "cm²"),
         mean=estimate(mean, sigma, MM, "mm", signed=True),
         rate=_rate(row),
+        volume_rate=_volume_rate(row),
     )
 
 
@@ -95,6 +111,14 @@ def _rate(row: pd.Series) -> Estimate:
     if str(row["model"]) not in ("none", *GOES_ON):
         return Estimate("no one rate")
     return estimate(float(row["rate_m_per_year"]), float(row["sigma_rate_m_per_year"]), MM, "mm/year", signed=True)
+
+
+def _volume_rate(row: pd.Series) -> Estimate:
+    """Return the rate of a region's volume where it goes on at a rate, and the series tells it."""
+    if str(row["model"]) not in GOES_ON:
+        return Estimate("no one rate")
+    value, sigma = (float(row.get(f"{name}volume_rate_m3_per_year", math.nan)) for name in ("", "sigma_"))
+    return estimate(value, sigma, CM3, "cm³/year", signed=True)
 
 
 def say_course(series: Series, row: pd.Series) -> str:

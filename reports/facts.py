@@ -55,7 +55,8 @@ class RegionFacts:
 
 @dataclass(frozen=True)
 class CourseFacts:
-    """How one region goes on over several epochs; `origin` says where it split from or merged into, if it did."""
+    """How one region goes on over several epochs; `origin` says where it split from or merged into, if it did, and
+    `first_seen` which epoch shows it first, or that none does by itself."""
 
     number: int
     side: str
@@ -65,6 +66,7 @@ class CourseFacts:
     area: Estimate
     mean: Estimate
     rate: Estimate
+    volume_rate: Estimate
 
 
 @dataclass(frozen=True)

@@ -133,8 +133,10 @@ def compare_object(
         facts[-1]["answer"] += f"; no series: {' and '.join(alike)} are of one date, and leave no order"
     if facts and followed is not None:
         n = int(followed.counts["regions"])
-        facts[-1]["series"] = {"n_epochs": followed.counts["epochs"], "n_regions": n}
+        alone = int(followed.counts.get("regions_by_trend", 0))
+        facts[-1]["series"] = {"n_epochs": followed.counts["epochs"], "n_regions": n, "n_regions_by_trend": alone}
         facts[-1]["answer"] += f"; {n} region{'s' if n != 1 else ''} followed over {followed.counts['epochs']} epochs"
+        facts[-1]["answer"] += f", {alone} of them found by the trend alone" if alone else ""
     _tell(facts, as_json, "{object} {reference} -> {compared}: {answer}")
     _require_none(
         failed, len(pairs), "pairs of epochs could not be compared, and no change was followed over the epochs"

@@ -1,8 +1,8 @@
 """Says what has changed between two epochs: distances, level of detection, states, regions; and over more of them."""
 
 from monitor.comparison.distances import normal_distances
+from monitor.comparison.epoch_change import EpochChange
 from monitor.comparison.epochs import CompareSettings, compare
-from monitor.comparison.following import EpochChange
 from monitor.comparison.level_of_detection import lague_lod95, level_of_detection
 from monitor.comparison.m3c2 import M3C2Result, m3c2
 from monitor.comparison.series import follow

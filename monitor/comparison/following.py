@@ -1,49 +1,22 @@
 """Regions that keep their identity from epoch to epoch: what overlaps on the reference surface and has one sign.
 
 In: the comparisons of several epochs with one reference epoch. Out: followed regions with their numbers in each epoch,
-and what became of them: appeared, split, merged, asleep.
+and what became of them: appeared, split, merged, asleep. What no single epoch shows and the rates of all do is one of
+them (`follow_rates`).
 """
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from projects.model import Bools, ComparedSurface, Comparison, Floats, Ints, NotAssessed
+from monitor.comparison.rate_regions import RateRegions
+from projects.model import Bools, Comparison, Floats, Ints
 
 SAME = 0.2  # of the smaller area: two regions that share more are one
-
-
-@dataclass(frozen=True)
-class EpochChange:
-    """One epoch against the reference: its name, date, and comparison."""
-
-    epoch_id: str
-    date: datetime.date
-    comparison: Comparison
-
-    @property
-    def side(self) -> ComparedSurface:
-        """The change on the reference surface."""
-        return self.comparison.on_reference
-
-    @property
-    def came(self) -> Ints:
-        """The numbers of the regions that came as a whole: most of what stands there was looked through before."""
-        later = self.comparison.on_compared
-        number, n = later.changed_region, len(self.comparison.regions) + 1
-        n_through = np.bincount(number[later.reasons == NotAssessed.LOOKED_THROUGH], minlength=n)
-        return np.setdiff1d(np.flatnonzero(2 * n_through > np.bincount(number, minlength=n)), [0])
-
-    @property
-    def places(self) -> Ints:
-        """The region (n,) that each vertex of the reference surface lies in, 0 for none: where it has changed, and
-        what is buried under what came as a whole, which alone says where that stands."""
-        side = self.side
-        return np.where(side.is_changed | np.isin(side.region, self.came), side.region, 0).astype(np.int32)
+MOST = 0.5  # of what its rates show, that a region must cover; else epochs found a part of it
 
 
 @dataclass
@@ -52,7 +25,9 @@ class Followed:
 
     `identity` is its number, 1 the first; `sign` +1 gained, -1 lost; `latest` and `footprint` are masks (n,) of the
     reference's vertices, where it was last seen and in any epoch; `events` says by epoch what became of it; `parent` is
-    the identity that it split from and `merged_into` the one it went into, 0 where none.
+    the identity that it split from and `merged_into` the one it went into, 0 where none. `found_by` says what shows it:
+    "epochs" by themselves, its "trend" alone, or "both"; `is_grown` whether its footprint is what its rates show, and
+    what epochs found a part of it; `kept` which share of a vertex's sigma the mean over it keeps, where no epoch tells.
     """
 
     identity: int
@@ -63,6 +38,9 @@ class Followed:
     events: dict[int, str] = field(default_factory=dict)
     parent: int = 0
     merged_into: int = 0
+    found_by: str = "epochs"
+    is_grown: bool = False
+    kept: float = 1.0
 
 
 def sign_of_regions(comparison: Comparison) -> Floats:
@@ -120,3 +98,31 @@ def _go_on(followed: Followed, epoch: int, region: int, mask: Bools) -> None:
     followed.latest = mask
     followed.footprint |= mask
     followed.numbers[epoch] = region
+
+
+def follow_rates(followed: list[Followed], rates: RateRegions, areas: Floats, last: int) -> list[Followed]:
+    """Return the followed regions, and after them those that no epoch and only their rates show, with new identities.
+
+    `last` is the number of the last epoch. A region of significant rates that shares enough with a followed one of its
+    sign is that one; where this covers less than `MOST` of it, what epochs found was a part, and its footprint grows.
+    """
+    out = list(followed)
+    for r, mean in enumerate(rates.means, 1):
+        mask, sign = rates.region == r, float(np.sign(mean))
+        same = sorted(_found_there(followed, mask, sign, areas), key=lambda f: -areas[f.footprint & mask].sum())
+        for f in same:
+            f.found_by = "both"
+        if not same:
+            out.append(Followed(len(out) + 1, sign, mask, mask.copy(), events={last: "found by its trend"},
+                                found_by="trend", kept=float(rates.kept[r - 1])))  # fmt: skip
+        elif areas[same[0].footprint & mask].sum() < MOST * areas[mask].sum():
+            others = np.logical_or.reduce([f.footprint for f in followed if f is not same[0]] or [~mask & mask])
+            same[0].footprint |= mask & ~others
+            same[0].is_grown = True
+    return out
+
+
+def _found_there(followed: list[Followed], mask: Bools, sign: float, areas: Floats) -> list[Followed]:
+    """Return the followed regions of one sign, still there, that share enough with `mask` (n,) to be the same."""
+    return [f for f in followed if f.sign == sign and not f.merged_into and areas[f.footprint & mask].sum()
+            > SAME * min(float(areas[f.footprint].sum()), float(areas[mask].sum()))]  # fmt: skip

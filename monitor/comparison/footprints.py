@@ -11,11 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.comparison.following import EpochChange, Followed
+from monitor.comparison.epoch_change import EpochChange
+from monitor.comparison.following import Followed
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.trend import Course, fit_course
 from projects.model import ComparedSurface, Floats, Ints
 
+GOES_ON = ("steady", "accelerating")  # courses that a rate describes
 LEAST_SEEN = 0.5  # of a footprint's area that must be assessable for an epoch to count
 
 
@@ -36,6 +38,15 @@ class Footprint:
         if not (np.isfinite(self.means) & np.isfinite(self.sigmas)).any():
             return Course("not assessable", *(float("nan"),) * 7, (float("nan"), float("nan")), float("nan"))
         return fit_course(years, self.means, self.sigmas, self.sigma_reference, seed=seed)
+
+    def volume_rate(self, course: Course) -> tuple[float, float]:
+        """Return the rate of the volume and its sigma [m3/year] of what goes on at a rate: that of the mean, times the
+        volume that a metre of it is; NaN of any other course. How sure that volume is by itself is not in the sigma."""
+        if course.model not in GOES_ON or not np.isfinite(self.means).any():
+            return float("nan"), float("nan")
+        most = int(np.nanargmax(np.abs(self.means)))
+        per_metre = float(self.volumes[most, 0] / self.means[most]) if self.means[most] else float("nan")
+        return per_metre * course.rate, abs(per_metre) * course.sigma_rate
 
 
 def measure_footprint(followed: Followed, changes: Sequence[EpochChange], areas: Floats, share: Floats) -> Footprint:
@@ -93,20 +104,23 @@ def sigmas_over(followed: Followed, changes: Sequence[EpochChange], at: Ints) ->
     """Return one sigma [m] of the mean change in each epoch.
 
     Where the region was found, it is that of the region. Elsewhere it is the level of detection there times what the
-    mean over this region kept of it in the other epochs, the largest.
+    mean over this region kept of it in the other epochs, the largest; where no epoch found it, what its rates say.
     """
     levels = np.array([_mean_level(c.side, at) for c in changes])
     sigmas = np.full(len(changes), np.nan)
     for k, number in followed.numbers.items():
         table = changes[k].comparison.regions
         sigmas[k] = float(table.loc[table["region"] == number, "sigma_mean_m"].iloc[0])
-    kept = np.nanmax(sigmas / levels) if np.isfinite(sigmas / levels).any() else 1.0
+    kept = np.nanmax(sigmas / levels) if np.isfinite(sigmas / levels).any() else followed.kept
     return np.where(np.isfinite(sigmas), sigmas, kept * levels)
 
 
 def bodies_of(followed: Followed, changes: Sequence[EpochChange]) -> Floats:
-    """Return volume and sigma (k, 2) [m3] of the body between both surfaces in each epoch that found the region."""
+    """Return volume and sigma (k, 2) [m3] of the body between both surfaces in each epoch that found the region; NaN
+    where it found a part of it."""
     bodies = np.full((len(changes), 2), np.nan)
+    if followed.is_grown:
+        return bodies
     for k, number in followed.numbers.items():
         table = changes[k].comparison.regions
         bodies[k] = table.loc[table["region"] == number, ["volume_m3", "sigma_volume_m3"]].iloc[0]

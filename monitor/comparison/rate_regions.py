@@ -39,13 +39,13 @@ LEVEL = 0.05  # expected share of false ones among the patches whose rate is cal
 @dataclass(frozen=True)
 class RateRegions:
     """Regions 1 to r of significant rates: the `region` (n,) of each vertex, 0 for none; the `assessment` (n,) of each
-    vertex's rate, CHANGED where it is significant; and of each region the mean change over the series at its rate,
-    `means`, `sigmas` (r,) [m]."""
+    vertex's rate, CHANGED where it is significant; and of each region (r,) the mean change over the series at its rate,
+    `means` [m], and which share of a vertex's sigma that mean keeps, `kept`."""
 
     region: Ints
     assessment: NDArray[np.uint8]
     means: Floats
-    sigmas: Floats
+    kept: Floats
 
 
 def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> RateRegions:
@@ -58,14 +58,14 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     sides = (side, side)  # nobody told the rates on another surface: this one stands for both
     found = detect_rates(rates, level, seed)
     region = trim_skirts(side, hold_together(side, found, level), found.sides[0].smooth)
-    table = measure_rates(side, region, found, rates)
+    table = measure_rates(rates, region, found)
     z = np.abs((table["mean_m"] / table["sigma_mean_m"]).to_numpy(dtype=float))
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     ordered = Regions(table, (region, region), (region, region)).keep(order)
     held = keep_significant(ordered, sides, z[order], np.zeros(len(z), dtype=np.bool_), level)
     state[held.seen[0] > 0] = Assessment.CHANGED
-    means, sigmas = (held.table[name].to_numpy(dtype=float) for name in ("mean_m", "sigma_mean_m"))
-    return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas)
+    means, sigmas, alone = (held.table[c].to_numpy(dtype=float) for c in ("mean_m", "sigma_mean_m", "sigma_vertex_m"))
+    return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone)
 
 
 def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
@@ -106,11 +106,13 @@ def hold_together(side: Side, found: Detected, level: float) -> Ints:
     return np.asarray(number[part])  # part -1 is the last entry: 0
 
 
-def measure_rates(side: Side, region: Ints, found: Detected, rates: RateSide) -> pd.DataFrame:
-    """Return area and mean change over the series, with its sigma, of each region of the vertices (n,)."""
-    rows = []
+def measure_rates(rates: RateSide, region: Ints, found: Detected) -> pd.DataFrame:
+    """Return of each region of the vertices (n,) its area, its mean change over the series with its sigma, and the mean
+    of what is stated of its vertices."""
+    side, rows = rates.side, []
+    stated = np.hypot(side.sigma_surfaces, side.sigma_common)
     for k in range(1, int(region.max(initial=0)) + 1):
         at = np.flatnonzero(region == k)
-        mean = float(np.average(side.distances[at], weights=side.areas[at]))
-        rows.append([k, float(side.areas[at].sum()), mean, sigma_of_mean(side, found, at, rates.motion)])
-    return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m"])
+        mean, alone = (float(np.average(v[at], weights=side.areas[at])) for v in (side.distances, stated))
+        rows.append([k, float(side.areas[at].sum()), mean, sigma_of_mean(side, found, at, rates.motion), alone])
+    return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m", "sigma_vertex_m"])

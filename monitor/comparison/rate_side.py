@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.comparison.distances import unit_normals
-from monitor.comparison.following import EpochChange
+from monitor.comparison.epoch_change import EpochChange
 from monitor.comparison.rim import distance_to_rim, outline
 from monitor.comparison.side import Side, expected_change
 from monitor.comparison.stars import gather_neighbours, make_mesh, survey_vertices

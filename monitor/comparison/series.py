@@ -1,7 +1,8 @@
 """Change over more than two epochs: regions that keep their identity, and the trend of each of them and each vertex.
 
 In: the comparisons of several epochs with one reference epoch, and their dates. Out: a `Series` on the reference
-surface. Regions are found epoch by epoch, followed (`following`), and measured over their whole footprint in every
+surface. Regions are found epoch by epoch and, where no single epoch shows them, by the rates of all (`rate_regions`),
+followed (`following`), and measured over their whole footprint in every
 epoch (`footprints`); how each goes on is a `Course` (`trend`).
 """
 
@@ -14,8 +15,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from monitor.comparison.following import EpochChange, Followed, follow_regions, sign_of_regions
-from monitor.comparison.footprints import Footprint, measure_footprint
+from monitor.comparison.epoch_change import EpochChange
+from monitor.comparison.following import Followed, follow_rates, follow_regions, sign_of_regions
+from monitor.comparison.footprints import GOES_ON, Footprint, measure_footprint
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.rate_regions import LEVEL, find_rate_regions
 from monitor.comparison.rate_side import Fits, make_rate_side
@@ -70,7 +72,7 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     surface = changes[0].side.surface
     areas = vertex_areas(make_mesh(surface.vertices, surface.faces))
     numbers, signs = [c.places for c in changes], [sign_of_regions(c.comparison) for c in changes]
-    followed = follow_regions(numbers, signs, areas)
+    followed = follow_rates(follow_regions(numbers, signs, areas), going, areas, len(changes) - 1)
     share = (sigma_reference / np.fmin.reduce(sigmas)) ** 2
     measured = [measure_footprint(f, changes, areas, share) for f in followed]
     courses = [m.course(years, seed) for m in measured]
@@ -137,11 +139,11 @@ def _stated_variance(surface: Surface) -> float:
 
 def series_row(followed: Followed, measured: Footprint, course: Course, changes: Sequence[EpochChange]) -> list[object]:
     """Return the row of a followed region in the order of `SERIES_COLUMNS`."""
-    first, last = min(followed.numbers), max(followed.numbers)
-    return [followed.identity, changes[first].epoch_id, changes[last].epoch_id, followed.parent, followed.merged_into,
+    seen = [changes[k].epoch_id for k in sorted(followed.numbers)] or [""]
+    return [followed.identity, seen[0], seen[-1], followed.parent, followed.merged_into,
             measured.area, course.model, course.rate, course.sigma_rate, course.p_rate, course.acceleration,
             course.sigma_acceleration, course.p_acceleration, course.p_onset, *course.onset, course.p_fit,
-            *(float(x) for x in measured.centre)]  # fmt: skip
+            *(float(x) for x in measured.centre), followed.found_by, *measured.volume_rate(course)]  # fmt: skip
 
 
 def history_rows(followed: Followed, measured: Footprint, changes: Sequence[EpochChange],
@@ -156,7 +158,7 @@ def history_rows(followed: Followed, measured: Footprint, changes: Sequence[Epoc
 
 def forecast_rows(followed: Followed, measured: Footprint, course: Course, years: Floats) -> list[list[object]]:
     """Return what epochs up to a quarter of the time beyond the last should show (`FORECAST_COLUMNS`)."""
-    if course.model not in ("steady", "accelerating"):
+    if course.model not in GOES_ON:
         return []
     at = np.linspace(0.0, (1.0 + AHEAD) * years[-1], N_FORECAST)
     degree = 2 if course.model == "accelerating" else 1

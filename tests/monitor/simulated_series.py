@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.ndimage import gaussian_filter
 
-from monitor.comparison.following import EpochChange
+from monitor.comparison.epoch_change import EpochChange
 from monitor.comparison.level_of_detection import Z95
 from projects.model import REGION_COLUMNS, Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 

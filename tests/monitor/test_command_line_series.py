@@ -132,7 +132,7 @@ def test_program_reads_the_series_from_the_answer(made: Path, capsys: pytest.Cap
     capsys.readouterr()
     assert run(["compare", str(made / "project"), "relief", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert facts[-1]["series"] == {"n_epochs": 4, "n_regions": 1}
+    assert facts[-1]["series"] == {"n_epochs": 4, "n_regions": 1, "n_regions_by_trend": 0}
 
 
 def test_epochs_of_one_date_leave_no_order_and_that_is_said(

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.following import EpochChange
+from monitor.comparison.epoch_change import EpochChange
 from monitor.comparison.series import follow
 from monitor.comparison.sight import StationSight, gather_sight
 from monitor.simulation.solid import contour

@@ -11,7 +11,8 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.following import EpochChange, follow_regions
+from monitor.comparison.epoch_change import EpochChange
+from monitor.comparison.following import follow_regions
 from monitor.comparison.series import follow
 from monitor.comparison.trend import fit_course, fit_polynomial, predict
 from projects.errors import ComparisonError, ParameterError

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.following import EpochChange
+from monitor.comparison.epoch_change import EpochChange
 from monitor.comparison.footprints import missed_by_unseen
 from monitor.comparison.series import follow, reference_part
 from monitor.comparison.trend import fit_course
