@@ -16,12 +16,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from monitor.comparison.connected import connect_like
+from monitor.comparison.correlation import Correlation, estimate_correlation
 from monitor.comparison.detection import (
     Detected,
     away_from_both,
     can_teach,
     detect,
     judge_units,
+    lay_out,
     learn_errors,
     mark_changed,
 )
@@ -71,19 +73,33 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
 def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
     """Decide which vertices' rates are significant.
 
-    Noise and correlation are learned from the accelerations, in which a trend does not show, be it as wide as it may.
+    Noise and correlation are learned from the accelerations, in which a trend does not show, be it as wide as it may,
+    and the correlation from what else departs from a line, too: a surface holds few witnesses of how far errors agree.
     What goes on nowhere must scatter as they say; where its patches scatter more, these say it.
     """
     sides, still = (rates.side, rates.side), (rates.still, rates.still)
     by_itself = detect(still, rates.motion, level, seed)
-    noise, errors = by_itself.noise, by_itself.test.errors
-    layout = lay_out_again(by_itself.layout, sides, rates.motion)
-    test = judge_units(layout, sides, by_itself.calm, noise, level, lambda _: errors)
+    calm = by_itself.calm
+    noise = replace(by_itself.noise, correlation=pool_correlations(rates, by_itself, seed))
+    layout = lay_out(still, noise, rates.motion, by_itself.layout)
+    errors = judge_units(layout, still, calm, noise, level, partial(learn_errors, calm_errors)).errors
+    layout = lay_out_again(layout, sides, rates.motion)
+    test = judge_units(layout, sides, calm, noise, level, lambda _: errors)
     rest = away_from_both(sides, test)
     if can_teach(rest, sides, test):
         test = judge_units(layout, sides, rest, noise, level, partial(as_wide_as, errors))
-    found = mark_changed(rates.side, rates.still, test, 0, noise, by_itself.calm[0])
-    return Detected((found, found), noise, test, layout, by_itself.calm)
+    found = mark_changed(rates.side, rates.still, test, 0, noise, calm[0])
+    return Detected((found, found), noise, test, layout, calm)
+
+
+def pool_correlations(rates: RateSide, learned: Detected, seed: int) -> Correlation:
+    """Return how errors agree, the mean of what was `learned` from the accelerations and of all further departures."""
+    rng, side, calm = np.random.default_rng(seed), rates.side, learned.calm[0]
+    own = learned.noise.correlation
+    more = [estimate_correlation(side.surface.vertices, np.where(calm, z, np.nan), side.areas, rng)
+            for z in rates.further if np.isfinite(z[calm]).mean() > 0.5]  # fmt: skip
+    sills = np.mean([own.sills, *(c.sills for c in more if np.array_equal(c.ranges, own.ranges))], axis=0)
+    return Correlation(sills, own.ranges)
 
 
 def as_wide_as(errors: tuple[PatchErrors, ...], both: tuple[Patches, Patches]) -> tuple[PatchErrors, ...]:

@@ -19,12 +19,13 @@ from monitor.comparison.epoch_change import EpochChange
 from monitor.comparison.rim import distance_to_rim, outline
 from monitor.comparison.side import Side, expected_change
 from monitor.comparison.stars import gather_neighbours, make_mesh, survey_vertices
-from monitor.comparison.trend import Polynomial, weights_of_last
+from monitor.comparison.trend import Polynomial, departures, weights_of_last
 from monitor.registration.covariance import about
 from monitor.registration.propagation import propagate
 from projects.model import Assessment, Floats, NotAssessed, Registration, Surface
 
 FEWEST = 3.0  # epochs with the reference, that a vertex must be known in: two tell a difference, and no trend
+N_DEPARTURES = 6  # from the line, accelerations the first, that show how errors agree
 LEAST_OWN = 0.1  # of the sigma of a vertex, that is its own: what is stated in common may exceed what stable areas show
 
 
@@ -33,12 +34,14 @@ class RateSide:
     """The change over the whole series at its mean rate, as a `side` [m] of the reference surface.
 
     `still` is the same side with what errors alone make: accelerations, as many of the rates' sigmas as they are of
-    their own. They hold the errors of all epochs, and no trend. `motion` has the covariance of all registrations in the
-    rates; the change is over `years`.
+    their own. They hold the errors of all epochs, and no trend. `further` (m, n) are as many other sums of the same
+    errors without a trend, over their sigmas, as there are; independent of each other. `motion` has the covariance of
+    all registrations in the rates; the change is over `years`.
     """
 
     side: Side
     still: Side
+    further: Floats
     motion: Registration
     years: float
 
@@ -46,11 +49,13 @@ class RateSide:
 @dataclass(frozen=True)
 class Fits:
     """What is fitted to the differences at n vertices: a `line` and a `curve`; `years` (k,) since the reference,
-    `sigmas` (k, n) m of the differences, NaN where not known, and `sigma_reference` (n,) m, the reference's part."""
+    `distances`, `sigmas` (k, n) m of the differences, NaN where not known, and `sigma_reference` (n,) m, the
+    reference's part."""
 
     line: Polynomial
     curve: Polynomial
     years: Floats
+    distances: Floats
     sigmas: Floats
     sigma_reference: Floats
 
@@ -80,7 +85,10 @@ def make_rate_side(changes: Sequence[EpochChange], fits: Fits) -> RateSide:
     )  # fmt: skip
     bend = curve.parameters[:, 2] - expected_of(changes, fits.weights(curve), side.normals)
     bend = np.where(side.is_assessed, sigma * bend / np.sqrt(curve.covariance[:, 2, 2]), np.nan)
-    return RateSide(side, replace(side, distances=bend), motion, whole)
+    further = departures(fits.years, fits.distances, fits.sigmas, fits.sigma_reference, N_DEPARTURES)[1:]
+    if any(c.comparison.mode == "absolute" for c in changes):
+        further = further[:0]  # they would hold the motion of the whole
+    return RateSide(side, replace(side, distances=bend), further, motion, whole)
 
 
 def lay_bare(surface: Surface, motion: Registration) -> Side:

@@ -67,7 +67,7 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     sigma_reference = reference_share([c.comparison for c in changes], sigmas)
     line = fit_polynomial(years, distances, sigmas, sigma_reference, degree=1)
     curve = fit_polynomial(years, distances, sigmas, sigma_reference, degree=2)
-    rates = make_rate_side(changes, Fits(line, curve, years, sigmas, sigma_reference))
+    rates = make_rate_side(changes, Fits(line, curve, years, distances, sigmas, sigma_reference))
     going = find_rate_regions(rates, level, seed)
     surface = changes[0].side.surface
     areas = vertex_areas(make_mesh(surface.vertices, surface.faces))

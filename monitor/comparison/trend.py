@@ -113,6 +113,17 @@ def weights_of_last(fit: Polynomial, years: Floats, sigmas: Floats, sigma_refere
     return np.nan_to_num(weight * (powers @ fit.covariance[:, -1].T))
 
 
+def departures(years: Floats, distances: Floats, sigmas: Floats, sigma_reference: Floats, most: int) -> Floats:
+    """Return what differences show beyond a line, over its sigma, (m, n): the last parameters of polynomials of degree
+    2, 3, ..., `most` of them or as many as there are epochs for; see `fit_polynomial`. NaN where too few are known.
+
+    Each is what its power of time adds to all lower ones, so they are independent of each other and of the line.
+    """
+    top = min(len(years), 1 + most)
+    fits = [fit_polynomial(years / years[-1], distances, sigmas, sigma_reference, d) for d in range(2, top + 1)]
+    return np.array([f.parameters[:, -1] / np.sqrt(f.covariance[:, -1, -1]) for f in fits])
+
+
 def _with_reference(years: Floats, distances: Floats, sigmas: Floats,
                     sigma_reference: Floats) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Return times (k + 1,), values and variances (k + 1, n) with the reference as the first observation."""

@@ -7,6 +7,8 @@ import pytest
 from scipy.stats import binom
 from simulated_series import SIGMA, START, YEARS, simulate_series, square
 
+from monitor.comparison.detection import detect
+from monitor.comparison.rate_regions import pool_correlations
 from monitor.comparison.rate_side import Fits, combine_motions, grown_by, make_rate_side
 from monitor.comparison.series import follow
 from monitor.comparison.trend import fit_polynomial, weights_of_last
@@ -61,7 +63,7 @@ def test_what_too_few_epochs_saw_is_not_assessable(rng: np.random.Generator) -> 
 def fits_of(years: Floats, distances: Floats, sigma: float, own: float) -> Fits:
     sigmas, owns = np.full(distances.shape, sigma), np.full(distances.shape[1], own)
     line, curve = (fit_polynomial(years, distances, sigmas, owns, degree) for degree in (1, 2))
-    return Fits(line, curve, years, sigmas, owns)
+    return Fits(line, curve, years, distances, sigmas, owns)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -87,6 +89,22 @@ def test_a_steady_rate_leaves_no_trace_in_what_errors_alone_make(rng: np.random.
     scatter = np.std(without.still.distances) / np.median(np.hypot(without.side.sigma_surfaces,
                                                                    without.side.sigma_common))  # fmt: skip
     assert scatter == pytest.approx(1.0, abs=0.15)  # some 250 witnesses: 0.06, one sigma
+
+
+def test_how_errors_agree_is_learned_from_all_that_departs_from_a_line(rng: np.random.Generator) -> None:
+    """One sum of the errors alone says it to a factor: a few witnesses may agree by chance, and far regions follow."""
+    areas = []
+    for _ in range(6):
+        changes = simulate_series(rng, YEARS)
+        distances = np.stack([c.side.distances for c in changes])
+        rates = make_rate_side(changes, fits_of(YEARS, distances, SIGMA, SIGMA * np.sqrt(0.5)))
+        assert rates.further.shape == (5, 3600)
+        assert np.abs(np.corrcoef(np.vstack([rates.still.distances, rates.further])) - np.eye(6)).max() < 0.25
+        np.testing.assert_allclose(np.std(rates.further, axis=1), 1.0, atol=0.15)
+        learned = detect((rates.still, rates.still), rates.motion, 0.05, 0)
+        areas.append((learned.noise.correlation.area, pool_correlations(rates, learned, 0).area))
+    one, all_together = np.std(np.log(areas), axis=0)
+    assert all_together < 0.6 * one
 
 
 def test_registrations_add_up_by_squares_and_the_reference_s_part_by_their_sum() -> None:
