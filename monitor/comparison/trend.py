@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, norm
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.family import adjust_together, share_as_small
 from projects.errors import ParameterError, ShapeError
 from projects.model import Floats
@@ -119,9 +120,14 @@ def departures(years: Floats, distances: Floats, sigmas: Floats, sigma_reference
 
     Each is what its power of time adds to all lower ones, so they are independent of each other and of the line.
     """
-    top = min(len(years), 1 + most)
-    fits = [fit_polynomial(years / years[-1], distances, sigmas, sigma_reference, d) for d in range(2, top + 1)]
-    return np.array([f.parameters[:, -1] / np.sqrt(f.covariance[:, -1, -1]) for f in fits])
+    degrees, n = range(2, min(len(years), 1 + most) + 1), len(sigma_reference)
+    out = np.empty((len(degrees), n))
+    for block in blocks(n):  # a covariance of a degree of 7 is half a KiB a vertex
+        given = distances[:, block], sigmas[:, block], sigma_reference[block]
+        for k, degree in enumerate(degrees):
+            fit = fit_polynomial(years / years[-1], *given, degree)
+            out[k, block] = fit.parameters[:, -1] / np.sqrt(fit.covariance[:, -1, -1])
+    return out
 
 
 def _with_reference(years: Floats, distances: Floats, sigmas: Floats,
