@@ -82,8 +82,8 @@ def _say_by_trend(n: int, n_all: int) -> str:
     """Return how many regions are found by their trend alone, in words; empty for none."""
     if not n:
         return ""
-    which = "No single epoch shows it" if n_all == 1 else f"No single epoch shows {in_words(n)} of them"
-    return f"{which}: all epochs together do, by {'its' if n == 1 else 'their'} trend."
+    which = "it" if n_all == 1 else "them" if n == n_all else f"{in_words(n)} of them"
+    return f" No single epoch shows {which}: all epochs together do, by {'its' if n == 1 else 'their'} trend."
 
 
 def tell_course(series: Series, row: pd.Series) -> CourseFacts:

@@ -50,7 +50,7 @@ def test_its_history_holds_every_epoch_and_says_how_it_was_found(bulging: Series
 
 def test_the_report_says_that_no_single_epoch_shows_it(bulging: Series) -> None:
     told = tell_series(bulging)
-    assert "No single epoch shows it: all epochs together do, by its trend." in told.lead
+    assert told.lead.endswith(" on changing. No single epoch shows it: all epochs together do, by its trend.")
     assert told.courses[0].first_seen == "by its trend alone"
     assert told.courses[0].volume_rate.unit == "cm³/year"
     older = bulging.regions.drop(columns=["found_by", "volume_rate_m3_per_year", "sigma_volume_rate_m3_per_year"])
