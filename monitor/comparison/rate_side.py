@@ -25,7 +25,7 @@ from monitor.registration.propagation import propagate
 from projects.model import Assessment, Floats, NotAssessed, Registration, Surface
 
 FEWEST = 3.0  # epochs with the reference, that a vertex must be known in: two tell a difference, and no trend
-N_DEPARTURES = 6  # from the line, accelerations the first, that show how errors agree
+FURTHER = range(3, 6)  # degrees of the departures from a line that show how errors agree, beside accelerations
 LEAST_OWN = 0.1  # of the sigma of a vertex, that is its own: what is stated in common may exceed what stable areas show
 
 
@@ -85,7 +85,7 @@ def make_rate_side(changes: Sequence[EpochChange], fits: Fits) -> RateSide:
     )  # fmt: skip
     bend = curve.parameters[:, 2] - expected_of(changes, fits.weights(curve), side.normals)
     bend = np.where(side.is_assessed, sigma * bend / np.sqrt(curve.covariance[:, 2, 2]), np.nan)
-    further = departures(fits.years, fits.distances, fits.sigmas, fits.sigma_reference, N_DEPARTURES)[1:]
+    further = departures(fits.years, fits.distances, fits.sigmas, fits.sigma_reference, FURTHER)
     if any(c.comparison.mode == "absolute" for c in changes):
         further = further[:0]  # they would hold the motion of the whole
     return RateSide(side, replace(side, distances=bend), further, motion, whole)

@@ -114,15 +114,16 @@ def weights_of_last(fit: Polynomial, years: Floats, sigmas: Floats, sigma_refere
     return np.nan_to_num(weight * (powers @ fit.covariance[:, -1].T))
 
 
-def departures(years: Floats, distances: Floats, sigmas: Floats, sigma_reference: Floats, most: int) -> Floats:
-    """Return what differences show beyond a line, over its sigma, (m, n): the last parameters of polynomials of degree
-    2, 3, ..., `most` of them or as many as there are epochs for; see `fit_polynomial`. NaN where too few are known.
+def departures(years: Floats, distances: Floats, sigmas: Floats, sigma_reference: Floats,
+               degrees: range) -> Floats:  # fmt: skip
+    """Return what differences show beyond a line, over its sigma, (m, n): the last parameters of polynomials of these
+    `degrees`, as far as there are epochs for them; see `fit_polynomial`. NaN where too few are known.
 
     Each is what its power of time adds to all lower ones, so they are independent of each other and of the line.
     """
-    degrees, n = range(2, min(len(years), 1 + most) + 1), len(sigma_reference)
+    degrees, n = range(degrees.start, min(degrees.stop, len(years) + 1)), len(sigma_reference)
     out = np.empty((len(degrees), n))
-    for block in blocks(n):  # a covariance of a degree of 7 is half a KiB a vertex
+    for block in blocks(n):  # a covariance of degree 5 is a quarter of a KiB a vertex
         given = distances[:, block], sigmas[:, block], sigma_reference[block]
         for k, degree in enumerate(degrees):
             fit = fit_polynomial(years / years[-1], *given, degree)

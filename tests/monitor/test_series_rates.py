@@ -98,13 +98,13 @@ def test_how_errors_agree_is_learned_from_all_that_departs_from_a_line(rng: np.r
         changes = simulate_series(rng, YEARS)
         distances = np.stack([c.side.distances for c in changes])
         rates = make_rate_side(changes, fits_of(YEARS, distances, SIGMA, SIGMA * np.sqrt(0.5)))
-        assert rates.further.shape == (5, 3600)
-        assert np.abs(np.corrcoef(np.vstack([rates.still.distances, rates.further])) - np.eye(6)).max() < 0.25
+        assert rates.further.shape == (3, 3600)
+        assert np.abs(np.corrcoef(np.vstack([rates.still.distances, rates.further])) - np.eye(4)).max() < 0.25
         np.testing.assert_allclose(np.std(rates.further, axis=1), 1.0, atol=0.15)
         learned = detect((rates.still, rates.still), rates.motion, 0.05, 0)
         areas.append((learned.noise.correlation.area, pool_correlations(rates, learned, 0).area))
     one, all_together = np.std(np.log(areas), axis=0)
-    assert all_together < 0.6 * one
+    assert all_together < 0.7 * one
 
 
 def test_registrations_add_up_by_squares_and_the_reference_s_part_by_their_sum() -> None:
