@@ -28,7 +28,7 @@ METHOD = {
     "mesh": 6,
     "quality": 3,
     "comparison": 31,
-    "series": 4,
+    "series": 5,
 }
 
 
