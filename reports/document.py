@@ -29,6 +29,7 @@ from reports.history import (
     points_table,
     record_steps,
     tell_open_holes,
+    tell_uncovered,
     versions_table,
 )
 from reports.opinion import opinion_tables
@@ -199,7 +200,8 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
         for e, s in surfaces
         if s and (told := tell_open_holes(s))
     )
-    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *holes, *again)
+    bare = tuple(f"Epoch {e.record.epoch_id}: {told}." for e, s in surfaces if s and (told := tell_uncovered(s)))
+    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *holes, *bare, *again)
 
 
 def _without_control(epoch: EpochHistory) -> str:

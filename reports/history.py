@@ -11,7 +11,7 @@ from typing import Any
 
 from projects.model import EpochRecord, ObjectRecord, Step
 from reports.facts import StepFacts, Table
-from reports.quantities import NOT_KNOWN, count, day
+from reports.quantities import NOT_KNOWN, count, day, percent
 
 STEP_TITLES = {
     "raw": "Reading", "calibration": "Range calibration of each scan", "scan": "Filtering each scan",
@@ -36,6 +36,7 @@ MERGING = {
     "merged": "merged by the second thinning", "out": "left after merging",
 }  # fmt: skip
 NOT_DROPPED = ("read", "in")
+UNCOVERED = 0.15  # of the area between the points: more without a surface is said with what an epoch became
 ON_READING = "not_measured_"  # counted with each scan, too, though none of them is among what was read
 
 
@@ -164,6 +165,17 @@ def tell_open_holes(surface: Step) -> str:
     wanted = "watertight" if surface.parameters.get("surface", {}).get("watertight") else "closed as asked"
     stay, them = ("holes stay", "them") if n > 1 else ("hole stays", "it")
     return f"not {wanted}: {n} {stay} open, since faces over {them} would meet others"
+
+
+def tell_uncovered(surface: Step) -> str:
+    """Return in words how much of the area between its points has no surface, "" up to `UNCOVERED` of it."""
+    share = float(surface.automatic.get("uncovered_share", 0.0))
+    if not share > UNCOVERED:
+        return ""
+    return (
+        f"{percent(share)} of the area between its points has no surface: they lie too far apart for its cells, or two "
+        "sheets too near each other"
+    )
 
 
 def _add(flow: dict[tuple[str, str], int], phase: str, counts: Mapping[str, Any], names: Mapping[str, str]) -> None:

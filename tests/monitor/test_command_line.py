@@ -151,6 +151,22 @@ def test_holes_that_stay_open_are_told_on_the_screen_and_as_json(
     assert json.loads(said.out)[0]["open_holes"] == told
 
 
+def test_a_surface_that_most_points_have_not_got_is_told(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lose(*given: Any) -> list[Step]:
+        lost = {"automatic": {"uncovered_share": 0.984}}
+        return [dataclasses.replace(s, **lost) if s.product == "surface" else s for s in process_epoch(*given)]
+
+    assert run(["process", str(made / "project"), "relief", "e1"]) == 0
+    assert "has no surface" not in capsys.readouterr().err
+    monkeypatch.setattr(working, "process_epoch", lose)
+    assert run(["process", str(made / "project"), "relief", "e1", "--json"]) == 0
+    said = capsys.readouterr()
+    assert "mind: relief e1: 98.4 % of the area between its points has no surface: they lie too far" in said.err
+    assert json.loads(said.out)[0]["uncovered"].startswith("98.4 % of the area")
+
+
 def test_a_second_process_makes_nothing_new(made: Path) -> None:
     before = digest(made / "project")
     assert run(["process", str(made / "project")]) == 0

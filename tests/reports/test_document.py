@@ -395,11 +395,18 @@ def test_a_surface_made_again_after_the_comparison_is_pointed_out():
 def test_share_of_the_area_without_surface_stands_beside_that_of_the_points():
     before, after = example_epochs()
     made = next(s for s in after.steps if s.product == "surface")
-    told = dataclasses.replace(made, automatic={**made.automatic, "uncovered_share": 0.11})
-    steps = tuple(told if s is made else s for s in after.steps)
-    rows = rows_of(facts_of(epochs=(before, dataclasses.replace(after, steps=steps))), "The scans of each epoch")
+
+    def facts_at(share):
+        told = dataclasses.replace(made, automatic={**made.automatic, "uncovered_share": share})
+        steps = tuple(told if s is made else s for s in after.steps)
+        return facts_of(epochs=(before, dataclasses.replace(after, steps=steps)))
+
+    rows = rows_of(facts_at(0.11), "The scans of each epoch")
     assert rows["Area between the points without surface"][1] == "11 %"
     assert rows["points without surface"][1] == "0.20 %"
+    assert facts_at(0.11).remarks == ()
+    (remark,) = facts_at(0.984).remarks
+    assert plain(remark).startswith("Epoch e2: 98.4 % of the area between its points has no surface")
 
 
 def test_holes_that_stay_open_are_remarked_and_counted():
