@@ -22,17 +22,13 @@ def true_change(points: Floats, before: Scene, after: Scene) -> Floats:
 
 
 def rows_of_changes(
-    comparison: Comparison,
-    changes: Sequence[TrueChange],
-    scenes: tuple[Scene, Scene],
-    footprint: float,
-    within: float = 0.0003,
+    comparison: Comparison, changes: Sequence[TrueChange], scenes: tuple[Scene, Scene], footprint: float
 ) -> list[Row]:
-    """Return a row for each implanted change, its depth asked `within` (m), and what was called changed elsewhere."""
+    """Return a row for each implanted change, and what was called changed elsewhere."""
     side = comparison.on_reference
     vertices = side.surface.vertices
     true = true_change(vertices, *scenes)
-    rows = [_row_of_change(comparison, change, true, footprint, within) for change in changes]
+    rows = [_row_of_change(comparison, change, true, footprint) for change in changes]
     elsewhere = np.ones(len(vertices), bool)
     for change in changes:
         elsewhere &= ~_inside(vertices, change.box)
@@ -53,7 +49,7 @@ def rows_of_changes(
     ]  # fmt: skip
 
 
-def _row_of_change(comparison: Comparison, change: TrueChange, true: Floats, footprint: float, within: float) -> Row:
+def _row_of_change(comparison: Comparison, change: TrueChange, true: Floats, footprint: float) -> Row:
     """Found: a region of its sign about it; depth: the 95 % quantile of the distance over what truly changed."""
     side = comparison.on_reference
     own = _inside(side.surface.vertices, change.box) & (np.abs(true) > change.threshold)
@@ -71,11 +67,10 @@ def _row_of_change(comparison: Comparison, change: TrueChange, true: Floats, foo
     sign = np.sign(change.extreme)
     depth = sign * 1e3 * float(np.quantile(np.abs(side.distances[known]), 0.95))
     truth = sign * 1e3 * float(np.quantile(np.abs(true[known]), 0.95))
-    asked = f"found, depth within {1e3 * within:.1f} mm" if is_large else ""
     text = f"{'found' if found else 'missed'}, depth {in_words(depth, 2, signed=True)} mm"
     return Row(
-        what, text, judge(found and abs(depth - truth) <= 1e3 * within) if is_large else "stated", "",
-        asked, {"true depth": f"{in_words(truth, 2, signed=True)} mm"},
+        what, text, judge(found and abs(depth - truth) <= 0.3) if is_large else "stated", "",
+        "found, depth within 0.3 mm" if is_large else "", {"true depth": f"{in_words(truth, 2, signed=True)} mm"},
         depth - truth,
     )  # fmt: skip
 

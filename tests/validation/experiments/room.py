@@ -45,7 +45,6 @@ STEPS = {"small": 0.012, "full": 0.006}  # rad
 CELLS = {"small": 0.03, "full": 0.012}  # m, of the simulated ornament
 ROUND = Window(-np.pi, np.pi, -1.1, 1.5)
 FROM, TO = np.array([1.0, 2.2, 0.4]), np.array([-1.0, 2.2, 0.4])  # m, middle of the chest before and after
-WITHIN = 0.001  # m: points lie 20 mm apart and err by 0.6 mm
 HALF = np.array([0.3, 0.2, 0.4])  # m
 LIMIT = 3600.0
 SMALL_BARS = (
@@ -112,12 +111,8 @@ def run(size: Size) -> list[Row]:
         comparison = front_door.compare(project, "e0", "e1")
         covered = row_of_cover(front_door.surface(project, "e0"))
     changes = measure_changes(model, edits)
-    footprint = STEPS[size] * 3.0
-    return [
-        covered,
-        *against_truth.rows_of_changes(comparison, changes, scenes, footprint, WITHIN),
-        *rows_of_chest(comparison),
-    ]
+    found = against_truth.rows_of_changes(comparison, changes, scenes, 3.0 * STEPS[size])
+    return [covered, *found, *rows_of_chest(comparison)]
 
 
 def row_of_cover(surface: Surface) -> Row:
