@@ -23,6 +23,7 @@ UP = np.array([0.0, 0.0, 1.0])
 N_PROBES = 4000
 WORTH_A_VIEW = 0.04  # share of the surface that a view must show and no earlier view does
 MARGIN, FOOT = 0.035, 0.06  # of the longest side: room around the object, and below it for the scale bar
+EDGE_ON = 0.01  # cosine to the viewer, below which a face is seen as a line and left out of a view that is cut away
 FROM_WITHIN = 0.5  # share of the surface below which views from outside show too little of it
 ROUND = 1.25  # how much more surface the best side must show than the worst to be called a front
 
@@ -143,6 +144,12 @@ def sample_surface(surface: Surface, n: int) -> tuple[Floats, Floats]:
     return points, normals[picked] / areas[picked, None]
 
 
+def look_to(normals: Floats, towards: Floats) -> Bools:
+    """Return which faces, with normals (m, 3) of any length, look to a viewer who is far away `towards` (3,)."""
+    facing: Bools = normals @ towards > EDGE_ON * np.linalg.norm(normals, axis=1)
+    return facing
+
+
 def make_scene(vertices: NDArray[np.float32], faces: Ints) -> Any:
     """Return Open3D's scene for rays of vertices (n, 3) and faces (m, 3)."""
     scene = load_open3d().t.geometry.RaycastingScene()
@@ -159,7 +166,7 @@ def see_probes(surface: Surface, views: Sequence[View]) -> Bools:
     lift = 1e-4 * np.ptp(surface.vertices, axis=0).max()
     seen = []
     for view in views:
-        scene = make_scene(vertices, surface.faces[of_faces @ view.towards > 0.0]) if view.cut_away else whole
+        scene = make_scene(vertices, surface.faces[look_to(of_faces, view.towards)]) if view.cut_away else whole
         assert scene is not None
         start = points - middle + lift * (normals + view.towards)
         rays = np.concatenate([start, np.broadcast_to(view.towards, start.shape)], axis=1).astype(np.float32)

@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from projects.model import Bools, Floats, Ints, Surface
-from reports.cameras import Frame, face_normals, make_scene
+from reports.cameras import Frame, face_normals, look_to, make_scene
 from reports.lighting import SUBPIXELS, cast_light
-
-EDGE_ON = 0.01  # cosine to the viewer, below which a face is seen as a line and left out of a view that is cut away
 
 
 @dataclass(frozen=True)
@@ -83,8 +81,7 @@ def build_scene(surface: Surface) -> Scene:
 def keep_facing(scene: Scene, towards: Floats) -> Scene:
     """Return the scene with only those faces that look to a viewer who is far away `towards` (3,)."""
     a, b, c = (scene.vertices[scene.faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    facing = normals @ towards.astype(np.float32) > EDGE_ON * np.linalg.norm(normals, axis=1)
+    facing = look_to(np.cross(b - a, c - a), towards.astype(np.float32))
     faces, invented = scene.faces[facing], None if scene.invented is None else scene.invented[facing]
     return replace(scene, rays=make_scene(scene.vertices, faces), faces=faces, invented=invented)
 

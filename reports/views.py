@@ -29,7 +29,7 @@ __all__ = ["Frame", "Picture", "View", "ViewPictures", "choose_views", "draw_clo
 
 QUALITY = 90  # of JPEG, colours at full resolution: no ringing seen about lines and hatches
 LEAST_SHARE = 0.1  # of a region's area, that a picture must show to be said to show the region
-BEFORE = 2.0  # pixels, by which what is gone stood nearer to the viewer than what is seen now
+NEARER = 2.0  # pixels, by which what is gone stood nearer to the viewer than what is seen now
 FIELD = 2.4  # a close-up shows this many times the region's extent
 
 
@@ -184,7 +184,7 @@ def stood_before(later: Pixels, numbers: Ints, earlier: Pixels, gone: Ints, metr
     `numbers` and `gone` are the regions of the later and the earlier surface at the sub-pixels.
     """
     with np.errstate(invalid="ignore"):
-        before = earlier.depth - later.depth > BEFORE * metres_per_pixel
+        before = earlier.depth - later.depth > NEARER * metres_per_pixel
     return (gone > 0) & (gone != numbers) & before
 
 
