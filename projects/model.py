@@ -354,8 +354,8 @@ class Series:
     shows anything, and `first_seen` and `last_seen` are empty; others were found by "epochs", or "both". `forecast`
     (`FORECAST_COLUMNS`) says for regions with a trend which mean difference an epoch at a time should show if it goes
     on as before. `motions` (`MOTION_COLUMNS`) says how the object stood as a whole in each epoch against the first,
-    from one adjustment of all registrations,
-    `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where there was no such network.
+    from one adjustment of all registrations, `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where
+    there was no such network.
     `rate_assessment` (n,) is the `Assessment` of each vertex's rate: CHANGED where it is significant, with false
     discoveries held over the surface and over patches of every size, so that one vertex's rate over its sigma does not
     decide; NOT_ASSESSABLE where fewer than two epochs tell one; None where an older program left it open.

@@ -173,8 +173,8 @@ def tell_uncovered(surface: Step) -> str:
     if not share > UNCOVERED:
         return ""
     return (
-        f"{percent(share)} of the area between its points has no surface: they lie too far apart for its cells, or two "
-        "sheets too near each other"
+        f"{percent(share)} of the area between its points has no surface: perhaps they lie too far apart for its "
+        "cells, or two sheets too near each other"
     )
 
 

@@ -163,7 +163,7 @@ def test_a_surface_that_most_points_have_not_got_is_told(
     monkeypatch.setattr(working, "process_epoch", lose)
     assert run(["process", str(made / "project"), "relief", "e1", "--json"]) == 0
     said = capsys.readouterr()
-    assert "mind: relief e1: 98.4 % of the area between its points has no surface: they lie too far" in said.err
+    assert "mind: relief e1: 98.4 % of the area between its points has no surface: perhaps they lie too far" in said.err
     assert json.loads(said.out)[0]["uncovered"].startswith("98.4 % of the area")
 
 
