@@ -62,8 +62,8 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
     facts = make_facts(comparison, record, before, after, project_name=project.name, crs=project.crs)
     calibrations = [c for epoch in (before, after) for c in gather_calibrations(project, object_id, epoch)]
     facts = replace(facts, calibrations=tuple(calibrations))
-    followed = project.latest(object_id, compared_id, f"series-{reference_id}")
-    if followed is None or step.step_id not in followed.inputs:
+    followed = series_resting_on(project, object_id, (reference_id, compared_id), step)
+    if followed is None:
         return facts
     series = project.get(object_id, compared_id, followed.product, followed.step_id)
     return replace(facts, series=tell_series(series))
@@ -78,6 +78,29 @@ def require_comparison(project: Project, object_id: str, reference_id: str, comp
             f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
         )
     return step
+
+
+def kept_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
+    """Return every comparison (reference, compared) that the project holds of an object."""
+    ids = [e.epoch_id for e in project.epochs(object_id)]
+    return [
+        (before, after)
+        for after in ids
+        for before in ids
+        if before != after and project.latest(object_id, after, f"comparison-{before}") is not None
+    ]
+
+
+def outdated_epochs(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> list[str]:
+    """Return which epochs of a comparison were processed again after its step was made."""
+    made_of = {epoch_id: project.latest(object_id, epoch_id, "surface") for epoch_id in pair}
+    return [e for e, surface in made_of.items() if surface is not None and surface.step_id not in step.inputs]
+
+
+def series_resting_on(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> Step | None:
+    """Return the series that the compared epoch ends, where there is one that rests on the comparison of `step`."""
+    followed = project.latest(object_id, pair[1], f"series-{pair[0]}")
+    return followed if followed is not None and step.step_id in followed.inputs else None
 
 
 def gather_history(project: Project, object_id: str, epoch_id: str, reference_id: str) -> EpochHistory:

@@ -5,7 +5,7 @@ In: the records of the store. Out: tables of texts. Values of the record stand a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -118,11 +118,21 @@ def kind_of(step: Step) -> str:
 def points_table(epochs: Sequence[EpochHistory]) -> Table:
     """Return what became of the points of each epoch, from the files to the surface."""
     flows = [_flow(e) for e in epochs]
-    names = dict.fromkeys(name for flow in flows for name in flow)
-    order = sorted(names, key=lambda name: (_PHASES.index(name[0]), _rank(name)))
+    order = _in_order(name for flow in flows for name in flow)
     rows = tuple((words, *(count(flow[(phase, words)]) if (phase, words) in flow else "–" for flow in flows))
                  for phase, words in order)  # fmt: skip
     return Table("From the scanner to the surface", ("points", *name_columns(epochs)), rows)
+
+
+def point_flow(epoch: EpochHistory) -> list[tuple[str, int]]:
+    """Return what became of the points of one epoch: words and number, in the order of the chain."""
+    flow = _flow(epoch)
+    return [(name[1], flow[name]) for name in _in_order(flow)]
+
+
+def _in_order(names: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return each name (phase, words) once, in the order of the chain."""
+    return sorted(dict.fromkeys(names), key=lambda name: (_PHASES.index(name[0]), _rank(name)))
 
 
 _PHASES = ("files", "scan", "filtered", "surface")

@@ -30,6 +30,7 @@ EpochArgument = Annotated[str, typer.Argument(metavar="EPOCH", help="Id of the e
 Reference = Annotated[str | None, typer.Argument(metavar="REFERENCE", help="Id of the earlier epoch.")]
 Compared = Annotated[str | None, typer.Argument(metavar="COMPARED", help="Id of the later epoch.")]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write to; made if missing.")]
+NewFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write, new or empty.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON for a program.")]
 SettingsOption = Annotated[
     Path | None,
@@ -246,13 +247,26 @@ def report(
 
 
 @app.command()
-def verify(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of a project.")], as_json: JsonOption = False
-) -> None:
-    """Check every file of a project against its record."""
-    from monitor.cli.keeping import verify_project
+def archive(project: ProjectArgument, out: NewFolder, object_id: OptionalObject = None) -> None:
+    """Write a documentation archive that needs no program of ours: BagIt and RO-Crate.
 
-    verify_project(path, as_json)
+    Scans as measured, registration, clouds, meshes, difference models, reports, and how each came to be; of one object,
+    or of all.
+    """
+    from monitor.cli.archiving import archive_project
+
+    archive_project(project, object_id, out)
+
+
+@app.command()
+def verify(
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of a project, or an archive.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Check every file of a project or of an archive against its record."""
+    from monitor.cli.keeping import verify_folder
+
+    verify_folder(path, as_json)
 
 
 @app.command()

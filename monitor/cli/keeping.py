@@ -13,12 +13,13 @@ from rich.table import Table
 from rich.text import Text
 
 from monitor.cli.units import metres_from_millimetres
+from projects.bags import is_bag, verify_bag
 from projects.errors import ParameterError, StoreError
 from projects.extent import read_extent
 from projects.index_file import INDEX_NAME
 from projects.model import EpochRecord, ObjectRecord
 from projects.store import Project
-from projects.verify import verify_project as verify_project_folder
+from projects.verify import verify_project
 
 UNCUT = 1000  # characters a line
 
@@ -50,15 +51,16 @@ def remove_epoch_from_project(path: Path, object_id: str, epoch_id: str, purge: 
     typer.echo(f"epoch {epoch_id} of object {object_id} is out of the project; {kept}")
 
 
-def verify_project(path: Path, as_json: bool) -> None:
-    """Check every file against its record; a project with errors ends with exit code 2."""
-    if not (path / INDEX_NAME).exists():
+def verify_folder(path: Path, as_json: bool) -> None:
+    """Check every file of a project or an archive against its record; one with errors ends with exit code 2."""
+    what = "archive" if is_bag(path) else "project"
+    if what == "project" and not (path / INDEX_NAME).exists():
         Project.open(path)  # says what is wrong with the folder
-    report = verify_project_folder(path)
+    report = verify_bag(path) if what == "archive" else verify_project(path)
     errors = [f for f in report.findings if f.severity == "error"]
     if as_json:
         findings = [{"severity": f.severity, "path": str(f.path), "message": f.message} for f in report.findings]
-        typer.echo(json.dumps({"project": str(path), "n_files": report.n_files, "findings": findings}, indent=2))
+        typer.echo(json.dumps({what: str(path), "n_files": report.n_files, "findings": findings}, indent=2))
     else:
         for finding in report.findings:
             typer.echo(f"{finding.severity}: {finding.path}: {finding.message}")

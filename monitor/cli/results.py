@@ -9,12 +9,12 @@ import typer
 from monitor.cli.pairs import Pair, named_pair
 from monitor.cli.progress import show_progress
 from monitor.reconstruction.screen import decimate_for_screen
-from monitor.record import Place, comparison_product, latest_step
+from monitor.record import Place, latest_step
 from projects.errors import ParameterError, StoreError
 from projects.formats import write_screen_glb
 from projects.model import Comparison, Step, Surface
 from projects.store import Project
-from reports.document import gather_facts, require_comparison
+from reports.document import gather_facts, kept_comparisons, outdated_epochs, require_comparison
 from reports.exports import FORMATS, export_comparison, export_series, export_surface
 from reports.html import write_report
 
@@ -59,14 +59,12 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
 
 def _mind_outdated(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> None:
     """Say so where an epoch was processed again after a comparison of it."""
-    made_of = [project.latest(object_id, epoch_id, "surface") for epoch_id in pair]
-    for epoch_id, surface in zip(pair, made_of, strict=True):
-        if surface is not None and surface.step_id not in step.inputs:
-            typer.echo(
-                f"mind: {epoch_id} was processed again after {pair[0]} and {pair[1]} were compared, and the files of "
-                f"the comparison are of before; bring it up to date: monitor compare {project.path} {object_id} "
-                f"{pair[0]} {pair[1]}", err=True,
-            )  # fmt: skip
+    for epoch_id in outdated_epochs(project, object_id, pair, step):
+        typer.echo(
+            f"mind: {epoch_id} was processed again after {pair[0]} and {pair[1]} were compared, and the files of the "
+            f"comparison are of before; bring it up to date: monitor compare {project.path} {object_id} {pair[0]} "
+            f"{pair[1]}", err=True,
+        )  # fmt: skip
 
 
 def _export_screen(path: Path, surface: Surface) -> Path:
@@ -118,17 +116,6 @@ def _what_to_export(project: Project, object_id: str, pair: Pair) -> tuple[list[
             f"object {object_id} has nothing to export yet; run: monitor process {project.path} {object_id}"
         )
     return epochs, kept_comparisons(project, object_id)
-
-
-def kept_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
-    """Return every comparison (reference, compared) that the project holds of an object."""
-    ids = [e.epoch_id for e in project.epochs(object_id)]
-    return [
-        (before, after)
-        for after in ids
-        for before in ids
-        if before != after and project.latest(object_id, after, comparison_product(before)) is not None
-    ]
 
 
 def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Path]:

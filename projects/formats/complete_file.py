@@ -1,13 +1,15 @@
-"""A file is either there whole or not at all: written beside its place under another name, then renamed."""
+"""A file or folder is either there whole or not at all: written beside its place under another name, then renamed."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from projects.atomic import flush, flush_folder
 from projects.errors import FormatError, ParameterError
 
 
@@ -35,6 +37,40 @@ def complete_file(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def complete_folder(path: Path) -> Iterator[Path]:
+    """Yield a new folder beside `path` that takes its place, flushed to the disk, when the block ends well.
+
+    What a killed process left there under the same name, `NAME.unfinished`, is removed first.
+
+    Raises
+    ------
+    ParameterError
+        If `path` is a file or holds anything, lies where no folder can be made, or the disk is full.
+    """
+    path = Path(path)
+    unfinished = path.with_name(f"{path.name}.unfinished")
+    try:
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise ParameterError(f"{path}: is there already; give a folder that is new or empty")
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir(parents=True)
+        yield unfinished
+        for file in unfinished.rglob("*"):
+            (flush_folder if file.is_dir() else flush)(file)
+        if path.exists():
+            path.rmdir()
+        os.replace(unfinished, path)
+        flush_folder(path.parent)
+    except Exception as error:
+        why = _refusal_of(error)
+        if not why:
+            raise
+        raise ParameterError(f"{path}: cannot be written ({why}); make room there or choose another folder") from error
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
 
 
 def _refusal_of(error: Exception) -> str:

@@ -1,0 +1,53 @@
+"""A comparison in an archive: difference models, tables, summary, series, report, and how they came to be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from projects.store import Project
+from reports.crate import Action
+from reports.deposit import Deposit
+from reports.document import gather_facts, outdated_epochs, require_comparison, series_resting_on
+from reports.exports import export_comparison, export_series
+from reports.html import write_report
+
+MEANINGS = {
+    ".ply": "Difference model: signed normal distance, level of detection and state of each vertex; reference frame",
+    ".csv": "Regions of change: kind, area, volume, extreme and mean, each with one sigma; metres",
+    ".json": "Summary: motion between the epochs with its covariance, statistics, settings, versions",
+}
+
+
+def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tuple[str, str]) -> None:
+    """Put the comparison of two epochs (reference, compared) into a deposit that holds these epochs already."""
+    step = require_comparison(project, object_id, *pair)
+    comparison = project.get(object_id, pair[1], step.product, step.step_id)
+    stem = deposit.folder_of(object_id, pair[1]).parent / "_".join(pair) / "_".join((object_id, *pair))
+    stem.parent.mkdir()
+    made: tuple[str, ...] = ()
+    for path in export_comparison(stem.parent, (object_id, *pair), comparison, step, ("ply",)):
+        made += deposit.add(path, MEANINGS[path.suffix])
+    steps, followed = [step], series_resting_on(project, object_id, pair, step)
+    if followed is not None:
+        steps.append(followed)
+        series = project.get(object_id, pair[1], followed.product, followed.step_id)
+        written = export_series(stem.parent, object_id, series, comparison.on_reference.surface, ("ply",))
+        made += deposit.add(written, "Change over all epochs: rates on the reference surface, regions and their course")
+    report = stem.with_name(f"{stem.name}_report.html")
+    write_report(report, gather_facts(project, object_id, *pair))
+    made += deposit.add(report, "Report: what changed, where, how much and how sure; opens in any browser, offline")
+    deposit.add_provenance(stem.with_name(f"{stem.name}_provenance.json"), steps)
+    for epoch_id in outdated_epochs(project, object_id, pair, step):
+        deposit.minds.append(
+            f"epoch {epoch_id} of {object_id} was processed again after it was compared ({pair[0]} and {pair[1]}): the "
+            "comparison is of the surface of before"
+        )
+    name = f"Comparison of epochs {pair[0]} and {pair[1]} of {object_id}"
+    deposit.actions.append(Action(name, step.created, _surfaces(deposit, object_id, pair), made, step.versions))
+
+
+def _surfaces(deposit: Deposit, object_id: str, pair: tuple[str, str]) -> tuple[str, ...]:
+    """Return the names of both epochs' surfaces, as far as the deposit holds them."""
+    paths = [deposit.folder_of(object_id, e) / f"{object_id}_{e}_surface.ply" for e in pair]
+    names = [Path(path).relative_to(deposit.payload).as_posix() for path in paths]
+    return tuple(name for name in names if name in deposit.contents)

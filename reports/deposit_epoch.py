@@ -1,0 +1,135 @@
+"""An epoch in an archive: what was measured, as it was given, and what was made of it.
+
+In: an epoch of a project and the deposit. Out: its files in the deposit, under the names of `reports.survey_tables`'
+guide where it has one (GRE, GRmatrices, origmesh).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from projects.formats import write_e57, write_obj
+from projects.model import EpochRecord, Floats, Scan, Step
+from projects.raw import ScanHeader
+from projects.store import Project
+from reports.crate import Action
+from reports.deposit import Deposit
+from reports.document import gather_history
+from reports.exports import export_surface
+from reports.history import EpochHistory
+from reports.survey_tables import (
+    Rows,
+    as_table,
+    cloud_rows,
+    cloud_table,
+    mesh_rows,
+    pose_of,
+    registration_rows,
+    scans_table,
+    survey_rows,
+)
+
+
+@dataclass(frozen=True)
+class EpochSource:
+    """One epoch of a project with its record, scans and steps."""
+
+    project: Project
+    record: EpochRecord
+    history: EpochHistory
+    headers: Sequence[ScanHeader]
+
+    def get(self, step: Step) -> Any:
+        """Return what a step of the epoch made."""
+        return self.project.get(self.record.object_id, self.record.epoch_id, step.product, step.step_id)
+
+
+def add_epoch(deposit: Deposit, project: Project, record: EpochRecord) -> None:
+    """Put an epoch into a deposit: scans or mesh as given, registration, cloud, surface, metadata, provenance."""
+    object_id, epoch_id = record.object_id, record.epoch_id
+    history = gather_history(project, object_id, epoch_id, "")  # without comparisons
+    epoch = EpochSource(project, record, history, project.scan_headers(object_id, epoch_id))
+    stem = deposit.folder_of(object_id, epoch_id) / f"{object_id}_{epoch_id}"
+    about = (project.name, project.crs, project.description)
+    rows = survey_rows(about, project.object(object_id), history, epoch.headers)
+    given = _add_given(deposit, stem, epoch)
+    made, more = _add_made(deposit, stem, epoch)
+    deposit.add_table(_named(stem, "metadata.csv"), as_table(rows + more), "Survey, registration, cloud and mesh")
+    deposit.add_provenance(_named(stem, "provenance.json"), history.steps)
+    surface = history.step("surface")
+    if surface is None:
+        deposit.minds.append(f"epoch {epoch_id} of {object_id} is not processed: the archive holds no surface of it")
+        return
+    name = f"Processing of epoch {epoch_id} of {object_id}"
+    deposit.actions.append(Action(name, surface.created, given, made, surface.versions))
+
+
+def _named(stem: Path, ending: str) -> Path:
+    """Return the path of a file of an epoch."""
+    return stem.with_name(f"{stem.name}_{ending}")
+
+
+def _add_given(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[str, ...]:
+    """Add what was given: scans as measured or the finished mesh, and control points."""
+    record = epoch.record
+    if record.control:
+        control = pd.DataFrame([(c.name, *c.position, c.sigma) for c in record.control],
+                               columns=["name", "x", "y", "z", "sigma"])  # fmt: skip
+        deposit.add_table(_named(stem, "control.csv"), control, "Control points; project frame, metres")
+    if record.is_mesh:
+        path = _named(stem, "origmesh.obj")
+        write_obj(path, epoch.project.get(record.object_id, record.epoch_id, "mesh"), comments=("metres",))
+        return deposit.add(path, "Finished mesh as it was given; project frame, metres")
+
+    def blocks(k: int) -> Iterator[Scan]:
+        yield from epoch.project.iterate_scan(record.object_id, record.epoch_id, k)
+
+    path, told = _named(stem, "scans.e57"), f"epoch {record.epoch_id} of {record.date.isoformat()} {record.label}"
+    write_e57(path, (blocks(k) for k in range(len(epoch.headers))), description=told.strip())
+    return deposit.add(path, "Scans as measured, each in its scanner's frame with the pose that was given; metres")
+
+
+def _add_made(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[tuple[str, ...], Rows]:
+    """Add what was made of it: registered poses, cloud, surface; return their names and the metadata on them."""
+    network, filtered, surface = (epoch.history.step(product) for product in ("network", "filtered", "surface"))
+    made: tuple[str, ...] = ()
+    rows: Rows = []
+    if epoch.headers:
+        made += _add_poses(deposit, stem, epoch, network)
+        rows += registration_rows(network)
+    if filtered is not None:
+        cloud = epoch.get(filtered)
+        told = "Registered, filtered and thinned cloud that the mesh rests on; text, project frame, metres"
+        made += deposit.add_table(_named(stem, "GRE.txt"), cloud_table(cloud), told)
+        rows += cloud_rows(cloud, filtered, epoch.history)
+    if surface is not None:
+        mesh = epoch.get(surface)
+        if not epoch.record.is_mesh:
+            path = _named(stem, "origmesh.obj")
+            write_obj(path, mesh, comments=("metres",))
+            made += deposit.add(path, "Mesh of the epoch; project frame, metres")
+        written = export_surface(stem.parent, epoch.record.object_id, epoch.record.epoch_id, mesh, ("ply",))
+        made += deposit.add(written, "Mesh with sigma and support of each vertex; project frame, metres")
+        rows += mesh_rows(mesh, surface)
+    return made, rows
+
+
+def _add_poses(deposit: Deposit, stem: Path, epoch: EpochSource, network: Step | None) -> tuple[str, ...]:
+    """Add where each scan stood, as registered: a table of all and a matrix of each, T_project_scanner."""
+    motions: Sequence[Floats | None] = [None] * len(epoch.headers)
+    if network is not None:
+        motions = list(np.asarray(epoch.get(network)["T_project_given"], dtype=float))
+    poses = [pose_of(header, motion) for header, motion in zip(epoch.headers, motions, strict=True)]
+    told = "The scans: original files with their SHA-256, points, stations as registered; project frame, metres"
+    made = deposit.add_table(_named(stem, "scans.csv"), scans_table(epoch.headers, poses), told)
+    for k, pose in enumerate(poses, start=1):
+        path = _named(stem, f"GRmatrices_scan{k}.txt")
+        path.write_text("".join(f"{' '.join(map(repr, row))}\n" for row in pose.tolist()), encoding="ascii")
+        made += deposit.add(path, f"Registered pose of scan {k}: 4 x 4, scanner to project frame, row by row, metres")
+    return made

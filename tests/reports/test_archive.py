@@ -1,0 +1,258 @@
+"""The documentation archive: whole by the check of others, true to what was measured, and never half there."""
+
+import datetime
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import bagit
+import numpy as np
+import pandas as pd
+import pytest
+from report_examples import example_comparison, example_epochs, example_object
+
+from monitor.cli import run
+from projects import PointCloud, Project, Scan, Surface
+from projects.bags import verify_bag
+from projects.errors import ParameterError, StoreError
+from projects.formats import read_mesh, read_scans, write_e57
+from projects.formats.complete_file import complete_folder
+from projects.model import ControlPoint, EpochRecord, Step
+from projects.provenance import hash_file
+from projects.raw import ScanHeader
+from projects.transforms import apply, perturb
+from reports import archive, deposit_comparison, html
+from reports.archive import write_archive
+from reports.survey_tables import cloud_rows, mesh_rows, pose_of
+
+TURN = perturb(np.eye(4), np.zeros(3), np.array([0.1, -0.2, 0.3, 1.0, 2.0, 0.5]))
+MOTION = perturb(np.eye(4), np.zeros(3), np.array([0.0, 0.0, 1e-3, 2e-3, 0.0, -1e-3]))
+
+
+def silent(text: str) -> None:
+    """Take what is told."""
+
+
+def measured(k: int) -> PointCloud:
+    """Return 400 points of a scan, in its frame."""
+    rng = np.random.default_rng([5, k])
+    return PointCloud(rng.uniform(-1, 1, (400, 3)), intensity=rng.random(400).astype(np.float32))
+
+
+def step(product: str, digit: str, **more: object) -> Step:
+    """Return a step as the chain would have left it."""
+    return Step(
+        digit * 16, product, versions={"heritage-monitor": "0.1.0"}, created="2026-05-19T08:00:00+00:00", **more
+    )
+
+
+def fill(folder: Path) -> Project:
+    """Make a project of an epoch of two scans and one of a finished mesh, compared; nothing is computed."""
+    project = Project.create(folder / "project", name="Tor", crs="EPSG:31256")
+    project.add_object(example_object(name="Säule am Tor"))
+    scans = [Scan(f"station {k}", measured(k), TURN if k else np.eye(4)) for k in range(2)]
+    write_e57(folder / "a.e57", scans)
+    control = (ControlPoint("K1", np.array([1.0, 2.0, 3.0]), 0.001),)
+    record = EpochRecord("column", "e1", datetime.date(2025, 5, 12), operator="A. Müller", control=control)
+    project.add_epoch(record, read_scans(folder / "a.e57"))
+    comparison = example_comparison(n_not_assessable=0, n_unchanged=1, n_changed=1)
+    mesh = comparison.on_compared.surface
+    project.add_epoch(EpochRecord("column", "e2", datetime.date(2026, 5, 18)), mesh=mesh)
+    moved = {"T_project_given": np.stack([np.eye(4), MOTION])}
+    project.put("column", "e1", step("network", "1", automatic={"applied": True, "misfit_after_m": 0.0004}), moved)
+    cloud = replace(measured(0), sigma=np.full(400, 1e-4), n_merged=np.full(400, 3))
+    project.put("column", "e1", step("filtered", "2", counts={"in": 800, "outlier": 5, "out": 400}), cloud)
+    surface = replace(
+        comparison.on_reference.surface, sigma=np.full(len(comparison.on_reference.surface.vertices), 2e-5)
+    )
+    project.put("column", "e1", step("surface", "3", automatic={"method": "localized", "cell_size_m": 0.004}), surface)
+    project.put("column", "e2", step("surface", "4"), mesh)
+    project.put("column", "e2", step("comparison-e1", "5", inputs=("3" * 16, "4" * 16)), comparison)
+    return project
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a project and its archive."""
+    folder = tmp_path_factory.mktemp("archived")
+    with pytest.MonkeyPatch.context() as small:
+        small.setattr(html, "LARGEST", 200)
+        write_archive(folder / "archive", fill(folder), ["column"], silent)
+    return folder
+
+
+def test_the_library_of_congress_finds_the_bag_whole(made: Path) -> None:
+    bag = bagit.Bag(str(made / "archive"))
+    bag.validate()
+    assert bag.version_info == (1, 0)
+    assert bag.info["External-Description"] == "Documentation archive of Tor: Säule am Tor"
+    assert (verify_bag(made / "archive").findings, verify_bag(made / "archive").n_files) == ((), len(bag.entries))
+
+
+def test_the_crate_names_every_file_with_its_hash_and_what_it_came_of(made: Path) -> None:
+    data = made / "archive" / "data"
+    graph = {e["@id"]: e for e in json.loads((data / "ro-crate-metadata.json").read_text(encoding="utf-8"))["@graph"]}
+    there = {p.relative_to(data).as_posix() for p in data.rglob("*") if p.is_file()} - {"ro-crate-metadata.json"}
+    described = {name: e for name, e in graph.items() if e["@type"] == "File"}
+    assert set(described) == there == {part["@id"] for part in graph["./"]["hasPart"]}
+    for name, entity in described.items():
+        assert entity["sha256"] == hash_file(data / name)
+        assert len(entity["description"]) > 10
+    processing = next(e for e in graph.values() if e.get("name", "").startswith("Processing of epoch e1"))
+    assert [o["@id"] for o in processing["object"]] == ["column/e1/column_e1_scans.e57"]
+    assert "column/e1/column_e1_surface.ply" in {r["@id"] for r in processing["result"]}
+    comparing = next(e for e in graph.values() if e.get("name", "").startswith("Comparison"))
+    assert {o["@id"] for o in comparing["object"]} == {f"column/{e}/column_{e}_surface.ply" for e in ("e1", "e2")}
+    assert graph[comparing["instrument"]["@id"]]["softwareVersion"] == "0.1.0"
+    (about,) = graph["./"]["about"]
+    subject = graph[about["@id"]]
+    assert (subject["name"], subject["identifier"], subject["material"]) == ("Säule am Tor", "K 12/3", "limestone")
+
+
+def test_scans_come_back_as_measured_and_their_matrices_place_them_as_registered(made: Path) -> None:
+    folder = made / "archive" / "data" / "column" / "e1"
+    scans = list(read_scans(folder / "column_e1_scans.e57"))
+    for k, (scan, motion) in enumerate(zip(scans, (np.eye(4), MOTION), strict=True)):
+        given = TURN if k else np.eye(4)
+        points = np.concatenate([block.cloud.points for block in scan.chunks()])
+        np.testing.assert_allclose(points, measured(k).points, atol=0.6e-6)
+        np.testing.assert_allclose(scan.pose, given, atol=1e-12)
+        matrix = np.loadtxt(folder / f"column_e1_GRmatrices_scan{k + 1}.txt")
+        np.testing.assert_allclose(apply(matrix, points), apply(motion, apply(given, measured(k).points)), atol=2e-6)
+    table = pd.read_csv(folder / "column_e1_scans.csv")
+    assert table["source_sha256"].tolist() == [hash_file(made / "a.e57")] * 2
+    station = apply(MOTION, TURN[:3, 3])
+    np.testing.assert_allclose(
+        table[["station_x", "station_y", "station_z"]].iloc[1].to_numpy(float), station, atol=1e-12
+    )
+
+
+def test_cloud_mesh_and_metadata_say_what_the_project_holds(made: Path) -> None:
+    folder = made / "archive" / "data" / "column" / "e1"
+    cloud = pd.read_csv(folder / "column_e1_GRE.txt")
+    np.testing.assert_array_equal(cloud[["x", "y", "z"]].to_numpy(), measured(0).points)
+    assert cloud["n_merged"].tolist() == [3] * 400
+    given = read_mesh(made / "archive" / "data" / "column" / "e2" / "column_e2_origmesh.obj")
+    np.testing.assert_allclose(given.vertices, example_comparison().on_compared.surface.vertices, atol=1e-6)
+    rows = {(r.part, r.field): r.value for r in pd.read_csv(folder / "column_e1_metadata.csv").itertuples()}
+    assert rows["survey", "Coordinate reference system"] == "EPSG:31256"
+    assert rows["survey", "Company or operator"] == "A. Müller"
+    assert rows["survey", "Scanner serial number"] == "not recorded"
+    assert rows["survey", "Number of measured points"] == "800"
+    assert rows["registration", "Given poses were corrected"] == "yes"
+    assert rows["points", "dropped as outliers of the merged cloud"] == "5"
+    assert float(rows["mesh", "Sigma of a vertex, median [m]"]) == 2e-5
+    assert pd.read_csv(folder / "column_e1_control.csv").iloc[0].tolist() == ["K1", 1.0, 2.0, 3.0, 0.001]
+
+
+def test_what_is_smoothed_or_filled_is_said_to_be() -> None:
+    epoch = example_epochs()[0]
+    asked = {"filter": {"thinning": {"method": "voxel_median"}, "diffusion": {"enabled": True}}}
+    told = {field: value for _, field, value in cloud_rows(measured(0), step("filtered", "2", parameters=asked), epoch)}
+    assert told["Smoothing"] == "yes: anisotropic diffusion"
+    assert "median of a voxel" in told["Subsampling"]
+    plain = {field: value for _, field, value in cloud_rows(measured(0), step("filtered", "2"), epoch)}
+    assert plain["Smoothing"] == "no"
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    closed = Surface(corners, np.array([[0, 1, 2], [1, 3, 2]]), face_invented=np.array([False, True]))
+    filled = {f: v for _, f, v in mesh_rows(closed, step("surface", "3", automatic={"method": "localized"}))}
+    assert filled["Holes filled"] == "yes: 1 triangles, marked"
+    assert filled["Sigma of a vertex, median [m]"] == "not recorded"
+
+
+def test_verify_names_every_file_that_is_changed_missing_or_new(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+
+    copy = Path(shutil.copytree(made / "archive", tmp_path / "archive"))
+    assert run(["verify", str(copy)]) == 0
+    epoch = copy / "data" / "column" / "e1"
+    damaged = epoch / "column_e1_GRE.txt"
+    damaged.write_bytes(damaged.read_bytes().replace(b"1", b"2", 1))  # of the same length
+    (epoch / "column_e1_control.csv").unlink()
+    (epoch / "notes.txt").write_text("by hand")
+    (copy / "bag-info.txt").write_text("Source-Organization: somebody else\n")
+    capsys.readouterr()
+    assert run(["verify", str(copy), "--json"]) == 2
+    told = json.loads(capsys.readouterr().out)
+    assert {f["path"]: f["message"].split(" ", 1)[1][:22] for f in told["findings"]} == {
+        "data/column/e1/column_e1_GRE.txt": "has changed since it w",
+        "data/column/e1/column_e1_control.csv": "is missing",
+        "data/column/e1/notes.txt": "was not there when it ",
+        "bag-info.txt": "has changed since it w",
+    }
+    (copy / "manifest-sha256.txt").unlink()
+    assert run(["verify", str(copy)]) == 2
+
+
+def test_a_path_that_leads_out_of_the_bag_is_not_followed(made: Path, tmp_path: Path) -> None:
+
+    copy = Path(shutil.copytree(made / "archive", tmp_path / "archive"))
+    (tmp_path / "secret").write_text("outside")
+    with (copy / "manifest-sha256.txt").open("a") as manifest:
+        manifest.write(f"{hash_file(tmp_path / 'secret')}  data/../../secret\n")
+    (finding, *_) = verify_bag(copy).findings
+    assert finding.severity == "error"
+
+
+def test_an_archive_that_was_cut_short_leaves_nothing(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*given: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(deposit_comparison, "write_report", fail)
+    project = Project.open(made / "project")
+    with pytest.raises(ParameterError, match=r"cannot be written \(No space left on device\); make room"):
+        write_archive(tmp_path / "archive", project, ["column"], silent)
+    assert list(tmp_path.iterdir()) == []
+    left = tmp_path / "archive.unfinished"  # by a process that was killed
+    left.mkdir()
+    (left / "old").write_text("old")
+    with complete_folder(tmp_path / "archive") as folder:
+        (folder / "new").write_text("new")
+    assert [p.name for p in (tmp_path / "archive").iterdir()] == ["new"]
+    assert not left.exists()
+
+
+def test_a_folder_in_use_one_within_the_project_and_an_empty_object_are_refused(made: Path, tmp_path: Path) -> None:
+    project = Project.open(made / "project")
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ParameterError, match="is there already; give a folder that is new or empty"):
+        write_archive(tmp_path, project, ["column"], silent)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    with pytest.raises(ParameterError, match="lies within the project"):
+        write_archive(made / "project" / "archive", project, ["column"], silent)
+    empty = Project.create(tmp_path / "empty")
+    empty.add_object(replace(example_object(), object_id="bare"))
+    with pytest.raises(StoreError, match="has no epoch yet, so there is nothing to archive"):
+        write_archive(tmp_path / "out", empty, ["bare"], silent)
+    assert run(["archive", str(made / "project"), "nobody", "--out", str(tmp_path / "out")]) == 2
+
+
+def test_what_is_not_processed_or_out_of_date_is_said_in_the_archive(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+
+    monkeypatch.setattr(html, "LARGEST", 200)
+    copy = Project.open(shutil.copytree(made / "project", tmp_path / "project"))
+    copy.add_epoch(EpochRecord("column", "e3", datetime.date(2027, 5, 1)), read_scans(made / "a.e57"))
+    copy.put("column", "e2", step("surface", "6"), example_comparison().on_compared.surface)
+    assert run(["archive", str(copy.path), "--out", str(tmp_path / "archive")]) == 0
+    told = capsys.readouterr().err
+    readme = (tmp_path / "archive" / "data" / "README.txt").read_text(encoding="utf-8")
+    for text in ("epoch e3 of column is not processed", "epoch e2 of column was processed again after it was compared"):
+        assert text in told
+        assert text in readme
+    assert archive._today() in readme
+
+
+def test_a_scanner_off_the_origin_of_its_frame_stands_where_its_pose_puts_it(tmp_path: Path) -> None:
+    place = np.array([0.5, -0.2, 1.5])
+    scan = Scan("station", measured(0), TURN, place)
+    write_e57(tmp_path / "a.e57", [scan])
+    (read,) = read_scans(tmp_path / "a.e57")
+    header = ScanHeader(0, "station", TURN, place, 400, {}, None, "a.e57", "", 0, False, np.zeros((2, 3)))
+    np.testing.assert_allclose(pose_of(header, None), read.pose, atol=1e-12)
+    np.testing.assert_allclose(pose_of(header, MOTION)[:3, 3], apply(MOTION, apply(TURN, place)), atol=1e-12)
