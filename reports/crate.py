@@ -16,6 +16,7 @@ VERSION = "1.2"
 FORMATS = {
     ".e57": "ASTM E2807 (E57)", ".ply": "PLY 1.0, binary little endian", ".obj": "model/obj", ".csv": "text/csv",
     ".txt": "text/plain", ".json": "application/json", ".html": "text/html",
+    ".pdf": "application/pdf",
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from reports.crate import Action
 from reports.deposit import Deposit
 from reports.document import gather_facts, outdated_epochs, require_comparison, series_resting_on
 from reports.exports import export_comparison, export_series
-from reports.html import write_report
+from reports.report import write_report
 
 MEANINGS = {
     ".ply": "Difference model: signed normal distance, level of detection and state of each vertex; reference frame",
@@ -33,9 +33,8 @@ def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tup
         series = project.get(object_id, pair[1], followed.product, followed.step_id)
         written = export_series(stem.parent, object_id, series, comparison.on_reference.surface, ("ply",))
         made += deposit.add(written, "Change over all epochs: rates on the reference surface, regions and their course")
-    report = stem.with_name(f"{stem.name}_report.html")
-    write_report(report, gather_facts(project, object_id, *pair))
-    made += deposit.add(report, "Report: what changed, where, how much and how sure; opens in any browser, offline")
+    written = write_report(stem.with_name(f"{stem.name}_report"), gather_facts(project, object_id, *pair))
+    made += deposit.add(written, "Report: what changed, where, how much and how sure")
     deposit.add_provenance(stem.with_name(f"{stem.name}_provenance.json"), steps)
     for epoch_id in outdated_epochs(project, object_id, pair, step):
         deposit.minds.append(

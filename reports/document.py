@@ -128,6 +128,7 @@ def make_facts(
     """
     made = after.step(f"comparison-{before.record.epoch_id}")
     first, second = name_epochs(before.record, after.record)
+    computed = datetime.date.fromisoformat(made.created[:10]) if made and made.created else None
     setting = setting_of(comparison.on_reference.surface)
     regions = tuple(describe_region(comparison, row, setting) for _, row in comparison.regions.iterrows())
     has_control = not _without_control(before) and not _without_control(after)
@@ -136,7 +137,8 @@ def make_facts(
     return ReportFacts(
         title=record.name or record.object_id,
         subtitle=f"What changed between {first.caption} and {second.caption}",
-        made=day(datetime.date.fromisoformat(made.created[:10])) if made and made.created else "",
+        made="" if computed is None else day(computed),
+        computed=computed,
         remarks=(*_remarks(made, before, after), *_doubts(comparison, (before, after))),
         before=first,
         after=second,

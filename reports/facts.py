@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from dataclasses import dataclass
 
 from projects.extent import Extent
@@ -130,6 +131,7 @@ class ReportFacts:
     stable : where the user says that nothing moved, where they did.
     crs : the reference system of the project's coordinates, "" where it is local.
     is_room : the object is seen from within, and words of place are those of a room.
+    computed : the day of the computation that `made` tells in words, None where it is not known.
     calibrations : the range calibration of a scan of each epoch, where one was corrected.
     record : the steps in order; versions and inputs : what they were made with and from.
     """
@@ -156,3 +158,4 @@ class ReportFacts:
     stable: Extent | None = None
     crs: str = ""
     is_room: bool = False
+    computed: datetime.date | None = None

@@ -237,7 +237,7 @@ def report(
     reference: Reference = None,
     compared: Compared = None,
 ) -> None:
-    """Write what changed, where and how sure as one HTML page.
+    """Write what changed, where and how sure: an HTML page and a PDF to be signed and filed.
 
     Of the comparison of two epochs; of every one that was made where none is named.
     """

@@ -36,7 +36,7 @@ def run_demo(out: Path) -> Path:
     process_project(project)
     compare_object(project, OBJECT, EPOCHS)
     export_results(project, OBJECT, EPOCHS, out / "export", "ply")
-    (report,) = write_reports(project, OBJECT, EPOCHS, out / "report")
+    report, _ = write_reports(project, OBJECT, EPOCHS, out / "report")
     typer.echo(f"\nThe truth, which no survey knows, is in {out / 'scans' / 'truth.json'}")
     typer.echo(f"The report: {report.resolve()}")
     return report

@@ -16,7 +16,7 @@ from projects.model import Comparison, Step, Surface
 from projects.store import Project
 from reports.document import gather_facts, kept_comparisons, outdated_epochs, require_comparison
 from reports.exports import FORMATS, export_comparison, export_series, export_surface
-from reports.html import write_report
+from reports.report import write_report
 
 SCREEN = "screen"  # a GLB for viewers: few faces and a normal map
 SCREEN_FACES = 100_000
@@ -128,9 +128,8 @@ def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Pat
         for reference_id, compared_id in pairs:
             require_comparison(project, object_id, reference_id, compared_id)
             notify(f"{compared_id}: drawing the report of the comparison with {reference_id}")
-            file = out / f"{object_id}_{reference_id}_{compared_id}_report.html"
-            write_report(file, gather_facts(project, object_id, reference_id, compared_id))
-            written.append(file)
+            stem = out / f"{object_id}_{reference_id}_{compared_id}_report"
+            written += write_report(stem, gather_facts(project, object_id, reference_id, compared_id))
     for file in written:
         typer.echo(str(file))
     return written

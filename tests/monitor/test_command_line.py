@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from pdf_oxide import PdfDocument
 
 from monitor.chain import process_epoch
 from monitor.cli import results, run, working
 from projects import Project
 from projects.model import Step
-from reports import html
+from reports import pictures
 from reports.quantities import percent
 
 STATION = "0 0 4"
@@ -67,7 +68,7 @@ def project(made: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a report draw its views small: six of the usual size take a quarter of a minute."""
-    monkeypatch.setattr(html, "LARGEST", 200)
+    monkeypatch.setattr(pictures, "LARGEST", 200)
 
 
 def digest(folder: Path) -> dict[str, str]:
@@ -175,11 +176,13 @@ def test_a_second_process_makes_nothing_new(made: Path) -> None:
 
 
 @pytest.mark.usefixtures("small_pictures")
-def test_report_is_one_file_with_its_fixed_name(made: Path, tmp_path: Path) -> None:
+def test_report_is_a_page_and_a_document_with_their_fixed_names(made: Path, tmp_path: Path) -> None:
     assert run(["report", str(made / "project"), "relief", "e1", "e2", "--out", str(tmp_path)]) == 0
-    (report,) = tmp_path.iterdir()
-    assert report.name == "relief_e1_e2_report.html"
-    text = report.read_text(encoding="utf-8")
+    document, page = sorted(tmp_path.iterdir(), reverse=True)
+    assert (document.name, page.name) == ("relief_e1_e2_report.pdf", "relief_e1_e2_report.html")
+    told = PdfDocument(str(document)).extract_text(0)
+    assert "One region changed." in told
+    text = page.read_text(encoding="utf-8")
     assert "limestone" in text
     assert "http://" not in text.replace("http://www.w3.org", "")
 

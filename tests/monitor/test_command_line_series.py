@@ -16,7 +16,7 @@ from projects import Project, Surface
 from projects.errors import ComparisonError
 from projects.formats import write_ply_mesh
 from projects.model import Assessment, Step
-from reports import html
+from reports import pictures
 from reports.courses import draw_courses
 
 YEARS = (2021, 2022, 2023, 2025)
@@ -46,7 +46,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run(["process", project]) == 0
     assert run(["compare", project, "relief"]) == 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(html, "LARGEST", 200)  # pixels: six views of the usual size take a quarter of a minute
+        patch.setattr(pictures, "LARGEST", 200)  # pixels: six views of the usual size take a quarter of a minute
         assert run(["report", project, "relief", "e2021", "e2025", "--out", str(folder)]) == 0
     assert run(["export", project, "relief", "e2021", "e2025", "--out", str(folder)]) == 0
     return folder

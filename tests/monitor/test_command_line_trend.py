@@ -13,7 +13,7 @@ from monitor.cli import run
 from projects import Project, Surface
 from projects.formats import write_ply_mesh
 from projects.model import Assessment
-from reports import html
+from reports import pictures
 
 YEARS = range(2010, 2021)
 
@@ -41,7 +41,7 @@ def test_a_bulge_that_no_comparison_shows_is_on_the_page(
     capsys.readouterr()
     assert run(["compare", project, "wall"]) == 0
     assert "of them found by the trend alone" in capsys.readouterr().out
-    monkeypatch.setattr(html, "LARGEST", 200)  # pixels
+    monkeypatch.setattr(pictures, "LARGEST", 200)  # pixels
     assert run(["report", project, "wall", "e2010", "e2020", "--out", str(tmp_path)]) == 0
     assert run(["export", project, "wall", "e2010", "e2020", "--out", str(tmp_path)]) == 0
     store = Project.open(tmp_path / "project")

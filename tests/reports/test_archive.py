@@ -22,7 +22,7 @@ from projects.model import ControlPoint, EpochRecord, Step
 from projects.provenance import hash_file
 from projects.raw import ScanHeader
 from projects.transforms import apply, perturb
-from reports import archive, deposit_comparison, html
+from reports import archive, deposit_comparison, pictures
 from reports.archive import write_archive
 from reports.survey_tables import cloud_rows, mesh_rows, pose_of
 
@@ -77,7 +77,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a project and its archive."""
     folder = tmp_path_factory.mktemp("archived")
     with pytest.MonkeyPatch.context() as small:
-        small.setattr(html, "LARGEST", 200)
+        small.setattr(pictures, "LARGEST", 200)
         write_archive(folder / "archive", fill(folder), ["column"], silent)
     return folder
 
@@ -235,7 +235,7 @@ def test_what_is_not_processed_or_out_of_date_is_said_in_the_archive(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
 
-    monkeypatch.setattr(html, "LARGEST", 200)
+    monkeypatch.setattr(pictures, "LARGEST", 200)
     copy = Project.open(shutil.copytree(made / "project", tmp_path / "project"))
     copy.add_epoch(EpochRecord("column", "e3", datetime.date(2027, 5, 1)), read_scans(made / "a.e57"))
     copy.put("column", "e2", step("surface", "6"), example_comparison().on_compared.surface)

@@ -1,6 +1,5 @@
 """The page: complete, in order, safe against what people type, and whole in a browser without a network."""
 
-import base64
 import dataclasses
 import re
 from pathlib import Path
@@ -9,26 +8,16 @@ import pytest
 from report_examples import DENT, example_comparison, example_epochs, example_object
 
 from projects.errors import ParameterError
-from reports import html
+from reports import pictures
 from reports.document import make_facts
-from reports.html import (
-    Embedded,
-    EmbeddedView,
-    Pictures,
-    choose_size,
-    fill_page,
-    fit_rows,
-    fit_strip,
-    write_report,
-    write_whole,
-)
+from reports.html import fill_page, write_page, write_whole
+from reports.pictures import Pictures, Shown, ShownView, choose_size, draw_pictures, fit_rows, fit_strip
 from reports.views import choose_views, frame_views
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
          "--ignore-gpu-blocklist"]  # fmt: skip
-DOT = Embedded("data:image/svg+xml;base64," + base64.b64encode(b"<svg xmlns='http://www.w3.org/2000/svg'/>").decode(),
-               0, 0, "a dot")  # fmt: skip
+DOT = Shown(b"<svg xmlns='http://www.w3.org/2000/svg'/>", "image/svg+xml", 0, 0, "a dot")
 
 
 def facts_of(comparison=None, **texts):
@@ -40,7 +29,7 @@ def facts_of(comparison=None, **texts):
 def page_of(facts):
     """Return the page with dots for pictures."""
     regions = {r.number: (DOT, DOT) for r in facts.regions}
-    return fill_page(facts, Pictures((EmbeddedView("Front", DOT, DOT, DOT, 40.0, 30.0),), DOT, DOT, regions))
+    return fill_page(facts, Pictures((ShownView("Front", DOT, DOT, DOT, 40.0, 30.0),), DOT, DOT, regions))
 
 
 def test_the_sections_stand_in_order_with_the_answer_first():
@@ -96,14 +85,14 @@ def test_what_is_not_known_is_printed_as_such():
 def test_views_share_a_scale_and_as_few_a_row_as_keeps_them_in_sight(sizes, n_in_row):
     width, height = sizes[0]
     n_rows = -(-len(sizes) // n_in_row)
-    assert fit_rows(sizes) * width * n_in_row + html.GAP * (n_in_row - 1) == pytest.approx(html.ROW)
-    assert fit_rows(sizes) * height * n_rows <= html.TALLEST
-    assert fit_strip(sizes) * width * 3 + html.GAP * 2 <= html.ROW + 1e-9
+    assert fit_rows(sizes) * width * n_in_row + pictures.GAP * (n_in_row - 1) == pytest.approx(pictures.ROW)
+    assert fit_rows(sizes) * height * n_rows <= pictures.TALLEST
+    assert fit_strip(sizes) * width * 3 + pictures.GAP * 2 <= pictures.ROW + 1e-9
 
 
 def test_pictures_too_tall_for_any_row_are_made_smaller():
-    assert fit_rows([(50, 900)]) * 900 == pytest.approx(html.TALLEST)
-    assert fit_strip([(50, 900)]) * 900 == pytest.approx(html.TALLEST)
+    assert fit_rows([(50, 900)]) * 900 == pytest.approx(pictures.TALLEST)
+    assert fit_strip([(50, 900)]) * 900 == pytest.approx(pictures.TALLEST)
 
 
 def test_views_are_as_fine_as_a_budget_of_pixels_allows():
@@ -112,8 +101,8 @@ def test_views_are_as_fine_as_a_budget_of_pixels_allows():
     size = choose_size(comparison, views)
     surfaces = [comparison.on_reference.surface, comparison.on_compared.surface]
     pixels = sum(f.width * f.height for f in frame_views(views, surfaces, longest_px=size))
-    assert size < html.LARGEST
-    assert pixels == pytest.approx(html.PIXELS, rel=0.02)
+    assert size < pictures.LARGEST
+    assert pixels == pytest.approx(pictures.PIXELS, rel=0.02)
 
 
 def test_a_report_that_cannot_be_written_leaves_what_was_there(tmp_path):
@@ -131,10 +120,10 @@ def test_a_browser_without_network_shows_every_picture(tmp_path, monkeypatch):
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     if not CHROMIUM.exists():
         pytest.skip(f"no browser at {CHROMIUM}")
-    monkeypatch.setattr(html, "LARGEST", 120)
+    monkeypatch.setattr(pictures, "LARGEST", 120)
     path = tmp_path / "report.html"
     facts = facts_of()
-    write_report(path, facts)
+    write_page(path, facts, draw_pictures(facts))
     asked, complaints = [], []
     with playwright.sync_playwright() as p:
         browser = p.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)

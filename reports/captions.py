@@ -1,0 +1,106 @@
+"""What stands below the figures and tables of a report, the same words on the page and in the document.
+
+In: the facts of a report. Out: sentences.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from reports.document import MEANINGS
+from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
+from reports.quantities import NBSP
+
+
+@dataclass(frozen=True)
+class Captions:
+    """The sentences of one report; `kinds` are names and meanings of the kinds of regions that it holds."""
+
+    difference: str
+    strips: str
+    regions: str
+    kinds: tuple[tuple[str, str], ...]
+    courses: str
+    course_numbers: str
+    distribution: str
+    stable: str
+    record: str
+    foot: str
+
+
+def write_captions(facts: ReportFacts) -> Captions:
+    """Return the sentences of a report."""
+    before, after = facts.before, facts.after
+    inside = (
+        "Seen from within: what looks away from the viewer is left out."
+        if facts.is_room
+        else "Dark grey: the inside, seen through where nothing was recorded."
+    )
+    numbers = " Numbers are those of the table of regions." if facts.regions else ""
+    moved = f", the {after.order} moved onto the {before.order}" if facts.mode == "relative" else ""
+    sides = (
+        "Walls are named as by someone who stands in the room before the wall ahead, that of the first view."
+        if facts.is_room
+        else "Sides are those of someone who stands before the front."
+    )
+    looked_for = ", looked for only where you said that nothing moved" if facts.stable else ""
+    not_asked = "; nearly white: outside of what you gave, not asked" if facts.stable else ""
+    dark = "" if facts.is_room else " Dark grey: the inside."
+    crs = f", {facts.crs}" if facts.crs else ""
+    present = dict.fromkeys(r.kind for r in facts.regions)
+    return Captions(
+        difference=(
+            f"What changed from {before.date} to {after.date}, drawn on the {after.order} surface; all views at one "
+            "scale. Warm colours: material lost, paler where it stood before what is there now. Blue: material gained. "
+            "The darkest colours: as much or more. Light grey: assessed and unchanged. Hatched: not assessable. "
+            f"{inside}{numbers}"
+        ),
+        strips=f"The same fixed views of both epochs{moved}.",
+        regions=(f"± is the half-width of the 95{NBSP}% interval. Positive: material gained; negative: lost. {sides}"),
+        kinds=tuple((kind, MEANINGS[kind]) for kind in present if kind in MEANINGS),
+        courses=(
+            f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Filled: found as "
+            "a region in that epoch; hollow: measured at the same place, not significant there, as in every epoch of a "
+            "region that its trend alone shows. Line and band, where a trend is significant: the trend, and where "
+            f"95{NBSP}% of epochs will lie if it goes on."
+        ),
+        course_numbers=(
+            "Numbers are those of the series, which a region keeps through all epochs; the regions of this comparison "
+            "are numbered by themselves."
+        ),
+        distribution=(
+            f"The differences of all assessed places of the {after.order} surface, with the smallest change that can "
+            f"be seen (95{NBSP}%, median)."
+        ),
+        stable=(
+            f"What held the two epochs together, on the {after.order} surface. Green: held to be stable{looked_for}. "
+            f"Sand: changed. Light grey: neither, left out{not_asked}.{dark}"
+        ),
+        record=(
+            "Each step with its settings and the values it found for itself, as they are kept: lengths in metres, "
+            "angles in radians; “auto” was found from the data."
+        ),
+        foot=(
+            f"{facts.title}. {before.epoch_id} compared with {after.epoch_id}. Coordinates are those of the "
+            f"{before.order} epoch{crs}; positive differences are material gained."
+        ),
+    )
+
+
+def caption_region(region: RegionFacts, facts: ReportFacts) -> str:
+    """Return what stands below the close-up and the section of a region."""
+    return (
+        f"Region {region.number}: {region.area.text}, volume {region.volume.text}, extreme {region.extreme.text}. Seen "
+        f"straight on, and in section from A to B: the reference is the {facts.before.order} epoch, the compared the "
+        f"{facts.after.order}."
+    )
+
+
+def title_region(region: RegionFacts) -> str:
+    """Return the title of a region's figure."""
+    return f"{region.meaning.capitalize()}, {region.where}"
+
+
+def caption_calibration(calibration: CalibrationFacts) -> str:
+    """Return what stands below the drawing of a range calibration."""
+    return f"Ranges corrected: distances of one plane patch to its plane, before and after. {calibration.text}"

@@ -1,0 +1,180 @@
+"""The report as an A4 document for the file and the archive: PDF/A-2a, fonts and pictures inside, to be signed.
+
+`ReportFacts` and their pictures go in; a file comes out that appears whole or not at all. The same facts and pictures
+give the same bytes. Texts are handed over as data, never as markup.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import json
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+import matplotlib
+import numpy as np
+import typst
+from matplotlib.ft2font import FT2Font
+
+from projects.formats.complete_file import complete_file
+from reports.captions import caption_calibration, caption_region, title_region, write_captions
+from reports.facts import RegionFacts, ReportFacts, SeriesFacts, Table
+from reports.pictures import Pictures, Shown
+
+STANDARD: Literal["a-2a"] = (
+    "a-2a"  # ISO 19005-2, level A: for the long term, with the order and the meaning of what it holds
+)
+FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+SUFFIX = {"image/jpeg": ".jpg", "image/png": ".png", "image/svg+xml": ".svg"}
+MOST_COLUMNS = 8  # of a table; more stand in a second one below, its rows named again
+HEAD, LINE = 3.0, 55.0  # lines that a table's title and head take, letters of a line of its note
+WIDEST, NARROWEST = 24, 4  # characters that share the width of a table among its columns
+
+
+def write_document(path: Path, facts: ReportFacts, pictures: Pictures) -> None:
+    """Write a report as PDF.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be written there; what was there before stays.
+    """
+    document = set_document(facts, pictures)
+    with complete_file(path) as unfinished:
+        unfinished.write_bytes(document)
+
+
+def set_document(facts: ReportFacts, pictures: Pictures) -> bytes:
+    """Return the report as the bytes of a PDF file."""
+    with tempfile.TemporaryDirectory() as folder:
+        room = Path(folder)
+        (room / "report.typ").write_bytes(files("reports").joinpath("templates/report.typ").read_bytes())
+        told = json.dumps(lay_out(facts, pictures, _Room(room)), ensure_ascii=False)
+        (room / "facts.json").write_text(told, encoding="utf-8", errors="replace")
+        return typst.compile(
+            room / "report.typ", root=room, font_paths=[FONTS], ignore_system_fonts=has_letters(told), format="pdf",
+            pdf_standards=STANDARD, timestamp=_moment(facts),
+        )  # fmt: skip
+
+
+def has_letters(text: str) -> bool:
+    """Return whether the fonts that come with this program have every letter; if not, the machine's help out."""
+    return set(map(ord, text)) <= FT2Font(str(FONTS / "DejaVuSans.ttf")).get_charmap().keys() | {ord("\n")}
+
+
+class _Room:
+    """The folder that a document is set in; pictures are put there once and named."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self._n = folder, 0
+
+    def put(self, picture: Shown | None) -> dict[str, str] | None:
+        """Return the name of a picture's file and what it shows; None where there is no picture."""
+        if picture is None:
+            return None
+        self._n += 1
+        name = f"{self._n:03d}{SUFFIX[picture.media_type]}"
+        (self.folder / name).write_bytes(picture.image)
+        return {"file": name, "alt": picture.alt}
+
+
+def lay_out(facts: ReportFacts, pictures: Pictures, room: _Room) -> dict[str, Any]:
+    """Return everything that the template sets, as plain values."""
+    captions = write_captions(facts)
+    return {
+        "title": facts.title, "subtitle": facts.subtitle, "made": facts.made, "author": "heritage-monitor",
+        "date": _date(facts), "foot": captions.foot, "captions": dataclasses.asdict(captions),
+        "before": facts.before.caption, "after": facts.after.caption,
+        "headline": facts.answer.headline, "changed": " ".join(facts.answer.changed),
+        "sure": " ".join(facts.answer.sure), "remarks": facts.remarks,
+        "figures": [dataclasses.asdict(f) for f in facts.answer.figures],
+        "views": [
+            {"name": v.name, "wide": v.wide, "narrow": v.narrow, "before": room.put(v.before),
+             "after": room.put(v.after), "difference": room.put(v.difference)}
+            for v in pictures.views
+        ],
+        "colour_bar": room.put(pictures.colour_bar), "histogram": room.put(pictures.histogram),
+        "regions": [_region(r, facts, pictures.regions.get(r.number, (None, None)), room) for r in facts.regions],
+        "parts": None if facts.parts is None else _table(facts.parts),
+        "series": None if facts.series is None else _series(facts.series, room.put(pictures.courses)),
+        "stable": [{"name": s.name, "width": s.wide, "picture": room.put(s.picture)} for s in pictures.stable],
+        "certainty": set_beside(facts.certainty),
+        "calibrations": [
+            {"caption": caption_calibration(c), "picture": room.put(drawn)}
+            for c, drawn in zip(facts.calibrations, pictures.calibrations, strict=True)
+        ],
+        "known": facts.object_rows, "history": set_beside(facts.history),
+        "record": [
+            {"title": s.title, "settings": s.settings, "found": [_table(n) for t in s.found for n in split_table(t)]}
+            for s in facts.record
+        ],
+        "versions": _table(facts.versions), "inputs": _table(facts.inputs),
+    }  # fmt: skip
+
+
+def split_table(table: Table) -> list[Table]:
+    """Return a table in pieces of at most `MOST_COLUMNS` columns and much alike, the first column in each."""
+    inner = np.arange(1, len(table.columns))
+    parts = np.array_split(inner, max(math.ceil(len(inner) / (MOST_COLUMNS - 1)), 1))
+    pieces = []
+    for k, part in enumerate(parts):
+        which = (0, *(int(c) for c in part))
+        rows = tuple(tuple(row[c] for c in which) for row in table.rows)
+        columns = tuple(table.columns[c] for c in which)
+        pieces.append(Table("" if k else table.title, columns, rows, table.note if k == len(parts) - 1 else ""))
+    return pieces
+
+
+def set_beside(tables: Sequence[Table]) -> list[list[dict[str, Any]]]:
+    """Return tables in two columns of about one height, in order: down the first, then down the second."""
+    heights = np.cumsum([HEAD + len(t.rows) + len(t.note) / LINE for t in tables])
+    n_left = int(np.argmin(np.abs(2.0 * heights - heights[-1]))) + 1 if len(tables) else 0
+    return [[_table(t) for t in half] for half in (tables[:n_left], tables[n_left:])]
+
+
+def _table(table: Table) -> dict[str, Any]:
+    """Return a table with how its columns share the width: by the longest text in each."""
+    columns = list(zip(table.columns, *table.rows, strict=True))
+    widths = [min(max(max(len(text) for text in column), NARROWEST), WIDEST) for column in columns]
+    return {**dataclasses.asdict(table), "widths": widths}
+
+
+def _region(
+    region: RegionFacts, facts: ReportFacts, drawn: tuple[Shown | None, Shown | None], room: _Room
+) -> dict[str, Any]:
+    """Return one region with its pictures, where it has any."""
+    figures = (region.area, region.volume, region.extreme, region.mean)
+    return {
+        "number": region.number, "kind": region.kind, "side": region.side, "where": region.where,
+        "title": title_region(region), "caption": caption_region(region, facts),
+        "estimates": [dataclasses.asdict(e) for e in figures],
+        "close_up": room.put(drawn[0]), "section": room.put(drawn[1]),
+    }  # fmt: skip
+
+
+def _series(series: SeriesFacts, chart: Mapping[str, str] | None) -> dict[str, Any]:
+    """Return what goes on over several epochs."""
+    courses = [
+        {"number": c.number, "side": c.side, "course": "; ".join(t for t in (c.course, c.origin) if t),
+         "first_seen": c.first_seen,
+         "estimates": [dataclasses.asdict(e) for e in (c.area, c.mean, c.rate, c.volume_rate)]}
+        for c in series.courses
+    ]  # fmt: skip
+    motions = None if series.motions is None else _table(series.motions)
+    return {"lead": series.lead, "chart": chart, "courses": courses, "motions": motions}
+
+
+def _date(facts: ReportFacts) -> Mapping[str, int] | None:
+    """Return the day of the computation, None where it is not known."""
+    moment = facts.computed
+    return None if moment is None else {"year": moment.year, "month": moment.month, "day": moment.day}
+
+
+def _moment(facts: ReportFacts) -> datetime.datetime | None:
+    """Return when the document is said to have been made: when the comparison was, so that its bytes are the same."""
+    return None if facts.computed is None else datetime.datetime.combine(facts.computed, datetime.time(), datetime.UTC)

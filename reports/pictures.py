@@ -1,0 +1,172 @@
+"""Every picture of a report, and how wide each is shown: fixed views, close-ups, sections, charts.
+
+`ReportFacts` go in; `Pictures` come out, from which the page and the document are made.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from projects.model import Comparison
+from reports.colours import choose_limit
+from reports.courses import draw_courses
+from reports.facts import ReportFacts
+from reports.figures import draw_colour_bar, draw_histogram, draw_section
+from reports.ranging import draw_calibration
+from reports.stability import draw_stable
+from reports.views import Picture, View, ViewPictures, choose_views, draw_close_up, draw_comparison, frame_views
+
+VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
+              "below": "From below"}  # fmt: skip
+ROOM_NAMES = {"front": "Wall ahead", "right": "Wall to the left", "back": "Wall behind", "left": "Wall to the right",
+              "top": "Floor", "below": "Ceiling"}  # fmt: skip
+PIXELS = 1.6e6  # of one epoch's views together: about twice as fine as the page shows them
+LARGEST, SMALLEST = 1200, 400  # pixels, longest side of a view
+ROW, GAP, TALLEST = 99.0, 1.6, 66.0  # per cent of the page's width: a row of pictures, between them, height at most
+CLOSE_UPS = 24  # so many regions, the largest, are drawn close up; all are in the table
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture as a report holds it: the bytes of the file, its size in pixels (0: drawn to scale), its text."""
+
+    image: bytes
+    media_type: str
+    width: int
+    height: int
+    alt: str
+
+    @property
+    def src(self) -> str:
+        """The address that holds the picture itself, so that a page needs no other file."""
+        return f"data:{self.media_type};base64,{base64.b64encode(self.image).decode('ascii')}"
+
+
+@dataclass(frozen=True)
+class ShownView:
+    """One fixed view: before, after, difference; how wide each is shown in an overview and beside the others [%]."""
+
+    name: str
+    before: Shown
+    after: Shown
+    difference: Shown
+    wide: float
+    narrow: float
+
+
+@dataclass(frozen=True)
+class ShownSingle:
+    """One picture by itself, its view's name, and how wide it is shown [%]."""
+
+    name: str
+    picture: Shown
+    wide: float
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """All pictures of a report; `regions` holds the close-up and the section of a region by its number,
+    `courses` the charts of a series where there is one, `calibrations` those of corrected ranges, `stable` the stable
+    areas from few views."""
+
+    views: tuple[ShownView, ...]
+    colour_bar: Shown
+    histogram: Shown
+    regions: Mapping[int, tuple[Shown, Shown]]
+    courses: Shown | None = None
+    calibrations: tuple[Shown, ...] = ()
+    stable: tuple[ShownSingle, ...] = ()
+
+
+def draw_pictures(facts: ReportFacts) -> Pictures:
+    """Return every picture of a report."""
+    pictures = draw_change(facts.comparison)
+    if facts.series is not None and facts.series.courses:
+        charts = show_drawing(draw_courses(facts.series.series), "Mean change of each followed region over time")
+        pictures = replace(pictures, courses=charts)
+    ranging = [show_drawing(draw_calibration(c.profile), "Distances to a plane by range") for c in facts.calibrations]
+    stable = show_stable(draw_stable(facts.comparison, facts.stable))
+    return replace(pictures, calibrations=tuple(ranging), stable=stable)
+
+
+def draw_change(comparison: Comparison) -> Pictures:
+    """Return the pictures of what changed, all with one range of colours."""
+    limit = choose_limit(comparison)
+    level = comparison.statistics.get("lod95_median_m", float("nan"))
+    views = choose_views(comparison.on_reference.surface)
+    drawn = draw_comparison(comparison, views, limit_m=limit, height_px=choose_size(comparison, views))
+    numbers = [int(n) for n in comparison.regions["region"]][:CLOSE_UPS]
+    regions = {
+        n: (
+            show(draw_close_up(comparison, n, limit_m=limit)),
+            show_drawing(draw_section(comparison, n), f"Section through region {n} with both epochs"),
+        )
+        for n in numbers
+    }
+    bar = show_drawing(draw_colour_bar(limit, level), "Colours of the differences in millimetres")
+    histogram = show_drawing(draw_histogram(comparison), "Histogram of all differences")
+    return Pictures(show_views(drawn), bar, histogram, regions)
+
+
+def choose_size(comparison: Comparison, views: Sequence[View]) -> int:
+    """Return the pixels of the longest side of the views at which all of them together have `PIXELS`."""
+    surfaces = [comparison.on_reference.surface, comparison.on_compared.surface]
+    pixels = sum(f.width * f.height for f in frame_views(views, surfaces, longest_px=1000))
+    return min(max(round(1000 * math.sqrt(PIXELS / pixels)), SMALLEST), LARGEST)
+
+
+def title_of(view: View) -> str:
+    """Return the words below a view: the side that is seen, of a room the wall."""
+    return (ROOM_NAMES if view.cut_away else VIEW_NAMES).get(view.name, view.name)
+
+
+def show_views(views: Sequence[ViewPictures]) -> tuple[ShownView, ...]:
+    """Return the views for the page, at one scale in the overview and at one beside each other."""
+    sizes = [(v.difference.width, v.difference.height) for v in views]
+    wide, narrow = fit_rows(sizes), fit_strip(sizes)
+    return tuple(
+        ShownView(title_of(v.view), show(v.before), show(v.after), show(v.difference),
+                     round(wide * v.difference.width, 2), round(narrow * v.difference.width, 2))
+        for v in views
+    )  # fmt: skip
+
+
+def show_stable(drawn: Sequence[tuple[View, Picture]]) -> tuple[ShownSingle, ...]:
+    """Return the pictures of the stable areas for the page: in one row, no wider than a third of the page each."""
+    total = sum(p.width for _, p in drawn) if drawn else 1
+    scale = min((ROW - GAP * (len(drawn) - 1)) / total, min((ROW / 4.0 / p.width for _, p in drawn), default=0.0))
+    return tuple(ShownSingle(title_of(v), show(p), round(scale * p.width, 2)) for v, p in drawn)
+
+
+def fit_rows(sizes: Sequence[tuple[int, int]]) -> float:
+    """Return the per cent of the page's width for one pixel of pictures (width, height) that share a scale.
+
+    Few stand in a row, so that they are large, but as many as keep all rows together no taller than `TALLEST`.
+    """
+    scale = 0.0
+    for n in range(1, len(sizes) + 1):
+        rows = [sizes[k : k + n] for k in range(0, len(sizes), n)]
+        scale = min((ROW - GAP * (len(row) - 1)) / sum(width for width, _ in row) for row in rows)
+        height = sum(max(height for _, height in row) for row in rows)
+        if scale * height <= TALLEST:
+            return scale
+        scale = TALLEST / height
+    return scale
+
+
+def fit_strip(sizes: Sequence[tuple[int, int]]) -> float:
+    """Return the same where three pictures of each size stand in a row of their own."""
+    return min((ROW - 2.0 * GAP) / 3.0 / max(width for width, _ in sizes), TALLEST / max(height for _, height in sizes))
+
+
+def show(picture: Picture) -> Shown:
+    """Return a picture for the report."""
+    return Shown(picture.image, picture.media_type, picture.width, picture.height, picture.alt)
+
+
+def show_drawing(drawing: bytes, alt: str) -> Shown:
+    """Return a drawing for the report; as an image, nothing in it can act."""
+    return Shown(drawing, "image/svg+xml", 0, 0, alt)

@@ -1,0 +1,142 @@
+"""The document: in order, for the long term, the same every time, and safe against what people type."""
+
+import dataclasses
+import io
+
+import numpy as np
+import pytest
+from pdf_oxide import PdfDocument
+from PIL import Image
+from report_examples import DENT, example_comparison, example_epochs, example_object
+
+from projects.errors import ParameterError
+from reports.document import make_facts
+from reports.facts import Table
+from reports.pdf import MOST_COLUMNS, has_letters, set_beside, set_document, split_table, write_document
+from reports.pictures import Pictures, Shown, ShownSingle, ShownView
+
+LOST = (0xB8, 0x3F, 0x1B)  # of the page: material lost
+BAR = Shown(b"<svg xmlns='http://www.w3.org/2000/svg' width='400' height='60'/>", "image/svg+xml", 0, 0, "a bar")
+DOT = Shown(b"<svg xmlns='http://www.w3.org/2000/svg' width='40' height='30'/>", "image/svg+xml", 0, 0, "a dot")
+
+
+def facts_of(**texts):
+    """Return the facts of the example with other texts of its object."""
+    return make_facts(example_comparison(), example_object(**texts), *example_epochs())
+
+
+def plain_picture(colour):
+    """Return a picture of one colour."""
+    stream = io.BytesIO()
+    Image.new("RGB", (60, 40), colour).save(stream, "PNG")
+    return Shown(stream.getvalue(), "image/png", 60, 40, "one colour")
+
+
+def pictures_of(facts, difference=DOT):
+    """Return dots for pictures, and one view whose difference is given."""
+    regions = {r.number: (DOT, DOT) for r in facts.regions}
+    views = (ShownView("Front", DOT, DOT, difference, 40.0, 30.0),)
+    return Pictures(views, BAR, BAR, regions, stable=(ShownSingle("Front", DOT, 20.0),))
+
+
+def text_of(document):
+    """Return the text of all pages, white space as single spaces."""
+    read = PdfDocument.from_bytes(document)
+    return " ".join(" ".join(read.extract_text(k) for k in range(read.page_count())).replace("\u00a0", " ").split())
+
+
+def test_the_document_is_made_for_the_long_term_and_the_same_every_time():
+    facts = facts_of()
+    document = set_document(facts, pictures_of(facts))
+    assert PdfDocument.from_bytes(document).validate_pdf_a("2a")["valid"]
+    assert document == set_document(facts, pictures_of(facts))
+    assert b"2026-05-19" in document  # the day of the computation, not of the printing
+
+
+def test_the_sections_stand_in_order_with_the_answer_first_and_a_place_to_sign():
+    facts = facts_of()
+    text = text_of(set_document(facts, pictures_of(facts)))
+    titles = (facts.title, facts.answer.headline, "The difference", "Before, after, difference", "Regions of change",
+              "All differences", "How sure", "The object and its epochs", "Signed", "The record", "Software",
+              "Input files")  # fmt: skip
+    place = 0
+    for title in titles:
+        place = text.index(title, place) + len(title)
+    assert "name, date, signature" in text
+
+
+def test_every_figure_of_a_region_is_printed_with_its_margin():
+    facts = facts_of()
+    text = text_of(set_document(facts, pictures_of(facts)))
+    dent = facts.regions[0]
+    assert dent.number == DENT[0]
+    for figure in (dent.area, dent.volume, dent.extreme, dent.mean):
+        assert f"{figure.value} ± {figure.margin}" in text.replace("\u202f", " ")
+    for _, value in (pair for s in facts.record for pair in s.settings):
+        assert value.split()[0] in text
+    assert facts.inputs.rows[0][-1][:16] in text.replace(" ", "")
+
+
+def test_what_people_type_is_set_as_text_and_never_read_as_markup():
+    hostile = '#panic("no") $x$ *b* _i_ `c` <l> @r \\ [ ] {{ 7*7 }} #read("facts.json")'
+    facts = facts_of(name=hostile, place=hostile, description=hostile)
+    facts = dataclasses.replace(facts, after=dataclasses.replace(facts.after, label=hostile))
+    text = text_of(set_document(facts, pictures_of(facts)))
+    assert text.count('#panic("no") $x$ *b* _i_') >= 3
+    assert '"headline"' not in text
+
+
+def test_letters_of_any_script_leave_a_document():
+    assert has_letters("Säule № 7, Ω, ж, ± 0.1 mm")
+    assert not has_letters("石柱")
+    facts = facts_of(name="石柱 Säule")
+    assert "Säule" in text_of(set_document(facts, pictures_of(facts)))
+
+
+def test_the_picture_of_the_difference_stands_on_the_first_page():
+    facts = facts_of()
+    document = set_document(facts, pictures_of(facts, plain_picture((10, 200, 30))))
+    page = np.asarray(Image.open(io.BytesIO(PdfDocument.from_bytes(document).render_page(0))).convert("RGB"), int)
+    green = np.abs(page - (10, 200, 30)).max(axis=2) < 12
+    rows, columns = np.nonzero(green)
+    assert columns.max() - columns.min() == pytest.approx(0.4 * 174 / 210 * page.shape[1], rel=0.03)  # 40 % of the text
+    assert rows.max() - rows.min() == pytest.approx((columns.max() - columns.min()) * 40 / 60, rel=0.03)
+
+
+def test_a_disc_carries_the_colour_of_its_kind():
+    facts = facts_of()
+    read = PdfDocument.from_bytes(set_document(facts, pictures_of(facts)))
+    k = next(k for k in range(read.page_count()) if "Regions of change" in read.extract_text(k) and k > 0)
+    page = np.asarray(Image.open(io.BytesIO(read.render_page(k))).convert("RGB"), int)
+    assert (np.abs(page - LOST).max(axis=2) < 12).sum() > 50
+
+
+def test_a_wide_table_goes_on_below_with_its_rows_named_again():
+    names = ("", *"abcdefghi")
+    table = Table("t", names, (("x", *"123456789"),), note="n")
+    pieces = split_table(table)
+    assert [len(p.columns) for p in pieces] == [6, 5]
+    assert max(len(p.columns) for p in pieces) <= MOST_COLUMNS
+    assert [p.rows[0][0] for p in pieces] == ["x", "x"]
+    assert tuple(c for p in pieces for c in p.columns[1:]) == names[1:]
+    assert tuple(c for p in pieces for c in p.rows[0][1:]) == tuple("123456789")
+    assert [(p.title, p.note) for p in pieces] == [("t", ""), ("", "n")]
+    assert split_table(Table("s", ("", "a"), ())) == [Table("s", ("", "a"), ())]
+
+
+def test_tables_side_by_side_are_of_about_one_height():
+    def table(n):
+        return Table("t", ("", "a"), (("x", "1"),) * n)
+
+    left, right = set_beside([table(10), table(2), table(3), table(8)])
+    assert ([len(t["rows"]) for t in left], [len(t["rows"]) for t in right]) == ([10, 2], [3, 8])
+    assert set_beside([]) == [[], []]
+
+
+def test_a_document_that_cannot_be_written_leaves_what_was_there(tmp_path):
+    facts = facts_of()
+    path = tmp_path / "report.pdf"
+    path.mkdir()
+    with pytest.raises(ParameterError, match=r"report\.pdf: cannot be written"):
+        write_document(path, facts, pictures_of(facts))
+    assert list(tmp_path.iterdir()) == [path]
