@@ -72,6 +72,14 @@ def _require_new(project: Project, request: EpochRequest) -> None:
         )
 
 
+def check_request(request: EpochRequest) -> None:
+    """Refuse what is wrong in a request whatever the project holds: ids, date, preset, unit, control, poses."""
+    require_id(request.epoch_id, "EPOCH")
+    unit = UnitCheck(metres_per_unit(request.unit or "m"), request.unit is not None)
+    _record(request, unit)
+    _poses(request, unit)
+
+
 def _record(request: EpochRequest, unit: UnitCheck) -> EpochRecord:
     """Return the epoch's record, everything checked."""
     return EpochRecord(

@@ -277,6 +277,23 @@ def status(project: ProjectArgument, as_json: JsonOption = False) -> None:
     show_status(project, as_json)
 
 
+@app.command("run")
+def run_command(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="File that declares the campaign.")],
+    settings: SettingsOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Run a whole campaign, many objects, declared in one file.
+
+    Adds what the project lacks, processes, compares, and writes reports, exports and an archive where the file wants
+    them. Run again, it goes on, or adds what the file has gained.
+    """
+    from monitor.cli.campaign import run_campaign
+
+    run_campaign(campaign, settings, (workers, scheduler))
+
+
 @app.command()
 def plan(
     mesh: Annotated[

@@ -1,0 +1,210 @@
+"""A campaign in one file: all of it is done, again does nothing, and what is wrong in it is said before work begins."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.cli import run
+from monitor.cli.campaign_file import read_campaign
+from projects import Project
+from projects.bags import verify_bag
+from projects.errors import ParameterError
+from projects.formats import write_ply_mesh
+from projects.model import Surface
+from reports import pictures
+
+CAMPAIGN = """
+project = "project"
+name = "Attic"
+crs = "EPSG:31256"
+report = "out/reports"
+export = "out/files"
+formats = "ply,csv"
+archive = "out/archive"
+
+[[object]]
+id = "minerva"
+name = "Minerva"
+material = "marble"
+extent = "box.json"
+tolerance = 2
+
+[[object.epoch]]
+id = "before"
+date = 2025-05-12
+mesh = true
+files = ["before.ply"]
+
+[[object.epoch]]
+id = "after"
+date = "2026-05-18"
+label = "after the restoration"
+mesh = true
+files = ["aft*.ply"]
+
+[[object]]
+id = "juno"
+
+[[object.epoch]]
+id = "first"
+date = 2026-05-18
+mesh = true
+files = ["juno.ply"]
+"""
+
+
+def relief(dent: float) -> Surface:
+    """Return a wavy relief 0.3 m wide with a round dent [m], as a mesh of 5 mm with a little noise."""
+    n = 61
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-0.15, 0.15, n), np.linspace(-0.15, 0.15, n), indexing="ij"))
+    z = 0.02 * np.sin(23 * x) * np.cos(19 * y) + 0.008 * np.sin(41 * y + 17 * x)
+    z = z - dent * 0.5 * (1 + np.cos(np.pi * np.minimum(np.hypot(x - 0.04, y) / 0.05, 1)))
+    z = z + np.random.default_rng(round(1e5 * dent)).normal(0, 5e-5, n * n)
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(n - 1), np.arange(n - 1), indexing="ij"))
+    a, b = i * n + j, (i + 1) * n + j
+    return Surface(np.column_stack([x, y, z]), np.concatenate([np.c_[a, b, b + 1], np.c_[a, b + 1, a + 1]]))
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a campaign's file and the meshes that it names."""
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "box.json").write_text('{"box": {"min": [-1, -1, -1], "max": [1, 1, 1]}}')
+    for name, dent in (("before", 0.0), ("after", 0.003), ("juno", 0.001)):
+        write_ply_mesh(folder / f"{name}.ply", relief(dent))
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(survey: Path) -> Path:
+    """Return the folder after the campaign was run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "LARGEST", 200)
+        assert run(["run", str(survey / "campaign.toml")]) == 0
+    return survey
+
+
+def test_everything_that_the_file_declares_is_there_afterwards(done: Path) -> None:
+    project = Project.open(done / "project")
+    assert (project.name, project.crs) == ("Attic", "EPSG:31256")
+    minerva = project.object("minerva")
+    assert (minerva.name, minerva.material, minerva.tolerance) == ("Minerva", "marble", 0.002)
+    assert [(e.epoch_id, e.date.isoformat(), e.label) for e in project.epochs("minerva")] == [
+        ("before", "2025-05-12", ""), ("after", "2026-05-18", "after the restoration"),
+    ]  # fmt: skip
+    row = project.get("minerva", "after", "comparison-before").regions.iloc[0]
+    assert row["kind"] == "lost"
+    assert -0.0031 < row["extreme_m"] < -0.0025  # the 95 % quantile of a bowl 3 mm deep
+    out = done / "out"
+    assert {p.name for p in (out / "reports").iterdir()} == {
+        f"minerva_before_after_report.{k}" for k in ("html", "pdf")
+    }
+    assert {"juno_first_surface.ply", "juno_first_surface.csv", "minerva_before_after_on-compared.ply"} <= {
+        p.name for p in (out / "files").iterdir()
+    }
+    assert verify_bag(out / "archive").ok
+    assert (out / "archive" / "data" / "juno" / "first").is_dir()
+
+
+def test_run_again_it_makes_nothing_new_and_a_file_that_grew_adds_only_that(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(pictures, "LARGEST", 200)
+    copy = Path(shutil.copytree(done, tmp_path / "copy"))
+    made = {p: p.stat().st_mtime_ns for p in (copy / "project").rglob("*.h5")}
+    assert run(["run", str(copy / "campaign.toml")]) == 0
+    assert {p: p.stat().st_mtime_ns for p in (copy / "project").rglob("*.h5")} == made
+    assert "is there already and stays as it was" in capsys.readouterr().err
+    grown = '\n[[object.epoch]]\nid = "second"\ndate = 2027-05-18\nmesh = true\nfiles = ["after.ply"]\n'
+    (copy / "campaign.toml").write_text(CAMPAIGN + grown)
+    assert run(["run", str(copy / "campaign.toml")]) == 0
+    assert [e.epoch_id for e in Project.open(copy / "project").epochs("juno")] == ["first", "second"]
+    assert (copy / "out" / "reports" / "juno_first_second_report.pdf").exists()
+
+
+def test_an_object_that_fails_is_named_and_the_others_are_done(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(pictures, "LARGEST", 200)
+    for path in survey.glob("*.*"):
+        shutil.copy(path, tmp_path)
+    (tmp_path / "juno.ply").write_bytes(b"ply\nnot a mesh\n")
+    head = CAMPAIGN.split("[[object]]")
+    (tmp_path / "campaign.toml").write_text("[[object]]".join([head[0], head[2], head[1]]).replace("archive", "#"))
+    assert run(["run", str(tmp_path / "campaign.toml")]) == 2
+    told = capsys.readouterr().err
+    assert "1 of 2 objects failed (juno), for what is said above; the others are done" in told
+    assert "monitor: juno: " in told
+    assert (tmp_path / "out" / "reports" / "minerva_before_after_report.pdf").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('id = "juno"', 'id = "juno"\nextend = "box.json"', "object juno.extend is not known; is extent meant?"),
+        ("tolerance = 2", 'tolerance = "two"', "object minerva.tolerance is 'two'; a number is needed"),
+        ("tolerance = 2", "tolerance = true", "object minerva.tolerance is True; a number is needed"),
+        ("tolerance = 2", "tolerance = -2", "tolerance -2.0: a length above 0 mm is needed"),
+        ('"juno.ply"', '"jun?.ply", "none-*.ply"', "epoch first.files: there is no file"),
+        ('files = ["juno.ply"]', 'files = "juno.ply"', "files is 'juno.ply'; a list of files is needed"),
+        ("box.json", "bax.json", "object minerva.extent: there is no file"),
+        ("2025-05-12", '"12 May"', "--date 12 May: a date like 2026-05-31 is needed"),
+        ('id = "juno"', 'id = "minerva"', "object minerva is declared twice"),
+        ('id = "after"', 'id = "before"', "epoch of minerva before is declared twice"),
+        ('project = "project"', "", "project is missing"),
+        ('formats = "ply,csv"', 'formats = "dxf"', "--format dxf: allowed are"),
+        ('name = "Attic"', "name = Attic", "is not TOML"),
+        ('id = "juno"', 'id = "ju no"', "OBJECT id 'ju no' holds"),
+    ],
+)
+def test_what_is_wrong_in_the_file_is_said_before_anything_is_done(
+    survey: Path, tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    for path in survey.glob("*.*"):
+        shutil.copy(path, tmp_path)
+    assert old in CAMPAIGN
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN.replace(old, new))
+    with pytest.raises(ParameterError, match=r".") as error:
+        read_campaign(tmp_path / "campaign.toml")
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+    assert run(["run", str(tmp_path / "campaign.toml")]) == 2
+    assert not (tmp_path / "project").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("2025-05-12", "2025-05-13", "is in the project with the date 2025-05-12, not 2025-05-13"),
+        ('"before.ply"', '"juno.ply"', "is in the project with other files"),
+        ("tolerance = 2", "tolerance = 3", "is in the project with the tolerance 0.002 m, not 0.003 m"),
+        ('extent = "box.json"', "", "is in the project with the extent"),
+        ("31256", "31257", "has the reference system EPSG:31256, not EPSG:31257"),
+    ],
+)
+def test_a_file_that_contradicts_the_project_is_refused(
+    done: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, told: str
+) -> None:
+    changed = done / "changed.toml"
+    changed.write_text(CAMPAIGN.replace(old, new))
+    assert run(["run", str(changed)]) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_the_guide_s_example_is_a_campaign(tmp_path: Path) -> None:
+    guide = (Path(__file__).resolve().parents[2] / "docs" / "campaign.md").read_text(encoding="utf-8")
+    (tmp_path / "campaign.toml").write_text(guide.split("```toml\n")[1].split("```")[0], encoding="utf-8")
+    for name in ("settings.toml", "before.e57", "after-1.ply", "after-2.ply"):
+        (tmp_path / name).touch()
+    for name in ("minerva-box.json", "pedestal.json"):
+        (tmp_path / name).write_text('{"box": {"min": [-1, -1, -1], "max": [1, 1, 1]}}')
+    (tmp_path / "after.poses").write_text("after-1.ply 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n")
+    campaign = read_campaign(tmp_path / "campaign.toml")
+    minerva = campaign.objects[0]
+    assert [len(e.files) for e in minerva.epochs] == [1, 2]
+    assert (minerva.epochs[0].scanner, minerva.epochs[0].date) == ("phase-2020", "2025-05-12")
+    (pair,) = minerva.pairs
+    assert (pair.mode, pair.stable) == ("relative", tmp_path / "pedestal.json")
