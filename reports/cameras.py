@@ -196,6 +196,16 @@ def choose_views(surface: Surface) -> list[View]:
     return chosen or [views[int(seen.sum(axis=1).argmax())]]
 
 
+def choose_one(surface: Surface, wanted: Bools | None = None) -> View:
+    """Return the one view that shows most of the surface, or of the vertices (n,) that are wanted, where there are any:
+    by the area of the faces that look to the viewer, as it appears."""
+    normals = face_normals(surface)
+    if wanted is not None and wanted.any():
+        normals = normals * wanted[surface.faces].mean(axis=1)[:, None]
+    views = choose_views(surface)
+    return max(views, key=lambda view: float(np.maximum(normals @ view.towards, 0.0).sum()))
+
+
 def frame_view(view: View, points: Floats, metres_per_pixel: float, *, room: int = 0, foot: int = 0) -> Frame:
     """Return the frame that holds all points (n, 3) [m], with `room` pixels around them and `foot` more below."""
     towards = view.towards / np.linalg.norm(view.towards)

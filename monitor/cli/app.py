@@ -295,6 +295,17 @@ def run_command(
 
 
 @app.command()
+def serve(
+    project: ProjectArgument,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page's address; a free one by default.")] = 0,
+) -> None:
+    """Browse a project in a page on this machine: objects, epochs, differences, reports."""
+    from monitor.cli.serving import serve_project
+
+    serve_project(project, port)
+
+
+@app.command()
 def plan(
     mesh: Annotated[
         Path, typer.Argument(metavar="MESH", help="PLY, OBJ, STL or GLB: an exported epoch, a drawing, a photo model.")
