@@ -11,7 +11,7 @@ import numpy as np
 
 from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
-from reports.quantities import CM2, MM, NBSP, NOT_KNOWN, estimate, in_words, listed, millimetres, percent, plain
+from reports.quantities import MM, NBSP, NOT_KNOWN, estimate, in_words, listed, millimetres, percent, square
 from reports.wholemotion import describe_motion
 
 NAN = float("nan")
@@ -88,7 +88,7 @@ def _what_changed(
         things = "" if parts else " region" if n == 1 else " regions"
         happened = MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else HAPPENED.get(kind, kind)
         parts.append(f"{in_words(n)}{things} {happened}{which}")
-    size = f"; together they cover {_square(float(comparison.regions['area_m2'].sum()))}" if len(regions) > 1 else ""
+    size = f"; together they cover {square(float(comparison.regions['area_m2'].sum()))}" if len(regions) > 1 else ""
     told = [_tell(r) for r in regions[:NAMED]]
     rest = ("The others stand in the table of regions.",) if len(regions) > NAMED else ()
     return (f"{between} {listed(parts)}{size}.", *told, *rest)
@@ -97,13 +97,6 @@ def _what_changed(
 def holds_whole(comparison: Comparison) -> bool:
     """Return whether the differences hold a motion of the whole, which looks like one of parts."""
     return comparison.mode == "absolute" and bool(comparison.statistics.get("motion_is_significant"))
-
-
-def _square(area: float) -> str:
-    """Return an area [m2] in words."""
-    if not np.isfinite(area):
-        return "an area that is not known"
-    return plain(area, CM2, "cm²", digits=3) if area < 1.0 else plain(area, 1.0, "m²", digits=3)
 
 
 def _tell(region: RegionFacts) -> str:

@@ -14,8 +14,8 @@ from projects.model import Assessment, Comparison, NotAssessed, Step
 from reports.answer import NAN, WHY_NOT, print_significance, shares_not_assessed, tolerance_in_words
 from reports.control import control_table
 from reports.facts import EpochFacts, Table
-from reports.quantities import DEGREES, MM, NOT_KNOWN, count, estimate, millimetres, percent, print_number
-from reports.wholemotion import describe_motion
+from reports.quantities import DEGREES, MM, NOT_KNOWN, coordinates, count, estimate, millimetres, percent
+from reports.wholemotion import describe_motion, object_size
 
 
 def state_certainty(
@@ -70,7 +70,7 @@ def motion_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) 
                                   motion.sigma_rotation, strict=True):  # fmt: skip
         shift = estimate(float(t), float(st), MM, "", signed=True).text
         rows.append((axis, shift, estimate(float(r), float(sr), DEGREES, "", signed=True).text))
-    where = ", ".join(print_number(float(v), 3) for v in comparison.registration.centre)
+    where = coordinates(comparison.registration.centre, object_size(comparison) / 1000.0)
     return Table(
         "The motion, axis by axis", ("axis", "shift (mm)", "turn (°)"), tuple(rows),
         f"From the {first.order} to the {second.order} epoch, about the point {where} m in the coordinates of the "

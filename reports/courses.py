@@ -15,9 +15,9 @@ from matplotlib.axes import Axes
 
 from projects.model import Floats, Series
 from reports.colours import change_ramp
-from reports.drawing import INK, MM, SOFT, drawing, plain_number, write_svg
+from reports.drawing import INK, SOFT, drawing, plain_number, write_svg
 from reports.facts import CourseFacts, SeriesFacts, Table
-from reports.quantities import CM2, CM3, DEGREES, Estimate, day, estimate, in_words
+from reports.quantities import DEGREES, MM, Estimate, Measures, choose_measures, day, estimate, in_words
 
 CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
@@ -34,16 +34,17 @@ COURSES = {
 def tell_series(series: Series) -> SeriesFacts:
     """Return what a report says of a series: one row a region, largest first."""
     rows = series.regions.sort_values("area_m2", ascending=False, kind="stable")
-    courses = tuple(tell_course(series, row) for _, row in rows.iterrows())
+    measures = choose_measures(rows["area_m2"])
+    courses = tuple(tell_course(series, row, measures) for _, row in rows.iterrows())
     n = len(series.epoch_ids) + 1
     first, last = (day(datetime.date.fromisoformat(d)) for d in (series.reference_date, series.dates[-1]))
     lead = f"{in_words(n).capitalize()} epochs from {first} to {last}. "
     if not courses:
-        return SeriesFacts(lead + "No region changed in any of them.", (), series, tell_motions(series))
+        return SeriesFacts(lead + "No region changed in any of them.", (), series, measures, tell_motions(series))
     going = sum(row["model"] in ("steady", "accelerating", "onset") for _, row in rows.iterrows())
     alone = sum(_is_by_trend(row) for _, row in rows.iterrows())
     told = f"{lead}{_say_followed(len(courses), going)}{_say_by_trend(alone, len(courses))}"
-    return SeriesFacts(told, courses, series, tell_motions(series))
+    return SeriesFacts(told, courses, series, measures, tell_motions(series))
 
 
 def tell_motions(series: Series) -> Table | None:
@@ -86,7 +87,7 @@ def _say_by_trend(n: int, n_all: int) -> str:
     return f" No single epoch shows {which}: all epochs together do, by {'its' if n == 1 else 'their'} trend."
 
 
-def tell_course(series: Series, row: pd.Series) -> CourseFacts:
+def tell_course(series: Series, row: pd.Series, measures: Measures) -> CourseFacts:
     """Return one followed region as texts."""
     history = series.history[series.history["identity"] == row["identity"]]
     last = history[np.isfinite(history["mean_m"])].tail(1)
@@ -99,10 +100,10 @@ def tell_course(series: Series, row: pd.Series) -> CourseFacts:
         course=say_course(series, row) + since,
         origin=_origin(row),
         first_seen="by its trend alone" if _is_by_trend(row) else str(row["first_seen"]),
-        area=estimate(float(row["area_m2"]), 0.0, CM2, "cm²"),
+        area=estimate(float(row["area_m2"]), 0.0, measures.per_m2, measures.area),
         mean=estimate(mean, sigma, MM, "mm", signed=True),
         rate=_rate(row),
-        volume_rate=_volume_rate(row),
+        volume_rate=_volume_rate(row, measures),
     )
 
 
@@ -113,12 +114,12 @@ def _rate(row: pd.Series) -> Estimate:
     return estimate(float(row["rate_m_per_year"]), float(row["sigma_rate_m_per_year"]), MM, "mm/year", signed=True)
 
 
-def _volume_rate(row: pd.Series) -> Estimate:
+def _volume_rate(row: pd.Series, measures: Measures) -> Estimate:
     """Return the rate of a region's volume where it goes on at a rate, and the series tells it."""
     if str(row["model"]) not in GOES_ON:
         return Estimate("no one rate")
     value, sigma = (float(row.get(f"{name}volume_rate_m3_per_year", math.nan)) for name in ("", "sigma_"))
-    return estimate(value, sigma, CM3, "cm³/year", signed=True)
+    return estimate(value, sigma, measures.per_m3, f"{measures.volume}/year", signed=True)
 
 
 def say_course(series: Series, row: pd.Series) -> str:

@@ -33,7 +33,7 @@ from reports.history import (
     versions_table,
 )
 from reports.opinion import opinion_tables
-from reports.quantities import CM2, CM3, MM, day, estimate, listed, percent
+from reports.quantities import MM, Measures, choose_measures, day, estimate, listed, percent
 from reports.ranging import gather_calibrations
 from reports.whereabouts import Setting, locate, setting_of
 from reports.wholemotion import parts_table
@@ -130,7 +130,8 @@ def make_facts(
     first, second = name_epochs(before.record, after.record)
     computed = datetime.date.fromisoformat(made.created[:10]) if made and made.created else None
     setting = setting_of(comparison.on_reference.surface)
-    regions = tuple(describe_region(comparison, row, setting) for _, row in comparison.regions.iterrows())
+    measures = choose_measures(comparison.regions["area_m2"])
+    regions = tuple(describe_region(comparison, row, setting, measures) for _, row in comparison.regions.iterrows())
     has_control = not _without_control(before) and not _without_control(after)
     heads = name_columns((before, after))
     columns = {f"{heads[0]} ({first.date})": before.steps, f"{heads[1]} ({second.date})": after.steps}
@@ -144,6 +145,7 @@ def make_facts(
         after=second,
         answer=state_answer(comparison, regions, first, second, has_control),
         regions=regions,
+        measures=measures,
         certainty=(
             *state_certainty(comparison, columns, _false_discovery_rate(made), (first, second)),
             *opinion_tables(made),
@@ -162,8 +164,8 @@ def make_facts(
     )
 
 
-def describe_region(comparison: Comparison, row: pd.Series, setting: Setting) -> RegionFacts:
-    """Return one row of the table of regions as texts: cm2, cm3 and mm, each with its 95 % margin."""
+def describe_region(comparison: Comparison, row: pd.Series, setting: Setting, measures: Measures) -> RegionFacts:
+    """Return one row of the table of regions as texts: area, volume and mm, each with its 95 % margin."""
     place = row[["x", "y", "z"]].to_numpy(dtype=float)
     number, kind = int(row["region"]), str(row["kind"])
     return RegionFacts(
@@ -172,8 +174,10 @@ def describe_region(comparison: Comparison, row: pd.Series, setting: Setting) ->
         meaning=MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else MEANINGS.get(kind, kind),
         side=COLOURED.get(kind, "other"),
         where=locate(comparison, number, place, setting),
-        area=estimate(float(row["area_m2"]), float(row["sigma_area_m2"]), CM2, "cm²"),
-        volume=estimate(float(row["volume_m3"]), float(row["sigma_volume_m3"]), CM3, "cm³", signed=True),
+        area=estimate(float(row["area_m2"]), float(row["sigma_area_m2"]), measures.per_m2, measures.area),
+        volume=estimate(
+            float(row["volume_m3"]), float(row["sigma_volume_m3"]), measures.per_m3, measures.volume, signed=True
+        ),
         extreme=estimate(float(row["extreme_m"]), float(row["sigma_extreme_m"]), MM, "mm", signed=True),
         mean=estimate(float(row["mean_m"]), float(row["sigma_mean_m"]), MM, "mm", signed=True),
     )

@@ -13,6 +13,8 @@ import matplotlib
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from reports.quantities import MM, significant
+
 INK, SOFT, FAINT = "#26282e", "#6b7078", "#eceff3"
 STYLE = {
     "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "font.size": 8.0, "svg.fonttype": "path",
@@ -23,7 +25,6 @@ STYLE = {
     "hatch.linewidth": 1.1, "lines.solid_capstyle": "round",
 }  # fmt: skip
 WIDTH = 6.7  # inches, of every chart: the width of the text on A4
-MM = 1000.0
 
 
 @contextmanager
@@ -43,9 +44,9 @@ def write_svg(figure: Figure) -> bytes:
 
 
 def say_mm(metres: float, *, sign: bool = False) -> str:
-    """Return a length as millimetres with two significant digits or more: 0.35 mm, +2.4 mm, −12 mm."""
+    """Return a length as millimetres with two significant digits or more: 0.0035 mm, 0.35 mm, +2.4 mm, −12 mm."""
     value = metres * MM
-    digits = 2 if abs(value) < 1 else 1 if abs(value) < 10 else 0
+    digits = significant(value, 2)
     return f"{value:{'+' if sign else ''}.{digits}f} mm".replace("-", "−")
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from projects.extent import Extent
 from projects.model import Comparison, Floats, Series
-from reports.quantities import Estimate
+from reports.quantities import USUAL, Estimate, Measures
 
 
 @dataclass(frozen=True)
@@ -72,11 +72,13 @@ class CourseFacts:
 
 @dataclass(frozen=True)
 class SeriesFacts:
-    """What goes on over more than two epochs; `series` is what its charts are drawn from."""
+    """What goes on over more than two epochs; `series` is what its charts are drawn from, `measures` the units of its
+    areas and volumes."""
 
     lead: str
     courses: tuple[CourseFacts, ...]
     series: Series
+    measures: Measures = USUAL
     motions: Table | None = None
 
 
@@ -126,6 +128,7 @@ class ReportFacts:
     certainty : how well the change is known, table by table.
     object_rows : name and text of what is known of the object.
     history : the two epochs side by side, and what became of their points.
+    measures : the units of the areas and volumes of its regions.
     series : how regions go on over more than two epochs, where the compared epoch ends such a series.
     parts : the parts that moved rigidly, where there are any.
     stable : where the user says that nothing moved, where they did.
@@ -152,6 +155,7 @@ class ReportFacts:
     inputs: Table
     mode: str
     comparison: Comparison
+    measures: Measures = USUAL
     series: SeriesFacts | None = None
     calibrations: tuple[CalibrationFacts, ...] = ()
     parts: Table | None = None

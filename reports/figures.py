@@ -15,7 +15,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from projects.model import Assessment, ComparedSurface, Comparison, Floats
 from reports.cameras import face_normals
 from reports.colours import HATCH_DARK, HATCH_LIGHT, UNCHANGED, change_ramp, choose_limit
-from reports.drawing import FAINT, INK, MM, SOFT, WIDTH, drawing, plain_number, say_mm, write_svg
+from reports.drawing import FAINT, INK, SOFT, WIDTH, drawing, plain_number, say_mm, write_svg
+from reports.quantities import MM
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison
 
 BEFORE, AFTER = "#8a8f98", "#15171c"

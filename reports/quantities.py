@@ -1,18 +1,21 @@
 """Numbers as a reader wants them: rounded by their uncertainty, with a unit, and "not known" where they are NaN.
 
 The one place where metres and radians become millimetres, square centimetres and degrees. A margin is always the
-half-width of the 95 % interval. Spaces inside a quantity do not break.
+half-width of the 95 % interval. Spaces inside a quantity do not break. Areas and volumes of one report are told in the
+units in which its regions read best: a medal's in square millimetres, a facade's in square metres.
 """
 
 from __future__ import annotations
 
 import datetime
 import math
+import statistics
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 NOT_KNOWN = "not known"
 Z95 = 1.96
-MM, CM2, CM3, DEGREES = 1e3, 1e4, 1e6, 180.0 / math.pi  # of one m, m2, m3, rad
+MM, DEGREES = 1e3, 180.0 / math.pi  # of one m, rad
 NBSP, THIN, MINUS = "\u00a0", "\u202f", "\u2212"
 FINEST = 6  # no more decimals than these, however small the margin
 MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
@@ -35,6 +38,43 @@ class Estimate:
             return f"{self.value}°" + (f"{NBSP}±{NBSP}{self.margin}°" if self.margin else "")
         parts = [self.value, f"±{NBSP}{self.margin}" if self.margin else "", self.unit]
         return NBSP.join(p for p in parts if p) if self.value != NOT_KNOWN else NOT_KNOWN
+
+
+@dataclass(frozen=True)
+class Measures:
+    """The units that areas and volumes are told in: their names, and how many make one m2 and one m3."""
+
+    area: str
+    volume: str
+    per_m2: float
+    per_m3: float
+
+
+FINE = Measures("mm²", "mm³", 1e6, 1e9)
+USUAL = Measures("cm²", "cm³", 1e4, 1e6)
+WIDE = Measures("m²", "dm³", 1.0, 1e3)  # a millimetre off a square metre is a cubic decimetre
+
+
+def choose_measures(areas: Iterable[float]) -> Measures:
+    """Return the units for regions of these areas [m2]: those in which the middle one reads best, mm2 below 1 cm2, m2
+    from 1 m2 on; one choice for all, so that rows of a table compare."""
+    known = [a for a in areas if math.isfinite(a)]
+    middle = statistics.median(known) if known else math.nan
+    return FINE if middle < 1e-4 else WIDE if middle >= 1.0 else USUAL
+
+
+def square(area: float) -> str:
+    """Return an area [m2] without a margin, in the unit in which it reads best."""
+    if not math.isfinite(area):
+        return "an area that is not known"
+    measures = choose_measures([area])
+    return plain(area, measures.per_m2, measures.area, digits=3)
+
+
+def coordinates(point: Iterable[float], fineness: float) -> str:
+    """Return coordinates [m] with the decimals that show `fineness` [m], two at least."""
+    decimals = min(max(math.ceil(-math.log10(fineness)), 2), FINEST) if fineness > 0.0 else FINEST
+    return ", ".join(print_number(float(v), decimals) for v in point)
 
 
 def count_decimals(margin: float) -> int:

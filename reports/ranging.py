@@ -9,9 +9,10 @@ import numpy as np
 
 from projects.model import Floats, Step
 from projects.store import Project
-from reports.drawing import INK, MM, SOFT, drawing, plain_number, say_mm, write_svg
+from reports.drawing import INK, SOFT, drawing, plain_number, say_mm, write_svg
 from reports.facts import CalibrationFacts
 from reports.history import EpochHistory, kind_of
+from reports.quantities import MM
 
 SHOWN = 1500  # points of a diagram
 

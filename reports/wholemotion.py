@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from projects.model import Comparison, Floats, Registration
 from projects.transforms import apply, invert
 from reports.facts import EpochFacts, Table
-from reports.quantities import DEGREES, MM, Estimate, estimate, print_number
+from reports.quantities import DEGREES, MM, Estimate, coordinates, estimate
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,11 @@ def _length(vector: Floats, covariance: Floats, scale: float, unit: str) -> Esti
     return estimate(length, float(np.sqrt(along @ covariance @ along)), scale, unit)
 
 
+def object_size(comparison: Comparison) -> float:
+    """Return the longest side [m] of the reference surface's box: what places are told to a share of."""
+    return float(np.ptp(comparison.on_reference.surface.vertices, axis=0).max(initial=0.0))
+
+
 def parts_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -> Table | None:
     """Return the table of the parts that moved rigidly, None where there are none."""
     rows = []
@@ -58,7 +63,7 @@ def parts_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -
         turn = _length(motion[:3], covariance[:3, :3], DEGREES, "°").text
         axes = (estimate(float(t), float(s), MM, "", signed=True).text
                 for t, s in zip(motion[3:], np.sqrt(np.diag(covariance)[3:]), strict=True))  # fmt: skip
-        where = ", ".join(print_number(float(v), 2) for v in part["centre"])
+        where = coordinates(part["centre"], object_size(comparison) / 100.0)
         rows.append((f"Part {number}", where, shift, *axes, turn, ", ".join(str(r) for r in part["regions"]) or "–"))
     if not rows:
         return None

@@ -219,6 +219,19 @@ def test_two_regions_are_told_with_their_place_size_and_margins():
     assert "; of the later epoch’s it is 4.7 %." in text
 
 
+@pytest.mark.parametrize(
+    ("scale", "area", "volume"),
+    [(1e-3, "7.8 ± 0.4 mm²", "−31.0 ± 1.6 mm³"), (1e3, "7.8 ± 0.4 m²", "−31.0 ± 1.6 dm³")],
+)
+def test_regions_of_a_small_and_of_a_wide_object_are_told_in_its_units(scale, area, volume):
+    rows = [(*r[:2], *(scale * v for v in r[2:6]), *r[6:]) for r in (DENT, PATCH)]
+    facts = facts_of(example_comparison(rows=rows))
+    assert plain(facts.regions[0].area.text) == area
+    assert plain(facts.regions[0].volume.text) == volume
+    assert (facts.measures.area, facts.measures.volume) == (area.split()[-1], volume.split()[-1])
+    assert f"Region 1 (front, 70 cm above the base): {area}, at its deepest" in said(facts)
+
+
 def test_where_nothing_changed_the_smallest_change_that_would_have_been_seen_is_said():
     text = said(facts_of(example_comparison(rows=())))
     assert text.startswith("No change was found. Between 12 May 2025 and 18 May 2026 no part")

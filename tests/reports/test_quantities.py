@@ -4,7 +4,19 @@ import datetime
 
 import pytest
 
-from reports.quantities import count, day, estimate, height, in_words, listed, millimetres, percent
+from reports.quantities import (
+    choose_measures,
+    coordinates,
+    count,
+    day,
+    estimate,
+    height,
+    in_words,
+    listed,
+    millimetres,
+    percent,
+    square,
+)  # fmt: skip
 
 NAN = float("nan")
 
@@ -58,3 +70,32 @@ def test_words_do_not_depend_on_the_language_of_the_machine():
     assert listed(["1", "2", "3"]) == "1, 2 and 3"
     assert count(1234567) == "1\u202f234\u202f567"
     assert count(None) == "not known"
+
+
+@pytest.mark.parametrize(
+    ("areas", "area", "volume"),
+    [
+        ([2.8e-6, 1.1e-5, 3.3e-5], "11.0 ± 2.0 mm²", "+4.0 ± 2.0 mm³"),  # an ivory's chips and wear
+        ([1.2e-4, 3.4e-5, 0.3], "0.110 ± 0.020 cm²", "+0.0040 ± 0.0020 cm³"),  # the middle one decides, not the odd one
+        ([0.04, 2.5, 7.0], "0.000011 ± 0.000002 m²", "+0.000004 ± 0.000002 dm³"),  # a facade's units
+        ([NAN, 0.02], "0.110 ± 0.020 cm²", "+0.0040 ± 0.0020 cm³"),
+        ([], "0.110 ± 0.020 cm²", "+0.0040 ± 0.0020 cm³"),
+    ],
+)
+def test_areas_and_volumes_are_told_in_the_units_of_the_middle_region(areas, area, volume):
+    m = choose_measures(areas)
+    assert estimate(1.1e-5, 1.02e-6, m.per_m2, m.area).text.replace("\u00a0", " ") == area
+    assert estimate(4e-9, 1.02e-9, m.per_m3, m.volume, signed=True).text.replace("\u00a0", " ") == volume
+
+
+def test_an_area_by_itself_is_told_in_its_own_unit():
+    said = [square(a).replace("\u00a0", " ") for a in (4.2e-7, 0.0472, 1.0, NAN)]
+    assert said == ["0.420 mm²", "472 cm²", "1.00 m²", "an area that is not known"]
+
+
+def test_coordinates_have_the_decimals_that_the_size_of_the_object_asks_for():
+    point = (0.00012, -0.02103, 4.5)
+    assert coordinates(point, 0.0017) == "0.000, \u22120.021, 4.500"
+    assert coordinates(point, 6e-5) == "0.00012, \u22120.02103, 4.50000"
+    assert coordinates(point, 0.3) == "0.00, \u22120.02, 4.50"
+    assert coordinates(point, 0.0) == "0.000120, \u22120.021030, 4.500000"
