@@ -16,6 +16,7 @@ from projects.model import Registration, Surface, require_noun
 from projects.transforms import require_rigid
 
 MODES = ("relative", "absolute")
+MOSTLY = 0.5  # share of the samples with a partner, from which on epochs that failed to register do lie near each other
 
 
 def require_comparable(reference: Surface, compared: Surface, registration: Registration | None, mode: str,
@@ -98,9 +99,9 @@ def require_near(reference: Surface, compared: Surface, limit: float) -> None:
 def require_settled(registration: Registration) -> Registration:
     """Return the registration, a rigid one; raise `RegistrationError` with its reason where it did not converge."""
     if not registration.converged:
-        raise RegistrationError(
-            f"the epochs could not be registered: {registration.reason}; do they overlap? check their poses and units"
-        )
+        overlaps = registration.overlap > MOSTLY  # what is seen to overlap is not asked for
+        asked = "" if overlaps else "; do they overlap? check their poses and units"
+        raise RegistrationError(f"the epochs could not be registered: {registration.reason}{asked}")
     require_rigid(registration.T_target_source, "the registration")
     return registration
 

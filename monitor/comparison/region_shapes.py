@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from monitor.comparison.side import Side
+from monitor.lengths import in_millimetres
 from projects.model import Floats, Ints
 
 
@@ -47,4 +48,4 @@ def principal_axes(points: Floats, weights: Floats) -> tuple[Floats, Floats]:
 
 def name_region(kind: str, extents: Floats) -> str:
     """Return a region's name: its kind and size, in millimetres."""
-    return f"{kind}, {1e3 * extents[0]:.0f} mm by {1e3 * extents[1]:.0f} mm"
+    return f"{kind}, {in_millimetres(float(extents[0]))} by {in_millimetres(float(extents[1]))}"

@@ -45,9 +45,14 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints) -> FreeMoti
 
 
 def find_free_motion(matches: Matches, centre: Floats, patch: Ints) -> str:
-    """Return in words the motions that the shape does not hold, or an empty text where all six are held."""
+    """Return in words the motions that the shape does not hold and what would, or an empty text where all are held."""
     free = find_free_motions(matches, centre, patch)
-    return "" if free is None else f"the shape does not hold it: it can {free.words} without being noticed"
+    if free is None:
+        return ""
+    return (
+        f"the shape does not hold it: it can {free.words} without being noticed; control points in both epochs would "
+        "hold it, or a wider extent with more shape"
+    )
 
 
 def describe(motion: Floats, lever: float) -> str:

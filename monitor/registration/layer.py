@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from monitor.lengths import in_millimetres
 from monitor.registration.alignment import Alignment, AlignmentRules, align
 from monitor.registration.covariance import estimate_covariance
 from monitor.registration.matching import Samples
@@ -106,8 +107,8 @@ def _conclude(peeled: Samples, found: Alignment, areas: StableSamples, n_iterati
 def in_doubt(thickness: float, scatter: float) -> str:
     """Return in words that stable areas lie `scatter` [m] off each other beside a layer all over, more than stated."""
     return (
-        f"beside a layer all over of {1e3 * thickness:.2g} mm the stable areas lie {1e3 * scatter:.2g} mm off each "
-        "other, more than their scans state: perhaps it lies on a part of them alone, or ranges differ"
+        f"beside a layer all over of {in_millimetres(thickness)} the stable areas lie {in_millimetres(scatter)} off "
+        "each other, more than their scans state: perhaps it lies on a part of them alone, or ranges differ"
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from monitor.lengths import in_millimetres
 from monitor.registration.alignment import align
 from monitor.registration.degeneracy import describe
 from monitor.registration.held import Frames
@@ -56,7 +57,7 @@ class Rival:
     def describe(self) -> str:
         """Return in words how much fits there and here."""
         return (
-            f"{100 * self.there:.0f} % of the surface fit {1e3 * self.way:.0f} mm off, by a {self.words}; "
+            f"{100 * self.there:.0f} % of the surface fit {in_millimetres(self.way)} off, by a {self.words}; "
             f"here {100 * self.here:.0f} %"
         )
 

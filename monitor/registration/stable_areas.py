@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import norm
 
 from monitor.apart import stand_apart
+from monitor.lengths import in_millimetres
 from monitor.registration.matching import Matches
 from monitor.registration.patch_sums import Patches, solve_patches, sum_patches
 from monitor.registration.trial_motions import PART, fit_least_part, leaves_least_median, try_motions
@@ -175,7 +176,7 @@ def doubt_stable(stable: Matches, numbers: Ints, on_faces: Bools) -> str:
     scatter, stated = robust_scale(patches.mean), stated_scatter(stable, patches, on_faces)
     if scatter <= DOUBTFUL * stated:
         return ""
-    off = f"the stable areas lie {1e3 * scatter:.2g} mm off each other, {scatter / stated:.0f} times what"
+    off = f"the stable areas lie {in_millimetres(scatter)} off each other, {scatter / stated:.0f} times what"
     if np.any(patches.shared2 > 0.0):
         return f"{off} their scans state: perhaps all of it moved, in pieces"
     return f"{off} the noise of their points explains: errors of the scans, or all of it moved, in pieces"

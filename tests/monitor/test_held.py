@@ -1,11 +1,15 @@
 """What the shape does not hold stays as control says: extruded steps that settle, and may slide along themselves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from monitor.comparison.comparable import require_settled
 from monitor.registration import register
 from monitor.registration.epochs import held_by_frames
 from monitor.registration.held import Frames, FreeMotions, without_free_part
+from projects.errors import RegistrationError
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb
 
@@ -33,6 +37,10 @@ def test_settlement_is_told_by_the_shape_and_the_slide_by_the_frames(rng: np.ran
     alone = register(after, before)
     assert not alone.converged
     assert "slide along (1.00, 0.00, 0.00) without being noticed" in alone.reason
+    with pytest.raises(RegistrationError, match=r"control points in both epochs would hold it, or a wider .*shape$"):
+        require_settled(alone)  # which do overlap: nobody is asked whether they do
+    with pytest.raises(RegistrationError, match="do they overlap"):
+        require_settled(replace(alone, overlap=0.2))
     frames = Frames(np.diag(SIGMAS**2), np.array([0.0, 0.9, 0.45]))
     held = register(after, before, frames=frames)
     assert held.converged
