@@ -14,11 +14,14 @@ from reports.quantities import NBSP
 
 @dataclass(frozen=True)
 class Captions:
-    """The sentences of one report; `kinds` are names and meanings of the kinds of regions that it holds."""
+    """The sentences of one report; `kinds` are names and meanings of the kinds of regions that it holds, the columns of
+    regions and of courses names and units of their figures."""
 
     difference: str
     strips: str
     regions: str
+    region_columns: tuple[tuple[str, str], ...]
+    course_columns: tuple[tuple[str, str], ...]
     kinds: tuple[tuple[str, str], ...]
     courses: str
     course_numbers: str
@@ -57,6 +60,13 @@ def write_captions(facts: ReportFacts) -> Captions:
         ),
         strips=f"The same fixed views of both epochs{moved}.",
         regions=(f"± is the half-width of the 95{NBSP}% interval. Positive: material gained; negative: lost. {sides}"),
+        region_columns=(
+            ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),
+        ),
+        course_columns=() if facts.series is None else (
+            ("Area", facts.series.measures.area), ("Mean change, last known", "mm"), ("Rate", "mm/year"),
+            ("Volume rate", f"{facts.series.measures.volume}/year"),
+        ),
         kinds=tuple((kind, MEANINGS[kind]) for kind in present if kind in MEANINGS),
         courses=(
             f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Filled: found as "
@@ -84,7 +94,7 @@ def write_captions(facts: ReportFacts) -> Captions:
             f"{facts.title}. {before.epoch_id} compared with {after.epoch_id}. Coordinates are those of the "
             f"{before.order} epoch{crs}; positive differences are material gained."
         ),
-    )
+    )  # fmt: skip
 
 
 def caption_region(region: RegionFacts, facts: ReportFacts) -> str:

@@ -68,6 +68,7 @@ def test_the_sections_stand_in_order_with_the_answer_first_and_a_place_to_sign()
 def test_every_figure_of_a_region_is_printed_with_its_margin():
     facts = facts_of()
     text = text_of(set_document(facts, pictures_of(facts)))
+    assert f"Area, {facts.measures.area} Volume, {facts.measures.volume}" in text
     dent = facts.regions[0]
     assert dent.number == DENT[0]
     for figure in (dent.area, dent.volume, dent.extreme, dent.mean):
