@@ -55,7 +55,8 @@ class Site:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._kept: OrderedDict[tuple[str, ...], Any] = OrderedDict()
-        self._busy = threading.Lock()  # one thing is drawn at a time: drawing takes all processors
+        self._guard = threading.Lock()
+        self._drawing = threading.Lock()  # one thing is drawn at a time: drawing takes all processors
         self._templates = Environment(
             loader=PackageLoader("reports", "templates"), autoescape=True, undefined=StrictUndefined,
             trim_blocks=True, lstrip_blocks=True,
@@ -164,14 +165,14 @@ class Site:
             surface = project.get(object_id, epoch_id, made.product, made.step_id)
             return draw_surface(surface, choose_one(surface), height_px=PIXELS).image
 
-        return self._keep(("surface", object_id, epoch_id, made.step_id), draw)
+        return self._draw(("surface", object_id, epoch_id, made.step_id), draw)
 
     def _of_comparison(self, project: Project, object_id: str, pair: tuple[str, str], kind: str) -> Reply:
         """Return the picture of a comparison, or its report."""
         step = require_comparison(project, object_id, *pair)
         key = (object_id, *pair, step.step_id)
         if kind != "jpg":
-            page, document = self._keep(("report", *key), lambda: self._report(project, object_id, pair))
+            page, document = self._draw(("report", *key), lambda: self._report(project, object_id, pair))
             return Reply(page, HTML) if kind == "html" else Reply(document, PDF)
 
         def draw() -> bytes:
@@ -180,7 +181,7 @@ class Site:
             view = choose_one(side.surface, side.region > 0)
             return draw_difference(side, view, limit_m=choose_limit(comparison), height_px=PIXELS, other=other).image
 
-        return Reply(self._keep(("difference", *key), draw), JPEG)
+        return Reply(self._draw(("difference", *key), draw), JPEG)
 
     def _report(self, project: Project, object_id: str, pair: tuple[str, str]) -> tuple[bytes, bytes]:
         """Return the report of a comparison as page and document."""
@@ -188,15 +189,23 @@ class Site:
             page, document = write_report(Path(folder) / "report", gather_facts(project, object_id, *pair))
             return page.read_bytes(), document.read_bytes()
 
+    def _draw(self, key: tuple[str, ...], make: Callable[[], Any]) -> Any:
+        """Return what is kept under a key, drawn where it is not; pages are answered meanwhile."""
+        with self._drawing:
+            return self._keep(key, make)
+
     def _keep(self, key: tuple[str, ...], make: Callable[[], Any]) -> Any:
         """Return what is kept under a key, made where it is not."""
-        with self._busy:
-            if key not in self._kept:
-                self._kept[key] = make()
-            self._kept.move_to_end(key)
+        with self._guard:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        made = make()
+        with self._guard:
+            self._kept[key] = made
             while len(self._kept) > KEPT:
                 self._kept.popitem(last=False)
-            return self._kept[key]
+        return made
 
     def _page(self, template: str, facts: dict[str, Any]) -> Reply:
         """Return a page; every text is escaped."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
+import glob
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -214,11 +215,11 @@ class _Table:
             raise ParameterError(f'{self.at(key)}: a list of files is needed, like ["after-*.ply"]')
         found: list[Path] = []
         for name in listed:
-            base = self.path_of_file.parent
-            wild = any(c in name for c in WILD) and not (base / name).exists()
-            some = sorted(p for p in base.glob(name) if p.is_file()) if wild else [base / name]
+            path = self.path_of_file.parent / name
+            wild = any(c in name for c in WILD) and not path.exists()
+            some = [Path(p) for p in sorted(glob.glob(str(path))) if Path(p).is_file()] if wild else [path]
             if not some or not all(p.is_file() for p in some):
-                raise ParameterError(f"{self.at(key)}: there is no file {base / name}")
+                raise ParameterError(f"{self.at(key)}: there is no file {path}")
             found += [p for p in some if p not in found]
         return tuple(found)
 

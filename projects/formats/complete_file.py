@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
 import uuid
@@ -43,19 +44,20 @@ def complete_file(path: Path) -> Iterator[Path]:
 def complete_folder(path: Path) -> Iterator[Path]:
     """Yield a new folder beside `path` that takes its place, flushed to the disk, when the block ends well.
 
-    What a killed process left there under the same name, `NAME.unfinished`, is removed first.
+    What a killed process left beside it, `.NAME-<8 hexadecimal digits>.unfinished`, is removed first.
 
     Raises
     ------
     ParameterError
         If `path` is a file or holds anything, lies where no folder can be made, or the disk is full.
     """
-    path = Path(path)
-    unfinished = path.with_name(f"{path.name}.unfinished")
+    path = Path(path).absolute()
+    unfinished = path.with_name(f".{path.name}-{uuid.uuid4().hex[:8]}.unfinished")
     try:
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise ParameterError(f"{path}: is there already; give a folder that is new or empty")
-        shutil.rmtree(unfinished, ignore_errors=True)
+        for left in path.parent.glob(f".{glob.escape(path.name)}-{'[0-9a-f]' * 8}.unfinished"):
+            shutil.rmtree(left, ignore_errors=True)
         unfinished.mkdir(parents=True)
         yield unfinished
         for file in unfinished.rglob("*"):

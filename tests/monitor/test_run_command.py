@@ -205,6 +205,9 @@ def test_the_guide_s_example_is_a_campaign(tmp_path: Path) -> None:
     campaign = read_campaign(tmp_path / "campaign.toml")
     minerva = campaign.objects[0]
     assert [len(e.files) for e in minerva.epochs] == [1, 2]
+    anywhere = (tmp_path / "campaign.toml").read_text().replace('"after-*.ply"', f'"{tmp_path.as_posix()}/after-?.ply"')
+    (tmp_path / "campaign.toml").write_text(anywhere)
+    assert read_campaign(tmp_path / "campaign.toml").objects[0].epochs[1].files == minerva.epochs[1].files
     assert (minerva.epochs[0].scanner, minerva.epochs[0].date) == ("phase-2020", "2025-05-12")
     (pair,) = minerva.pairs
     assert (pair.mode, pair.stable) == ("relative", tmp_path / "pedestal.json")

@@ -167,13 +167,14 @@ def test_an_archive_that_was_cut_short_leaves_nothing(
     with pytest.raises(ParameterError, match=r"cannot be written \(No space left on device\); make room"):
         write_archive(tmp_path / "archive", project, ["column"], silent)
     assert list(tmp_path.iterdir()) == []
-    left = tmp_path / "archive.unfinished"  # by a process that was killed
-    left.mkdir()
-    (left / "old").write_text("old")
+    left, mine = tmp_path / ".archive-0123abcd.unfinished", tmp_path / "archive.unfinished"
+    for folder in (left, mine):  # the first by a process that was killed
+        folder.mkdir()
+        (folder / "old").write_text("old")
     with complete_folder(tmp_path / "archive") as folder:
         (folder / "new").write_text("new")
     assert [p.name for p in (tmp_path / "archive").iterdir()] == ["new"]
-    assert not left.exists()
+    assert [p.name for p in tmp_path.iterdir() if p.name != "archive"] == [mine.name]
 
 
 def test_a_folder_in_use_one_within_the_project_and_an_empty_object_are_refused(made: Path, tmp_path: Path) -> None:
