@@ -20,7 +20,7 @@ from monitor.scan_assembly import assemble_streams
 from monitor.unit_check import UnitCheck
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
-from projects.formats import PoseLine, ScanStream, read_scans, require_known_names
+from projects.formats import PoseLine, ScanStream, doubt_places, read_scans, require_known_names
 from projects.model import ControlPoint, Floats, PointCloud, Scan
 from projects.store import Project
 from projects.transforms import apply
@@ -38,7 +38,8 @@ def open_scans(
     A pose comes from the poses file, else from the scan's own file, else, where there are several scans, from the
     survey targets in them and the control points, else, without control, from their shapes alone, in the frame of the
     scans whose poses are known or of the first; a scan that stands alone (or repeated scans from one station) may do
-    without and then stands in the project's frame.
+    without and then stands in the project's frame. Repeated scans, which were measured from one place, are taken at
+    their word that it is 0 0 0; of others poses that are all the identity do not say so (`doubt_places`).
 
     Raises
     ------
@@ -51,8 +52,9 @@ def open_scans(
     streams: list[ScanStream] = []
     paths = _require_files(files)
     require_known_names(poses, paths)
+    lines = poses if repeated else doubt_places(poses)
     for path in paths:
-        streams.extend(read_scans(path, unit=unit.metres, pose_lines=poses))
+        streams.extend(read_scans(path, unit=unit.metres, pose_lines=lines))
     if repeated:
         _require_origins(streams)
     without = [s.name for s in streams if s.pose is None]

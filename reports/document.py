@@ -21,6 +21,7 @@ from reports.courses import tell_series
 from reports.facts import EpochFacts, RegionFacts, ReportFacts
 from reports.history import (
     EpochHistory,
+    count_blind,
     describe_object,
     epochs_table,
     inputs_table,
@@ -28,7 +29,9 @@ from reports.history import (
     name_columns,
     points_table,
     record_steps,
+    tell_blind,
     tell_open_holes,
+    tell_turned,
     tell_uncovered,
     versions_table,
 )
@@ -229,8 +232,16 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
         for e, s in surfaces
         if s and (told := tell_open_holes(s))
     )
-    bare = tuple(f"Epoch {e.record.epoch_id}: {told}." for e, s in surfaces if s and (told := tell_uncovered(s)))
-    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *holes, *bare, *again)
+    bare = tuple(
+        f"Epoch {e.record.epoch_id}: {told}."
+        for e, s in surfaces
+        for tell in (tell_uncovered, tell_turned)
+        if s and (told := tell(s))
+    )
+    blind = tuple(
+        f"Epoch {e.record.epoch_id}: {told}." for e in (before, after) if (told := tell_blind(*count_blind(e.steps)))
+    )
+    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *holes, *bare, *blind, *again)
 
 
 def _without_control(epoch: EpochHistory) -> str:

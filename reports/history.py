@@ -188,6 +188,37 @@ def tell_uncovered(surface: Step) -> str:
     )
 
 
+def tell_turned(surface: Step) -> str:
+    """Return in words which faces of a finished mesh were turned round, or that all of it looks inward; "" of none."""
+    n, n_faces = (int(surface.counts.get(name, 0)) for name in ("faces_turned", "faces"))
+    if surface.automatic.get("looks_inward"):
+        return (
+            "the mesh looks inward, as a room does that was scanned from within; if it is none, the file is inside "
+            "out, and what is called lost was gained: turn its faces round and add it again"
+        )
+    if n == n_faces > 0:
+        return "the mesh was inside out; its faces were turned outward"
+    return f"{count(n)} of {count(n_faces)} faces looked against those around them; they were turned" if n else ""
+
+
+def tell_blind(n_blind: int, n_scans: int) -> str:
+    """Return in words of how many scans nobody says where the scanner stood, and what is not known then; "" of none."""
+    if not n_blind:
+        return ""
+    which = "" if n_blind == n_scans else f"of {n_blind} of {n_scans} scans "
+    merged = ", nor by how much scans that were merged in it disagree" if n_scans == 1 else ""
+    return (
+        f"{which}nobody says where the scanner stood: it is not known whether what is missing is gone or was not "
+        f"seen{merged}"
+    )
+
+
+def count_blind(steps: Sequence[Step]) -> tuple[int, int]:
+    """Return of how many of the scans of an epoch it is not known where the scanner stood, and how many there are."""
+    scans = [s for s in steps if kind_of(s) == "scan"]
+    return sum("silhouettes_left_out" in s.automatic for s in scans), len(scans)
+
+
 def _add(flow: dict[tuple[str, str], int], phase: str, counts: Mapping[str, Any], names: Mapping[str, str]) -> None:
     """Add what became of the points of one step; every reason it counts appears, so that the column adds up."""
     for key, n in counts.items():

@@ -24,6 +24,7 @@ from projects.identifiers import require_id
 from projects.model import ControlPoint, EpochRecord
 from projects.provenance import hash_file
 from projects.store import Project
+from reports.history import tell_blind
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -175,6 +176,13 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
         typer.echo(
             f"mind: {record.date} has not come yet; was epoch {record.epoch_id} surveyed then? Rates rest on dates. "
             f"If not: monitor remove-epoch {project.path} {record.object_id} {record.epoch_id}, then add it again",
+            err=True,
+        )
+    n_blind = sum(not np.isfinite(header.origin).all() for header in headers)
+    if n_blind:
+        typer.echo(
+            f"mind: {record.epoch_id}: {tell_blind(n_blind, len(headers))}; a line of --poses FILE tells it by the "
+            "scanner's place (x y z in the file's coordinates) after the 16 numbers of the pose",
             err=True,
         )
     if as_json:

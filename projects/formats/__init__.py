@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from projects.formats.meshes import read_mesh as read_mesh
     from projects.formats.parsing import ReadLimits as ReadLimits
     from projects.formats.poses import PoseLine as PoseLine
+    from projects.formats.poses import doubt_places as doubt_places
     from projects.formats.poses import read_poses as read_poses
     from projects.formats.poses import require_known_names as require_known_names
     from projects.formats.ptx_writer import write_ptx as write_ptx
@@ -35,6 +36,7 @@ _HOME = {
     "PoseLine": "poses",
     "ReadLimits": "parsing",
     "ScanStream": "scans",
+    "doubt_places": "poses",
     "metres_per_unit": "units",
     "question_unit": "units",
     "read_control": "control",

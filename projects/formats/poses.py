@@ -1,14 +1,15 @@
 """Poses files: where each scan stood, for formats that do not say.
 
 A line a scan: `file-name` or `file-name#k`, 16 numbers (T_project_scanner row by row) and optionally 3 more (the
-scanner's position in the scan's own frame). `#` at the start of a line begins a comment; a name with spaces stands in
-double quotes. Scans of a file are counted from 1; where a `#0` appears for a file, from 0.
+scanner's position in the scan's own frame, 0 0 0 where left out; but see `doubt_places`). `#` at the start of a line
+begins a comment; a name with spaces stands in double quotes. Scans of a file are counted from 1; where a `#0` appears
+for a file, from 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +23,15 @@ from projects.transforms import require_rigid
 
 @dataclass(frozen=True)
 class PoseLine:
-    """T_project_scanner (4, 4) of one scan and the scanner's position in its own frame (3,), both in metres."""
+    """T_project_scanner (4, 4) of one scan and the scanner's position in its own frame (3,), both in metres.
+
+    `is_origin_stated`: the line gives the position; `is_doubted`: it does not, and 0 0 0 is no better than a guess.
+    """
 
     T_project_scanner: Floats
     origin: Floats = field(default_factory=lambda: np.zeros(3))
     is_origin_stated: bool = False
+    is_doubted: bool = False
 
 
 def read_poses(path: Path, *, unit: float = 1.0) -> dict[str, PoseLine]:
@@ -55,6 +60,18 @@ def read_poses(path: Path, *, unit: float = 1.0) -> dict[str, PoseLine]:
     if not lines:
         raise FormatError(f"{path}: holds no poses; a line is a file's name and 16 numbers")
     return lines
+
+
+def doubt_places(lines: Mapping[str, PoseLine]) -> Mapping[str, PoseLine]:
+    """Return the lines, doubted where each of them is the identity and none says where its scanner stood.
+
+    Scans that were brought into the project's frame before they were exported, or merged, have such lines: 0 0 0 is
+    then the origin of that frame, often inside the object, and from there all of it looks inside out. One identity
+    among other poses is that of the scan whose frame is the project's, and its scanner stood at 0 0 0.
+    """
+    if any(line.is_origin_stated or (line.T_project_scanner != np.eye(4)).any() for line in lines.values()):
+        return lines
+    return {name: replace(line, is_doubted=True) for name, line in lines.items()}
 
 
 def _text(path: Path) -> str:

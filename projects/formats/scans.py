@@ -124,7 +124,7 @@ def _stream(
     """Return the stream of one scan, with its pose from the poses file or from its own header."""
     name, index = name_and_index
     pose = line.T_project_scanner if line else _own_pose(path, name, header, unit)
-    stated = line is not None or header.origin is not None or header.is_centred
+    stated = header.origin is not None or header.is_centred or (line is not None and not line.is_doubted)
     origin: Floats = np.zeros(3) if header.origin is None else unit * np.asarray(header.origin, dtype=np.float64)
     if line is not None and line.is_origin_stated:
         origin = line.origin

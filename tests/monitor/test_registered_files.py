@@ -1,0 +1,69 @@
+"""Files that stand in the project's frame already: poses that are the identity do not say where a scanner stood."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.cli import run
+from monitor.scans import open_scans
+from monitor.unit_check import UnitCheck
+from projects import Project
+from projects.formats import read_poses
+
+IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
+SHIFTED = "1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1"
+
+
+def vase(rng: np.random.Generator, n_points: int = 6000) -> np.ndarray:
+    """Return points of a vase 0.3 m high about the origin, as all stations together measured it."""
+    z, turn = rng.uniform(-0.15, 0.15, n_points), rng.uniform(0.0, 2.0 * np.pi, n_points)
+    r = 0.08 + 0.02 * np.sin(25.0 * z) + rng.normal(0.0, 1e-4, n_points)
+    return np.c_[r * np.cos(turn), r * np.sin(turn), z]
+
+
+def places(folder: Path, lines: dict[str, str], repeated: bool = False) -> list[np.ndarray]:
+    """Return where the scanner of each file stood, for the poses (and places) given of them."""
+    for name in lines:
+        np.savetxt(folder / name, vase(np.random.default_rng(len(name)), 50), fmt="%.6f")
+    (folder / "poses").write_text("".join(f"{name} {numbers}\n" for name, numbers in lines.items()))
+    poses = read_poses(folder / "poses")
+    return [s.origin for s in open_scans([folder / n for n in lines], poses, UnitCheck(), repeated)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "known"),
+    [
+        ({"a.xyz": IDENTITY}, False),
+        ({"a.xyz": IDENTITY, "bb.xyz": IDENTITY}, False),
+        ({"a.xyz": IDENTITY, "bb.xyz": SHIFTED}, True),  # the project's frame is that of the first scan
+        ({"a.xyz": SHIFTED}, True),
+        ({"a.xyz": f"{IDENTITY} 0 0 0"}, True),
+    ],
+)
+def test_poses_that_are_all_the_identity_do_not_say_where_a_scanner_stood(tmp_path, lines, known):
+    for origin in places(tmp_path, lines):
+        np.testing.assert_array_equal(origin, np.zeros(3) if known else np.full(3, np.nan))
+
+
+def test_repeated_scans_were_measured_from_one_place_and_are_taken_at_their_word(tmp_path):
+    for origin in places(tmp_path, {"a.xyz": IDENTITY, "bb.xyz": IDENTITY}, repeated=True):
+        np.testing.assert_array_equal(origin, np.zeros(3))
+
+
+def test_a_registered_file_about_the_origin_looks_outward_and_says_what_is_unknown(tmp_path, capsys):
+    """Seen from 0 0 0 it was inside out, and what was lost from it was told as added."""
+    file, poses, project = tmp_path / "vase.xyz", tmp_path / "poses", tmp_path / "project"
+    np.savetxt(file, vase(np.random.default_rng(1)), fmt="%.6f")
+    poses.write_text(f"vase.xyz {IDENTITY}\n")
+    assert run(["init", str(project)]) == run(["add-object", str(project), "vase"]) == 0
+    given = ["add-epoch", str(project), "vase", "e1", "--date", "2026-05-01", "--poses", str(poses), str(file)]
+    assert run(given) == 0
+    (said,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mind: ")]
+    assert (
+        "nobody says where the scanner stood: it is not known whether what is missing is gone or was not seen" in said
+    )
+    assert run(["process", str(project)]) == 0
+    surface = Project.open(project).get("vase", "e1", "surface")
+    outward = (surface.normals[:, :2] * surface.vertices[:, :2]).sum(axis=1)
+    assert (outward > 0.0).mean() > 0.99
