@@ -42,6 +42,7 @@ from monitor.settings import Settings, as_mapping
 from monitor.setups import join_setups
 from monitor.strays import share_of_strays
 from monitor.target_search import search_targets
+from monitor.winding import wind_outward
 from projects.errors import ParameterError
 from projects.extent import Extent, inside
 from projects.model import Floats, PointCloud, Scan, Step, Surface
@@ -314,18 +315,20 @@ def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify
 
 
 def _adopt_mesh(place: Place, notify: Notify) -> Step:
-    """Take a finished mesh as the surface of its epoch.
+    """Take a finished mesh as the surface of its epoch, its faces turned outward where some look inward.
 
     Its noise is not stated: how its vertices scatter about their neighbours is mostly relief, by ten times in a coarse
     mesh, and in other places than the noise. The stable areas of a comparison show it.
     """
 
     def make() -> Made:
-        """Return the mesh with the roughness of its vertices."""
+        """Return the mesh, its faces turned outward, with the roughness of its vertices."""
         notify(f"{place.epoch_id}: taking the mesh as the surface")
-        mesh: Surface = place.project.get(place.object_id, place.epoch_id, "mesh")
+        wound = wind_outward(place.project.get(place.object_id, place.epoch_id, "mesh"))
+        mesh = wound.surface
         cloud = estimate_normals(PointCloud(points=mesh.vertices))
-        counts = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
-        return Made(replace(mesh, roughness=cloud.roughness), {"sigma": "not stated; stable areas show it"}, counts)
+        found = {"sigma": "not stated; stable areas show it", "looks_inward": wound.looks_inward}
+        counts = {"vertices": len(mesh.vertices), "faces": len(mesh.faces), "faces_turned": wound.n_turned}
+        return Made(replace(mesh, roughness=cloud.roughness), found, counts)
 
     return once_step(place, Asked("surface", "mesh", {"source": "mesh"}, (latest_step(place, "mesh"),)), make)
