@@ -18,7 +18,7 @@ from monitor.registration.icp import IcpSettings, Within, find_centre, register
 from monitor.registration.matching import make_samples
 from monitor.registration.shape_features import Places, choose_cell, find_places, pair_alike
 from monitor.registration.sides import Side, prepare_side
-from projects.errors import ParameterError
+from projects.errors import ParameterError, RegistrationError
 from projects.model import Floats, Ints, PointCloud, Registration, Surface
 from projects.transforms import apply, invert, rotate
 
@@ -32,6 +32,7 @@ FITS = 4.0  # sigmas: a place nearer to the other surface is explained
 LOOKS_ALIKE = np.cos(np.radians(40.0))
 MOST_AMBIGUOUS = 0.9  # of the best pose's score: another pose with more explains the shapes as well
 LEAST_EXPLAINED = 0.15  # of the smaller shape
+FEWEST = 10  # usable points of a side
 
 
 @dataclass(frozen=True)
@@ -76,9 +77,16 @@ def align_coarsely(source: Surface | PointCloud, target: Surface | PointCloud) -
     ------
     ParameterError
         For clouds without normals.
+    RegistrationError
+        Where too little of one can be used.
     """
     shifts = find_centre(source), find_centre(target)
     sides = prepare_oriented(source, shifts[0]), prepare_oriented(target, shifts[1])
+    if min(map(len, sides)) < FEWEST:
+        raise RegistrationError(
+            f"{len(sides[0])} and {len(sides[1])} usable points are too few to find a pose by shape; where all corners "
+            "of a mesh lie on free edges its faces do not hang together: join the corners that they share"
+        )
     cell = choose_cell(sides)
     shapes = [Shape(side, find_places(side, cell), station_of(noun, shift))
               for side, noun, shift in zip(sides, (source, target), shifts, strict=True)]  # fmt: skip

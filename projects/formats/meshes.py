@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from projects.errors import FormatError
 from projects.formats.parsing import ReadLimits, ask_child
@@ -13,14 +16,15 @@ from projects.formats.sniffing import sniff_format
 from projects.formats.units import require_unit
 from projects.model import Surface
 
+PARTED = 1e-3  # of the median edge: corners of free edges nearer each other were one before they were rounded
 MESH_FORMATS = ("ply", "obj", "stl", "glb")
 
 
 def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None) -> Surface:
     """Return the triangle mesh of a file, polygons cut into triangles, triangles without three corners left out.
 
-    Corners at exactly one place are one vertex: files with textures part them along seams, others part all faces, and
-    each seam would be a free edge.
+    Corners at exactly one place, and those of free edges that all but touch, are one vertex: files with textures part
+    them along seams, others part all faces, and each seam would be a free edge.
 
     Parameters
     ----------
@@ -42,8 +46,10 @@ def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None
     faces = _joined([piece for piece in pieces if "faces" in piece]).get("faces", np.empty((0, 3), np.int64))
     faces = _true_triangles(path, faces, len(vertices.get("points", ())))
     _require_places(path, vertices["points"][np.unique(faces)])
-    vertices, faces = _joined_at_seams(vertices, faces)
-    return _surface(vertices, _true_triangles(path, faces, len(vertices["points"])), unit)
+    for join in (_joined_at_seams, _joined_where_parted):
+        vertices, faces = join(vertices, faces)
+        faces = _true_triangles(path, faces, len(vertices["points"]))
+    return _surface(vertices, faces, unit)
 
 
 def _joined(pieces: list[Columns]) -> Columns:
@@ -79,12 +85,35 @@ def _joined_at_seams(vertices: Columns, faces: np.ndarray) -> tuple[Columns, np.
     order = np.lexsort(points.T)
     is_new = np.ones(len(points), dtype=bool)
     is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)  # NaN, of no face, is no other's place
-    if is_new.all():
+    first = np.empty(len(points), dtype=np.int64)
+    first[order] = order[is_new][np.cumsum(is_new) - 1]  # the sort is stable, so the first in the file
+    return _joined_as(vertices, faces, first)
+
+
+def _joined_where_parted(vertices: Columns, faces: np.ndarray) -> tuple[Columns, np.ndarray]:
+    """Return vertices and faces with those of free edges that all but touch as one.
+
+    Programs that move or round the corners of each face by itself part them by some 1e-7 of their coordinates; each
+    would lie on a free edge, where nothing is compared. Only free edges are joined, and over much less than an edge.
+    """
+    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, n_faces = np.unique(ends, axis=0, return_counts=True)
+    free, points = np.unique(edges[n_faces == 1]), vertices["points"]
+    near = PARTED * float(np.median(np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)))
+    pairs = free[cKDTree(points[free]).query_pairs(near, output_type="ndarray")] if len(free) else edges[:0]
+    if not len(pairs):
         return vertices, faces
-    first = order[is_new][np.cumsum(is_new) - 1]  # of each in order; the sort is stable, so the first in the file
-    kept = np.sort(order[is_new])
-    place = np.empty(len(points), dtype=np.int64)
-    place[order] = np.searchsorted(kept, first)
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
+    _, group = connected_components(links, directed=False)
+    _, first = np.unique(group, return_index=True)
+    return _joined_as(vertices, faces, first[group])
+
+
+def _joined_as(vertices: Columns, faces: np.ndarray, first: np.ndarray) -> tuple[Columns, np.ndarray]:
+    """Return vertices and faces with each vertex as `first` (n,) says, the normal the mean of all that became one."""
+    kept, place = np.unique(first, return_inverse=True)
+    if len(kept) == len(first):
+        return vertices, faces
     joined = {name: values[kept] for name, values in vertices.items()}
     if "normals" in vertices:
         total = np.stack([np.bincount(place, column, len(kept)) for column in vertices["normals"].T], axis=1)
