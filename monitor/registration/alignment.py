@@ -6,7 +6,7 @@ As the steps get shorter the pairs must stand over each other, and Tukey's weigh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ SHRINK = 0.5  # at most so much is the sideways limit reduced from one iteration
 STEPS_ASIDE = 5.0  # pairs may be aside by so many lengths of the last step
 FINE_ANGLE_SHARE = 0.75  # of the angle between normals that is allowed once the pairs stand over each other
 TURN_BACK = 0.7  # of the length of steps is kept when a step goes back
+MOSTLY_OPPOSITE = 0.5  # of the points: so many see what looks the opposite way, and it is told
 SETTLED_SHARE = 0.01  # a step below one hundredth of its own sigma changes nothing that could be known
 
 
@@ -111,7 +112,7 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
                         partners if fine else None)  # fmt: skip
         n_pairs = int(kept[matches.source].sum())
         if n_pairs < rules.n_pairs:
-            reason = f"only {n_pairs} of {len(samples.points)} points found a surface that looks the same way nearby"
+            reason = _say_too_few(samples, target, T, MatchLimits(rules.distance, aside, angle), n_pairs)
             return Alignment(T, matches, np.zeros(len(matches)), np.ones(len(matches)), np.zeros(3), False, reason,
                              iteration)  # fmt: skip
         if fine and samples.relief.any():
@@ -134,6 +135,16 @@ def align(samples: Samples, target: Side, T_start: Floats, rules: AlignmentRules
         fine = fine or aside < float(np.median(matches.tangential)) or aside < rules.precision
     reason = f"still moving by {1e6 * step:.1f} micrometres after {rules.max_iterations} iterations"
     return Alignment(T, matches, weights, sigma, centre, False, reason, rules.max_iterations)
+
+
+def _say_too_few(samples: Samples, target: Side, T: Floats, limits: MatchLimits, n_pairs: int) -> str:
+    """Return why there are too few pairs: nothing near, or what is near looks the opposite way."""
+    n_samples = len(samples.points)
+    reason = f"only {n_pairs} of {n_samples} points found a surface that looks the same way nearby"
+    n_opposite = len(match(replace(samples, normals=-samples.normals), target, T, limits, both_oriented=True))
+    if n_opposite < MOSTLY_OPPOSITE * n_samples:
+        return reason
+    return f"{reason}, and {n_opposite} one that looks the opposite way: one of the two is inside out, or a back side"
 
 
 def typical_sigma(normal_matrix: Floats, points: Floats, centre: Floats) -> float:
