@@ -138,6 +138,7 @@ def _figures(found: Adjustment, seen: Sequence[int]) -> dict[str, Any]:
         "misfit_after_m": found.sigma_after,
         "n_iterations": found.n_iterations,
         "pairs": [{**as_mapping(p), "first": seen[p.first], "second": seen[p.second]} for p in found.pairs],
+        "alone": _alone(found, seen),
     }
     if not found.ties:
         return figures
@@ -154,6 +155,14 @@ def _figures(found: Adjustment, seen: Sequence[int]) -> dict[str, Any]:
         "sigma_position_m": float(np.sqrt(np.mean(sigma[3:] ** 2))),
         "sigma_rotation_rad": float(np.sqrt(np.mean(sigma[:3] ** 2))),
     }
+
+
+def _alone(found: Adjustment, seen: Sequence[int]) -> list[int]:
+    """Return which of several set-ups, by their first scan, nothing ties to another one or to control: their poses are
+    as given, whether right or wrong."""
+    held = {k for pair in found.pairs for k in (pair.first, pair.second)}
+    held |= {fit.scan for fit in found.ties if not fit.is_blunder}
+    return [first for k, first in enumerate(seen) if k not in held] if len(seen) > 1 else []
 
 
 def _tie(fit: TieFit, seen: Sequence[int]) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from reports.history import (
     name_columns,
     points_table,
     record_steps,
+    tell_alone,
     tell_blind,
     tell_open_holes,
     tell_turned,
@@ -241,7 +242,10 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
     blind = tuple(
         f"Epoch {e.record.epoch_id}: {told}." for e in (before, after) if (told := tell_blind(*count_blind(e.steps)))
     )
-    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *holes, *bare, *blind, *again)
+    networks = [(e, e.step("network")) for e in (before, after)]
+    alone = tuple(f"Epoch {e.record.epoch_id}: {told}." for e, n in networks if n and (told := tell_alone(n)))
+    scans = (*blind, *alone)
+    return (*times, *_same_survey(before, after), *_found_by_shape(made), *held, *holes, *bare, *scans, *again)
 
 
 def _without_control(epoch: EpochHistory) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 from projects.model import EpochRecord, ObjectRecord, Step
 from reports.facts import StepFacts, Table
-from reports.quantities import NOT_KNOWN, count, day, percent
+from reports.quantities import NOT_KNOWN, count, day, listed, percent
 
 STEP_TITLES = {
     "raw": "Reading", "calibration": "Range calibration of each scan", "scan": "Filtering each scan",
@@ -199,6 +199,15 @@ def tell_turned(surface: Step) -> str:
     if n == n_faces > 0:
         return "the mesh was inside out; its faces were turned outward"
     return f"{count(n)} of {count(n_faces)} faces looked against those around them; they were turned" if n else ""
+
+
+def tell_alone(network: Step) -> str:
+    """Return in words which scans of an epoch nothing ties to the others, "" where all hang together."""
+    alone = [str(int(k) + 1) for k in network.automatic.get("alone", ())]
+    if not alone:
+        return ""
+    which = f"scan {alone[0]} overlaps" if len(alone) == 1 else f"scans {listed(alone)} overlap"
+    return f"{which} no other: nothing shows whether {'its pose is' if len(alone) == 1 else 'their poses are'} right"
 
 
 def tell_blind(n_blind: int, n_scans: int) -> str:

@@ -1,0 +1,45 @@
+"""Scans that overlap no other one of their epoch: nothing shows whether their poses are right, and that is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.cli import run
+from projects import Project
+
+POSE = "1 0 0 {x} 0 1 0 0 0 0 1 0 0 0 0 1 0 0 1.5"
+
+
+def said_of(folder: Path, places: list[float], capsys: pytest.CaptureFixture[str]) -> tuple[list[str], list[int]]:
+    """Return what `process` minds, and which scans stand alone, of scans of a relief put at places along x [m]."""
+    rng, project = np.random.default_rng(3), folder / "project"
+    lines = []
+    for k, x in enumerate(places):
+        flat = rng.uniform(-0.12, 0.12, (3000, 2))
+        z = 0.02 * np.sin(40.0 * flat[:, 0]) * np.cos(30.0 * flat[:, 1]) + rng.normal(0.0, 2e-4, 3000)
+        np.savetxt(folder / f"{k}.xyz", np.c_[flat, z], fmt="%.6f")
+        lines.append(f"{k}.xyz {POSE.format(x=x)}\n")
+    (folder / "poses").write_text("".join(lines))
+    files = [str(folder / f"{k}.xyz") for k in range(len(places))]
+    assert run(["init", str(project)]) == run(["add-object", str(project), "relief"]) == 0
+    given = ["add-epoch", str(project), "relief", "e1", "--date", "2026-05-01", "--poses", str(folder / "poses")]
+    assert run([*given, *files]) == 0
+    assert run(["process", str(project)]) == 0
+    minded = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mind: ")]
+    return minded, Project.open(project).latest("relief", "e1", "network").automatic["alone"]
+
+
+@pytest.mark.parametrize(
+    ("places", "alone", "words"),
+    [
+        ([0.0, 0.0, 3.0], [2], "scan 3 overlaps no other: nothing shows whether its pose is right"),
+        ([0.0, 3.0], [0, 1], "scans 1 and 2 overlap no other: nothing shows whether their poses are right"),
+        ([0.0, 0.0], [], ""),
+        ([0.0], [], ""),
+    ],
+)
+def test_scans_that_overlap_no_other_are_said(tmp_path, capsys, places, alone, words):
+    minded, found = said_of(tmp_path, places, capsys)
+    assert found == alone
+    assert minded == ([f"mind: relief e1: {words}"] if words else [])
