@@ -17,6 +17,7 @@ from monitor.registration.held import Frames
 from monitor.registration.icp import IcpSettings, Within, register
 from projects.model import PointCloud, Registration, Surface
 
+UNLIKE_SIZE = 2.0  # times as large: more than what parts of one object are that overlap by half, and less than a foot
 FOUND_NEAR = 0.5  # share of the samples with a partner: the epochs lie near each other, whatever else is wrong
 
 
@@ -45,7 +46,23 @@ def register_epochs(compared: Surface | PointCloud, reference: Surface | PointCl
                "coarse_ambiguity": coarse.ambiguity}  # fmt: skip
     if far.converged:
         return far, figures
-    return replace(near, reason=f"{near.reason}; by shape alone: {coarse.reason or far.reason}"), figures
+    reason = f"{near.reason}; by shape alone: {coarse.reason or far.reason}{_say_size(compared, reference)}"
+    return replace(near, reason=reason), figures
+
+
+def _say_size(compared: Surface | PointCloud, reference: Surface | PointCloud) -> str:
+    """Return that one epoch is much larger than the other, as in another unit or without a scale; "" where none is.
+
+    The size is the root mean square distance from the middle, which no motion changes.
+    """
+    sizes = []
+    for noun in (compared, reference):
+        points = noun.vertices if isinstance(noun, Surface) else noun.points
+        sizes.append(float(np.sqrt(np.mean(np.var(points[np.isfinite(points).all(axis=1)], axis=0)))))
+    ratio = sizes[0] / max(sizes[1], 1e-300)
+    if 1.0 / UNLIKE_SIZE < ratio < UNLIKE_SIZE:
+        return ""
+    return f"; the compared epoch is {ratio:.3g} times as large as the reference: is it in another unit or scale?"
 
 
 def held_by_frames(frames: Frames, failed: Registration) -> Registration:
