@@ -8,6 +8,7 @@ where its vertices stayed, nothing was measured.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import combinations
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -46,6 +47,12 @@ def describe_copies(place: Place) -> list[str]:
         for other in others
         for earlier, name in find_shared(Place(place.project, place.object_id, other), place)
     ]
+
+
+def describe_doubles(place: Place) -> list[str]:
+    """Return in words which scans of an epoch are copies of others of it, in another file or format."""
+    headers = place.project.scan_headers(place.object_id, place.epoch_id)
+    return [f"{b.name} is {a.name}" for a, b in combinations(headers, 2) if _is_same_scan((place, a), (place, b))]
 
 
 def find_shared(one: Place, other: Place) -> list[tuple[str, str]]:

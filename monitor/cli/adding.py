@@ -15,7 +15,7 @@ import typer
 
 from monitor.cli.progress import show_progress
 from monitor.record import Place
-from monitor.same_survey import describe_copies
+from monitor.same_survey import describe_copies, describe_doubles
 from monitor.scans import open_scans
 from monitor.unit_check import UnitCheck, with_questioned_unit
 from projects.errors import ParameterError, StoreError
@@ -178,6 +178,13 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
             f"If not: monitor remove-epoch {project.path} {record.object_id} {record.epoch_id}, then add it again",
             err=True,
         )
+    doubles = describe_doubles(Place(project, record.object_id, record.epoch_id))
+    if doubles:
+        typer.echo(
+            f"mind: {', '.join(doubles[:3])}: measured once, it counts as scans that agree perfectly; take the epoch "
+            f"out (monitor remove-epoch {project.path} {record.object_id} {record.epoch_id}) and add each scan once",
+            err=True,
+        )
     n_blind = sum(not np.isfinite(header.origin).all() for header in headers)
     if n_blind:
         typer.echo(
@@ -187,7 +194,11 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
         )
     if as_json:
         facts = {"object": record.object_id, "epoch": record.epoch_id, "n_scans": len(headers), "n_points": n_points}
-        typer.echo(json.dumps({**facts, "dropped": dropped, "placed_by": dict(placed), "copies": copies}, indent=2))
+        typer.echo(
+            json.dumps(
+                {**facts, "dropped": dropped, "placed_by": dict(placed), "copies": copies, "doubles": doubles}, indent=2
+            )
+        )
         return
     what = "a mesh" if record.is_mesh else f"{len(headers)} scan{'s' if len(headers) != 1 else ''}, {n_points} points"
     left_out = "".join(f"; {n} {reason.replace('_', ' ')} left out" for reason, n in dropped.items() if n)

@@ -23,7 +23,7 @@ def test_a_scan_four_degrees_off_is_refused_by_name(rng):
     """The others were fitted, this one stood 140 mm beside the object, and that was told as a part that moved."""
     found = adjust_scans(caps_with(rng, np.array([0.0, 0.0, np.radians(4.0), 0.0, 0.0, 0.0])))
     assert not found.converged
-    assert found.reason.startswith("scan 2 lies ")
+    assert found.reason.startswith("scan 2 fits none that it overlaps")
     assert "the others fit to 0." in found.reason
 
 

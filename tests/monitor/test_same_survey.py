@@ -89,6 +89,27 @@ def test_scans_in_two_epochs_are_found_by_their_points(
     assert ("monitor remove-epoch" in said) == bool(shared)
 
 
+@pytest.mark.parametrize(
+    ("files", "doubles"),
+    [
+        (("a.xyz", "c.xyz", "a-mixed.xyz"), ["a-mixed.xyz is a.xyz"]),
+        (("b-again.ply", "b.xyz"), ["b.xyz is b-again.ply"]),
+        (("a.xyz", "b.xyz"), []),
+    ],
+)
+def test_a_scan_twice_in_one_epoch_is_told_by_its_points(
+    tmp_path: Path, folder: Path, capsys: pytest.CaptureFixture[str], files: tuple[str, ...], doubles: list[str]
+) -> None:
+    """In another format or order it counted, silently, as a second scan that agrees perfectly."""
+    path = tmp_path / "project"
+    assert run(["init", str(path)]) == run(["add-object", str(path), "sheet"]) == 0
+    capsys.readouterr()
+    assert add(path, "e1", folder, *files) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["doubles"] == doubles
+    assert ("measured once, it counts as scans that agree perfectly" in told.err) == bool(doubles)
+
+
 def test_one_mesh_in_two_epochs_is_found_whatever_its_file_is_called(
     project: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
