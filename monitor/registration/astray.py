@@ -42,6 +42,7 @@ def say_astray(pairs: Sequence[PairFit], n_scans: int, spacing: float) -> str:
     fits, astray = best_fits(pairs, n_scans), find_astray(pairs, n_scans, spacing)
     typical = 1e3 * float(np.nanmedian(np.delete(fits, astray))) if len(astray) else 0.0
     return "; ".join(
-        f"scan {k + 1} fits none that it overlaps better than to {1e3 * fits[k]:.3g} mm, the others fit to {typical:.2g} mm"
+        f"scan {k + 1} fits none that it overlaps better than to {1e3 * fits[k]:.3g} mm, the others fit to "
+        f"{typical:.2g} mm"
         for k in astray
     )
