@@ -18,6 +18,7 @@ from monitor.registration.placing import place_scans
 from monitor.registration.targets import find_targets
 from monitor.scan_assembly import assemble_streams
 from monitor.unit_check import UnitCheck
+from monitor.vantage import SAMPLE, could_be_measured_from
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
 from projects.formats import PoseLine, ScanStream, doubt_places, read_scans, require_known_names
@@ -38,8 +39,9 @@ def open_scans(
     A pose comes from the poses file, else from the scan's own file, else, where there are several scans, from the
     survey targets in them and the control points, else, without control, from their shapes alone, in the frame of the
     scans whose poses are known or of the first; a scan that stands alone (or repeated scans from one station) may do
-    without and then stands in the project's frame. Repeated scans, which were measured from one place, are taken at
-    their word that it is 0 0 0; of others poses that are all the identity do not say so (`doubt_places`).
+    without and then stands in the project's frame. Where all poses are the identity and no line says where its scanner
+    stood (`doubt_places`), it stood at 0 0 0 if the points can have been measured from there (`monitor.vantage`), else
+    nobody knows; repeated scans are taken at their word.
 
     Raises
     ------
@@ -54,13 +56,30 @@ def open_scans(
     require_known_names(poses, paths)
     lines = poses if repeated else doubt_places(poses)
     for path in paths:
-        streams.extend(read_scans(path, unit=unit.metres, pose_lines=lines))
+        streams.extend(_believe(s) for s in read_scans(path, unit=unit.metres, pose_lines=lines))
     if repeated:
         _require_origins(streams)
     without = [s.name for s in streams if s.pose is None]
     if without and len(streams) > 1 and not repeated:
         streams = _place(streams, control)
     return [_complete(s) for s in streams]
+
+
+def _believe(stream: ScanStream) -> ScanStream:
+    """Return the stream with its origin stated where a pose line leaves that in doubt and its points bear it out."""
+    if stream.is_origin_stated or stream.pose is None:
+        return stream
+    return replace(stream, is_origin_stated=could_be_measured_from(_some_points(stream), stream.origin))
+
+
+def _some_points(stream: ScanStream) -> Floats:
+    """Return points (n, 3) [m] of all of a scan, `SAMPLE` to twice as many where there are so many, evenly taken."""
+    every, kept = 1, np.empty((0, 3))
+    for chunk in stream.chunks():
+        kept = np.concatenate([kept, chunk.cloud.points[::every]])
+        while len(kept) > 2 * SAMPLE:
+            every, kept = 2 * every, kept[::2]
+    return kept
 
 
 def _require_origins(streams: Sequence[ScanStream]) -> None:

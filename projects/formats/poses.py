@@ -25,7 +25,7 @@ from projects.transforms import require_rigid
 class PoseLine:
     """T_project_scanner (4, 4) of one scan and the scanner's position in its own frame (3,), both in metres.
 
-    `is_origin_stated`: the line gives the position; `is_doubted`: it does not, and 0 0 0 is no better than a guess.
+    `is_origin_stated`: the line gives the position; `is_doubted`: it does not, and the points must bear out 0 0 0.
     """
 
     T_project_scanner: Floats
@@ -66,8 +66,8 @@ def doubt_places(lines: Mapping[str, PoseLine]) -> Mapping[str, PoseLine]:
     """Return the lines, doubted where each of them is the identity and none says where its scanner stood.
 
     Scans that were brought into the project's frame before they were exported, or merged, have such lines: 0 0 0 is
-    then the origin of that frame, often inside the object, and from there all of it looks inside out. One identity
-    among other poses is that of the scan whose frame is the project's, and its scanner stood at 0 0 0.
+    then the origin of that frame, often inside the object, and from there all of it looks inside out: the points must
+    bear it out. One identity among other poses is that of the scan whose frame is the project's.
     """
     if any(line.is_origin_stated or (line.T_project_scanner != np.eye(4)).any() for line in lines.values()):
         return lines

@@ -8,6 +8,7 @@ import pytest
 from monitor.cli import run
 from monitor.scans import open_scans
 from monitor.unit_check import UnitCheck
+from monitor.vantage import could_be_measured_from
 from projects import Project
 from projects.formats import read_poses
 
@@ -44,6 +45,31 @@ def places(folder: Path, lines: dict[str, str], repeated: bool = False) -> list[
 def test_poses_that_are_all_the_identity_do_not_say_where_a_scanner_stood(tmp_path, lines, known):
     for origin in places(tmp_path, lines):
         np.testing.assert_array_equal(origin, np.zeros(3) if known else np.full(3, np.nan))
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (30.0, -20.0, 1.0), (4e5, 5e6, 200.0)])
+def test_points_all_around_a_body_were_not_measured_from_one_place_and_those_before_it_were(rng, place):
+    body = 5.0 * vase(rng, 40_000) + (0.0, 3.0, 0.0)  # 0.8 m across
+    normal = body[:, :2] - (0.0, 3.0)
+    front = (normal * -body[:, :2]).sum(axis=1) > 0.0  # what looks to 0 0 0
+    assert not could_be_measured_from(body, np.array(place))
+    assert could_be_measured_from(body[front], np.zeros(3))
+
+
+def test_a_wall_behind_a_body_is_no_second_sheet_but_at_the_silhouette(rng):
+    body = 5.0 * vase(rng, 40_000) + (0.0, 3.0, 0.0)
+    front = body[((body[:, :2] - (0.0, 3.0)) * -body[:, :2]).sum(axis=1) > 0.0]
+    wall = np.c_[rng.uniform(-2.0, 2.0, 60_000), np.full(60_000, 5.0), rng.uniform(-1.5, 1.5, 60_000)]
+    hidden = np.abs(wall[:, 0] / wall[:, 1]) < 0.5 / 3.0
+    assert could_be_measured_from(np.r_[front, wall[~hidden]], np.zeros(3))
+
+
+def test_one_scan_whose_frame_is_the_project_s_stood_at_its_origin(tmp_path, rng):
+    x, y = rng.uniform(-0.3, 0.3, (2, 4000))
+    np.savetxt(tmp_path / "a.xyz", np.c_[x, y, -4.0 + 0.03 * np.sin(11.0 * x)], fmt="%.6f")
+    (tmp_path / "poses").write_text(f"a.xyz {IDENTITY}\n")
+    (stream,) = open_scans([tmp_path / "a.xyz"], read_poses(tmp_path / "poses"), UnitCheck())
+    np.testing.assert_array_equal(stream.origin, np.zeros(3))
 
 
 def test_repeated_scans_were_measured_from_one_place_and_are_taken_at_their_word(tmp_path):
