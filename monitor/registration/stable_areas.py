@@ -167,8 +167,9 @@ def doubt_stable(stable: Matches, numbers: Ints, on_faces: Bools) -> str:
     `on_faces` (n pairs) are those with a point that was put onto a large face of a mesh.
 
     Where every piece of an object moved, the motion in their midst is nobody's, and the patches about it pass for badly
-    measured ones. Surfaces state what whole neighbourhoods are off by; of bare clouds nothing does, and pieces that
-    moved look the same there as scans that err over as far as a piece. What is stated of single points or vertices may
+    measured ones. Surfaces state what whole neighbourhoods are off by, but not what their cells are too coarse to
+    follow; of bare clouds nothing does, and pieces that moved look the same there as scans that err over as far as a
+    piece. What is stated of single points or vertices may
     be common to all of a patch, as where fits to overlapping neighbourhoods made them: such a patch is no better known
     than one of them. Nor is one of a few large faces, whose points err by what their corners do, stated or not.
     """
@@ -178,7 +179,7 @@ def doubt_stable(stable: Matches, numbers: Ints, on_faces: Bools) -> str:
         return ""
     off = f"the stable areas lie {in_millimetres(scatter)} off each other, {scatter / stated:.0f} times what"
     if np.any(patches.shared2 > 0.0):
-        return f"{off} their scans state: perhaps all of it moved, in pieces"
+        return f"{off} their scans state: points of an epoch too coarse for its relief, or all of it moved, in pieces"
     return f"{off} the noise of their points explains: errors of the scans, or all of it moved, in pieces"
 
 

@@ -76,6 +76,7 @@ def test_what_lies_farther_off_itself_than_its_scans_state_is_doubted(rng: np.ra
         for which, stated in ((off, 0.0003), (off, 0.0), (off, 0.001), (pairs, 0.0003), (pairs, 0.0))
     ]
     assert "times what their scans state" in doubts[0]
+    assert "too coarse for its relief, or all of it moved, in pieces" in doubts[0]  # which of both is not known
     assert "times what the noise of their points explains: errors of the scans, or all of it moved" in doubts[1]
     assert doubts[2:] == ["", "", ""]  # twice what is stated; as stated; no more than noise
 
