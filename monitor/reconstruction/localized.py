@@ -42,6 +42,7 @@ from monitor.reconstruction.poisson import (
     field_and_start,
     screening_cells,
     screening_rows,
+    screening_weights,
     splat_normals,
 )
 from monitor.reconstruction.spool import Spool
@@ -72,12 +73,13 @@ class Lattice(NamedTuple):
     tiles: Tiles
     normals: Any  # (n, 3) float32, in the order of `tiles.points`
     full_cell: float
-    screening: float  # cells over which the points hold the field
+    longest: float  # cells over which the points hold the field, at most
+    by_turn: float  # cells and rad: over how many where normals turn (`screening_by_turn`)
 
 
 def localized_mesh(
     points: Floats, normals: Floats, cell: float, spacing: float, screening: float = SCREENING_LENGTH, *,
-    tile: int = TILE, sweeps: int = SWEEPS,
+    by_turn: float = np.inf, tile: int = TILE, sweeps: int = SWEEPS,
     map_tiles: Callable[[Callable[[int], Any], Sequence[int]], Any] | None = None,
 ) -> tuple[Floats, Ints]:  # fmt: skip
     """Return vertices (n, 3) m and faces (m, 3) of the zero level of the field, within reach of the points.
@@ -86,13 +88,15 @@ def localized_mesh(
     ----------
     points, normals : (n, 3), m and unit vectors outwards.
     cell, spacing : m; the edge of a cell, and the distance between points that makes a cell count as full.
-    screening : cells over which the points hold the field (`screening_length`).
+    screening : cells over which the points hold the field (`screening_length`), at most.
+    by_turn : cells and rad; this over the turn of the normals at a place is the length there, where that is shorter.
     tile, sweeps : cells along a tile's edge; how often the tiles are solved.
     map_tiles : like `map`, over tile numbers; by default threads on this machine.
     """
     low = _place_lattice(points, cell, tile)
     tiles = cut_tiles(_on_lattice(points, cell, low), tile, REACH)
-    lattice = Lattice(tiles, normals.astype(np.float32).take(tiles.order, axis=0), (cell / spacing) ** 2, screening)
+    lattice = Lattice(tiles, normals.astype(np.float32).take(tiles.order, axis=0), (cell / spacing) ** 2, screening,
+                      by_turn)  # fmt: skip
     run = map_tiles or _map_threads
     numbers = range(len(tiles.corners))
     with tempfile.TemporaryDirectory(prefix="surface-tiles-") as folder:
@@ -150,8 +154,9 @@ def prepare_tile(lattice: Lattice, prepared: Spool, tile: int) -> None:
     rhs = divergence(mean, link_nodes(band.nodes, band.index))
     local = local.compress(in_box(local, low - band.low, high - band.low - 1), axis=0)
     cells, places, full = screening_cells(local, band.index.shape, lattice.full_cell)
+    holds = screening_weights(cells, full, mean, band.index, lattice.longest, lattice.by_turn)
     frame = np.array([band.low, band.index.shape])
-    prepared.put(tile, frame, band.nodes, start, rhs, cells.astype(np.int16), places, full)
+    prepared.put(tile, frame, band.nodes, start, rhs, cells.astype(np.int16), places, holds)
 
 
 def solve_tile(
@@ -162,7 +167,7 @@ def solve_tile(
     What the tile owns goes to `solved`: the numbers of its nodes within the tile, and their values in cells.
     """
     corner, edge = lattice.tiles.corners[tile], lattice.tiles.edge
-    (low, shape), nodes, start, rhs, cells, places, full = prepared.get(tile, 7)
+    (low, shape), nodes, start, rhs, cells, places, holds = prepared.get(tile, 7)
     band = Band(index_nodes(nodes, shape), nodes, low)
     links = link_nodes(band.nodes, band.index)
     corners, weights = screening_rows(cells, places, band.index)
@@ -172,8 +177,7 @@ def solve_tile(
         is_known = np.isfinite(given)
         start = np.where(is_known, given, start)
         is_fixed = is_known & ~in_box(nodes, corner - HALO + 1 - low, corner + edge + HALO - 1 - low)
-    screening = (corners, weights, full * np.float32((2 * BAND + 1) / lattice.screening**2))
-    solve_field(start, rhs, links, screening, is_fixed, tolerance, MOST_ITERATIONS)
+    solve_field(start, rhs, links, (corners, weights, holds), is_fixed, tolerance, MOST_ITERATIONS)
     own = owned(band, corner, edge)
     inside = (nodes.compress(own, axis=0) + low - corner).astype(np.int32)
     solved.put(tile, (inside[:, 0] * edge + inside[:, 1]) * edge + inside[:, 2], start[own])

@@ -23,6 +23,7 @@ BAND = 3  # cells from an occupied cell to the end of the band
 BLUR_PASSES = 4  # binomial (1 2 1) / 4 along each axis: sigma 1.4 cells
 SCREENING_LENGTH = 4.0  # cells over which the points hold the field, at most
 SHORTEST_SCREENING = 1.0  # cells: what the points say within one is their mean
+LARGEST_TURN2 = 0.75  # rad2, of normals that fill a hemisphere, whose mean is half as long as one of them
 
 
 def screening_length(cell: float, spacing: float, noise: float, turn: float) -> float:
@@ -39,9 +40,15 @@ def screening_length(cell: float, spacing: float, noise: float, turn: float) -> 
     g = turn / sqrt(2) where relief is finer than the mean. Least squares weigh the equations of both with 1 / p^2 and
     1 / g^2, and a sheet held by w in one layer of a band of 2 BAND + 1 follows its points over sqrt((2 BAND + 1) / w).
     """
-    held = noise / cell / np.sqrt(max((cell / spacing) ** 2, 1.0))
-    length = np.sqrt(2.0 * BAND + 1.0) * held / max(turn / np.sqrt(2.0), 1e-6)
+    length = screening_by_turn(cell, spacing, noise) / max(turn, 1e-6)
     return float(np.clip(length, SHORTEST_SCREENING, SCREENING_LENGTH))
+
+
+def screening_by_turn(cell: float, spacing: float, noise: float) -> float:
+    """Return the screening length times the turn that asks for it, in cells and rad: that of a place where normals
+    differ by t is this over t (`screening_length`)."""
+    held = noise / cell / np.sqrt(max((cell / spacing) ** 2, 1.0))
+    return float(np.sqrt(2.0 * (2.0 * BAND + 1.0)) * held)
 
 
 @jit(nopython=True, cache=True, nogil=True)
@@ -164,6 +171,29 @@ def screening_cells(points: Floats, shape: Any, full_cell: float) -> Any:
             places[k, a] = sums[k, a] / sums[k, 3]
         full[k] = min(sums[k, 3] / full_cell, 1.0)
     return cells[:n].copy(), places, full
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def screening_weights(cells: Any, full: Any, mean: Any, index: Any, longest: float, by_turn: float) -> Any:
+    """How strongly the points of each cell (k,) hold the field: so that it follows them over the length that the turn
+    of the normals about the cell asks for, `longest` cells at most.
+
+    The turn of the whole epoch is that of its largest parts: over the length that a wall allows, a pipe before it of
+    three cells' radius shrinks to half and no point supports it any more. `by_turn` as of `screening_by_turn`; the
+    length of the mean normals (n, 3) at the nodes, one where all look alike, tells the turn. Where it is less than the
+    half that a whole hemisphere leaves, two sheets are in the mean, whose turn it does not tell.
+    """
+    out = np.empty(len(cells), np.float32)
+    for k in range(len(cells)):
+        turn2 = 0.0
+        for q in range(8):
+            j = index[cells[k, 0] + (q & 1), cells[k, 1] + ((q >> 1) & 1), cells[k, 2] + (q >> 2)]
+            turn2 += 1.0 - mean[j, 0] ** 2 - mean[j, 1] ** 2 - mean[j, 2] ** 2
+        turn = np.sqrt(max(turn2 / 8.0, 0.0))
+        is_one_sheet = turn2 / 8.0 < LARGEST_TURN2
+        length = max(by_turn / turn, SHORTEST_SCREENING) if is_one_sheet and longest * turn > by_turn else longest
+        out[k] = full[k] * (2 * BAND + 1) / length**2
+    return out
 
 
 @jit(nopython=True, cache=True, nogil=True)

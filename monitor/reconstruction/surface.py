@@ -31,7 +31,7 @@ from monitor.reconstruction.mesh import compact, keep_faces, vertex_normals
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.nearness import has_near
 from monitor.reconstruction.open3d_poisson import poisson_mesh
-from monitor.reconstruction.poisson import screening_length
+from monitor.reconstruction.poisson import screening_by_turn, screening_length
 from monitor.reconstruction.projection import Projection, sum_up_samples
 from monitor.reconstruction.reach import Stated, make_ladder
 from monitor.reconstruction.settling import Settled, all_corners, settle
@@ -96,7 +96,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     )
     with ThreadPoolExecutor(1) as aside:  # neither knows of the other, and each has steps that keep one thread
         summed = aside.submit(sum_up_samples, finest, ladder.radii, sampling.noise)
-        vertices, faces, cell_used = raw_mesh(cloud, cell, sampling.spacing, screening, settings.method)
+        vertices, faces, cell_used = raw_mesh(cloud, cell, sampling, screening, settings.method)
         summed_up = summed.result()
     automatic = tell_sampling(settings.method, cell_used, sampling, screening)
     counts["faces_raw"] = len(faces)
@@ -137,16 +137,17 @@ def tell_sampling(method: str, cell: float, sampling: Sampling, screening: float
 
 
 def raw_mesh(
-    cloud: PointCloud, cell: float, spacing: float, screening: float, method: str
+    cloud: PointCloud, cell: float, sampling: Sampling, screening: float, method: str
 ) -> tuple[Floats, Ints, float]:
     """Return vertices (n, 3) [m], faces (m, 3) and the edge of a cell [m] used, of the engine `method`.
 
-    The cloud has normals; `cell` and `spacing` are in metres, `screening` in cells.
+    The cloud has normals; `cell` is in metres, `screening` in cells.
     """
     assert cloud.normals is not None
     if method == "open3d":
         return poisson_mesh(cloud.points, cloud.normals, cell)
-    vertices, faces = localized_mesh(cloud.points, cloud.normals, cell, spacing, screening)
+    by_turn = screening_by_turn(cell, sampling.spacing, sampling.noise)
+    vertices, faces = localized_mesh(cloud.points, cloud.normals, cell, sampling.spacing, screening, by_turn=by_turn)
     return vertices, faces, cell
 
 
