@@ -22,12 +22,12 @@ METHOD = {
     "calibration": 5,
     "scan": 7,
     "targets": 1,
-    "network": 15,
+    "network": 16,
     "filtered": 9,
-    "surface": 24,
-    "mesh": 6,
+    "surface": 25,
+    "mesh": 7,
     "quality": 3,
-    "comparison": 31,
+    "comparison": 32,
     "series": 5,
 }
 
