@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from monitor.declare import check_settings, setting
-from monitor.registration.astray import say_astray
+from monitor.registration.astray import noise_of, say_astray
 from monitor.registration.covariance import about, moved_by
 from monitor.registration.matching import make_samples
 from monitor.registration.network import (
@@ -199,7 +199,7 @@ def adjust_scans(
     )  # fmt: skip
     if state.reason:
         return found
-    if astray := say_astray(pairs, n, network.overlaps.spacing):
+    if astray := say_astray(pairs, n, network.overlaps.spacing, noise_of(network.overlaps.sides)):
         return replace(found, converged=False, reason=astray)
     n_before, n_after = (sum(len(m) for m in matches.values()) for matches in (before, after))
     patch = PATCH_IN_SPACINGS * network.overlaps.spacing

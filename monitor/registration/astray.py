@@ -12,19 +12,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.registration.overlaps import PairFit
+from monitor.registration.sides import Side
 from projects.model import Floats, Ints
 
 TIMES = 10.0  # what the other scans fit to: noise, range and steepness make a scan fit worse by a few times
+NOISES = 4.0  # of a point of the scan itself: a far, coarse one fits no better than it measures
 FEWEST = 3  # scans: of two that do not fit nothing tells how well scans of this survey do
 
 
-def find_astray(pairs: Sequence[PairFit], n_scans: int, spacing: float) -> Ints:
-    """Return the scans whose best pair is off by more than the `spacing` [m] of the points and `TIMES` what others
-    fit to; what a scan fits to is bias and scatter of the pair that fits best."""
+def find_astray(pairs: Sequence[PairFit], n_scans: int, spacing: float, noise: Floats) -> Ints:
+    """Return the scans whose best pair is off by more than the `spacing` [m] of the points, `TIMES` what others fit to
+    and `NOISES` of their own `noise` (n,) [m] of a point, 0 where it is not known; what a scan fits to is bias and
+    scatter of the pair that fits best."""
     fits = best_fits(pairs, n_scans)
     if np.isfinite(fits).sum() < FEWEST:
         return np.empty(0, dtype=np.int64)
-    return np.flatnonzero(fits > max(spacing, TIMES * float(np.nanmedian(fits))))
+    return np.flatnonzero(fits > np.maximum(max(spacing, TIMES * float(np.nanmedian(fits))), NOISES * noise))
 
 
 def best_fits(pairs: Sequence[PairFit], n_scans: int) -> Floats:
@@ -37,9 +40,16 @@ def best_fits(pairs: Sequence[PairFit], n_scans: int) -> Floats:
     return fits
 
 
-def say_astray(pairs: Sequence[PairFit], n_scans: int, spacing: float) -> str:
+def noise_of(sides: Sequence[Side]) -> Floats:
+    """Return the median noise (n,) [m] that the points of each scan state, 0 where they state none."""
+    stated = [np.empty(0) if s.sigma is None else s.sigma for s in sides]
+    known = [sigma[np.isfinite(sigma)] for sigma in stated]
+    return np.array([float(np.median(sigma)) if len(sigma) else 0.0 for sigma in known])
+
+
+def say_astray(pairs: Sequence[PairFit], n_scans: int, spacing: float, noise: Floats) -> str:
     """Return which scans are astray in words, "" where none is."""
-    fits, astray = best_fits(pairs, n_scans), find_astray(pairs, n_scans, spacing)
+    fits, astray = best_fits(pairs, n_scans), find_astray(pairs, n_scans, spacing, noise)
     typical = 1e3 * float(np.nanmedian(np.delete(fits, astray))) if len(astray) else 0.0
     return "; ".join(
         f"scan {k + 1} fits none that it overlaps better than to {1e3 * fits[k]:.3g} mm, the others fit to "

@@ -49,4 +49,14 @@ def fit(first: int, second: int, sigma: float, bias: float = 0.0) -> PairFit:
     ],
 )
 def test_astray_is_what_fits_nothing_where_the_others_fit(pairs, astray):
-    assert find_astray(pairs, 3, spacing=0.002).tolist() == astray
+    assert find_astray(pairs, 3, spacing=0.002, noise=np.zeros(3)).tolist() == astray
+
+
+def test_a_far_and_coarse_scan_fits_as_well_as_it_measures(rng):
+    pairs = [fit(0, 1, 0.0003), fit(1, 2, 0.0050)]
+    assert find_astray(pairs, 3, 0.002, np.array([0.0003, 0.0003, 0.0045])).tolist() == []
+    assert find_astray(pairs, 3, 0.002, np.array([0.0003, 0.0003, 0.0011])).tolist() == [2]
+    clouds = caps_with(rng, np.zeros(6))
+    clouds[2] = bumpy_cap(rng, np.pi, 0.006)  # 6 mm of noise, the others 0.3
+    found = adjust_scans(clouds)
+    assert "fits none" not in found.reason
