@@ -5,13 +5,14 @@ In: the records of the store. Out: tables of texts. Values of the record stand a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from projects.model import EpochRecord, ObjectRecord, Step
 from reports.facts import StepFacts, Table
-from reports.quantities import NOT_KNOWN, count, day, listed, percent
+from reports.quantities import NOT_KNOWN, coordinates, count, day, height, listed, percent
 
 STEP_TITLES = {
     "raw": "Reading", "calibration": "Range calibration of each scan", "scan": "Filtering each scan",
@@ -36,6 +37,7 @@ MERGING = {
     "merged": "merged by the second thinning", "out": "left after merging",
 }  # fmt: skip
 NOT_DROPPED = ("read", "in")
+BARE_CELLS = 8.0  # cells along and across: as much area without a surface in one piece is told
 UNCOVERED = 0.15  # of the area between the points: more without a surface is said with what an epoch became
 ON_READING = "not_measured_"  # counted with each scan, too, though none of them is among what was read
 
@@ -178,13 +180,21 @@ def tell_open_holes(surface: Step) -> str:
 
 
 def tell_uncovered(surface: Step) -> str:
-    """Return in words how much of the area between its points has no surface, "" up to `UNCOVERED` of it."""
-    share = float(surface.automatic.get("uncovered_share", 0.0))
-    if not share > UNCOVERED:
+    """Return in words how much of the area between its points has no surface, or else the largest piece of it; "" up
+    to `UNCOVERED` of the area, in pieces whose points stand for less than a square of `BARE_CELLS`: lines and rims."""
+    found = surface.automatic
+    share = float(found.get("uncovered_share", 0.0))
+    why = "perhaps its points lie too far apart for its cells, or two sheets too near each other"
+    if share > UNCOVERED:
+        return f"{percent(share)} of the area between its points has no surface: {why.replace('its points', 'they')}"
+    n, cell = int(found.get("bare_piece_points", 0)), float(found.get("cell_size_m", math.inf))
+    if n * float(found.get("spacing_m", 0.0)) ** 2 < (BARE_CELLS * cell) ** 2:
         return ""
+    long, wide = found["bare_piece_size_m"]
+    place = coordinates(found["bare_piece_place_m"], cell)
     return (
-        f"{percent(share)} of the area between its points has no surface: perhaps they lie too far apart for its "
-        "cells, or two sheets too near each other"
+        f"a piece of {height(long)} by {height(wide)} about the point {place} m ({count(n)} points) has no surface, "
+        f"and no change of it can be told: {why}"
     )
 
 

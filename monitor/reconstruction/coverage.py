@@ -6,8 +6,12 @@ error, but must be said.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import jit
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction.cell_size import Sampling
@@ -31,6 +35,7 @@ from monitor.reconstruction.nearness import has_near
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
 
+LINK = 3.0  # times as far as a point's sheet may be: points without a surface that near each other hang together
 COS_SAME_SHEET, COS_OPPOSITE = 0.0, -0.7
 N_PROBES, N_PLACES = 10_000, 16  # points that tell the share of the area, and places looked at around each
 FEWEST_AROUND, MOST_AROUND = 12, 48  # neighbours that tell the spacing at a point
@@ -39,10 +44,17 @@ FARTHEST_PLACE = 1.5  # spacings; of an area sampled at random 0.1 % lies farthe
 FLATTEST_BALL = 0.3  # rms height of points in a ball over its radius; 0.45 where they fill it, 0 on a plane
 
 
-def count_uncovered(
+class Uncovered(NamedTuple):
+    """How many points got no surface, by reason, and the places (n, 3) [m] of these."""
+
+    counts: dict[str, int]
+    places: Floats
+
+
+def find_uncovered(
     surface: Surface, cloud: PointCloud, farthest: float, sorted_points: Level | None = None
-) -> dict[str, int]:
-    """Count points without a vertex of their sheet within `farthest` (m), and points where two sheets are unresolved.
+) -> Uncovered:
+    """Find points without a vertex of their sheet within `farthest` (m); count those where two sheets are unresolved.
 
     A vertex is of a point's sheet where its normal is within 90 degrees of the point's. The second count is of points
     whose vertex lies beside a place left open between two near sheets, or that have none and an opposite sheet near.
@@ -58,7 +70,27 @@ def count_uncovered(
     at_opposite = int(np.count_nonzero(has_near(points, without, opposite, farthest, -COS_OPPOSITE)))
     if surface.is_unresolved is not None:
         at_opposite += count_at(surface.is_unresolved, surface, points, farthest)
-    return {"points_without_surface": int(np.count_nonzero(lost)), "points_at_unresolved_sheets": at_opposite}
+    counts = {"points_without_surface": int(np.count_nonzero(lost)), "points_at_unresolved_sheets": at_opposite}
+    return Uncovered(counts, without)
+
+
+def largest_piece(places: Floats, farthest: float) -> dict[str, Any]:
+    """Return the largest piece of what hangs together of places (n, 3) [m] without a surface: its points, its two
+    largest extents and its middle [m]; empty where there are none.
+
+    A thing that stands by itself can be lost as a whole, and be a small share of the area.
+    """
+    if not len(places):
+        return {}
+    pairs = cKDTree(places).query_pairs(LINK * farthest, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs), dtype=np.bool_), pairs.T), shape=(len(places), len(places)))
+    _, label = connected_components(links, directed=False)
+    piece = places[label == np.bincount(label).argmax()]
+    middle = piece.mean(axis=0)
+    _, axes = np.linalg.eigh(np.cov(piece - middle, rowvar=False) if len(piece) > 1 else np.eye(3))
+    extents = np.ptp((piece - middle) @ axes[:, ::-1], axis=0)
+    return {"bare_piece_points": len(piece), "bare_piece_size_m": extents[:2].tolist(),
+            "bare_piece_place_m": middle.tolist()}  # fmt: skip
 
 
 def share_uncovered(surface: Surface, cloud: PointCloud, tree: cKDTree, sampling: Sampling, farthest: float) -> float:

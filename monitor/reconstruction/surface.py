@@ -23,7 +23,7 @@ from monitor.reconstruction.cell_size import (
     require_cells_wide_enough,
     tree_of_points,
 )
-from monitor.reconstruction.coverage import count_uncovered, share_uncovered
+from monitor.reconstruction.coverage import find_uncovered, largest_piece, share_uncovered
 from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
@@ -109,7 +109,9 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     surface = finish(settled.projection, settled.faces, samples, cloud)
     surface = mark(surface, settled, counts.get("faces_invented", 0))
     farthest = cell_used + GATE_SIGMAS * sampling.noise
-    counts |= count_uncovered(surface, cloud, farthest, finest)
+    uncovered = find_uncovered(surface, cloud, farthest, finest)
+    counts |= uncovered.counts
+    automatic |= largest_piece(uncovered.places + shift, farthest)
     share_used = counts["points_used"] / (counts["points_used"] + counts["points_without_normal"])
     automatic["uncovered_share"] = 1.0 - share_used * (
         1.0 - share_uncovered(surface, cloud, samples, sampling, farthest)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from even_sphere import even_directions
+from pipe_on_a_wall import pipe_before_wall
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction import reconstruct
@@ -173,20 +174,6 @@ def test_thin_plate_is_two_sheets(rng, thickness):
     assert np.abs(np.abs(vertices[inside, 2]) - 0.5 * thickness).max() < 0.0006
     crossing = above[faces].any(axis=1) & ~above[faces].all(axis=1)
     assert not (crossing & inside[faces].all(axis=1)).any()
-
-
-def pipe_before_wall(rng, noise=0.0015):
-    """Points 10 mm apart on a wall of 1.5 m and on the front of a piece of pipe 0.4 m long and 100 mm across, 30 mm
-    before it, with normals; which of them lie on the pipe. The wall behind the pipe is in its shade."""
-    wall = np.c_[rng.uniform(-0.75, 0.75, (22_500, 2)), np.zeros(22_500)]
-    wall = wall[(np.abs(wall[:, 0]) > 0.06) | (np.abs(wall[:, 1]) > 0.2)]
-    angle, along = rng.uniform(-1.5, 1.5, 600), rng.uniform(-0.2, 0.2, 600)
-    round_ = np.c_[np.sin(angle), 0.0 * angle, np.cos(angle)]
-    pipe = np.c_[0.0 * along, along, 0.0 * along + 0.08] + 0.05 * round_
-    normals = np.r_[np.tile([0.0, 0.0, 1.0], (len(wall), 1)), round_]
-    points = np.r_[wall, pipe] + noise * rng.normal(size=(len(normals), 1)) * normals
-    normals = normals + np.where(normals[:, 2:] == 1.0, 0.01, 0.1) * rng.normal(size=normals.shape)
-    return points, normals / np.linalg.norm(normals, axis=1)[:, None], np.arange(len(points)) >= len(wall)
 
 
 def test_a_pipe_before_a_wall_keeps_its_surface(rng):

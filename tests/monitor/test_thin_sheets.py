@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from free_borders import boundary_vertices
+from pipe_on_a_wall import pipe_before_wall
 
 from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
+from monitor.reconstruction import surface as surface_module
 from monitor.reconstruction.cell_size import measure_sampling
-from monitor.reconstruction.coverage import count_uncovered
+from monitor.reconstruction.coverage import find_uncovered, largest_piece
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import face_areas_and_normals
 from projects.model import PointCloud, Surface
@@ -78,17 +80,43 @@ def test_point_without_surface_is_counted_by_what_is_near_it():
     surface = Surface(square, np.array([[0, 1, 2], [0, 2, 3]]), normals=up)
     over, back, far = [0.1, 0, 0.2], [0.1, 0, -0.2], [3.0, 0, 0]
     cloud = PointCloud([*square, over, back, far], normals=[*up, [0, 0, 1.0], [0, 0, -1.0], [0, 0, 1.0]])
-    found = count_uncovered(surface, cloud, 0.5)
-    assert found == {"points_without_surface": 2, "points_at_unresolved_sheets": 1}
+    found = find_uncovered(surface, cloud, 0.5)
+    assert found.counts == {"points_without_surface": 2, "points_at_unresolved_sheets": 1}
     beside = Surface(square, surface.faces, normals=up, is_unresolved=[True, False, False, False])
-    assert count_uncovered(beside, cloud, 0.5)["points_at_unresolved_sheets"] == 3  # two more at that vertex
+    assert find_uncovered(beside, cloud, 0.5).counts["points_at_unresolved_sheets"] == 3  # two more at that vertex
+
+
+def test_the_largest_piece_without_a_surface_is_found_with_its_size_and_place(rng):
+    strip = (
+        np.c_[rng.uniform(0.0, 4.0, 900), rng.uniform(0.0, 0.1, 900), np.zeros(900)]
+        @ np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    )
+    patch = rng.uniform(0.0, 0.2, (100, 3)) * (1.0, 1.0, 0.0)
+    middle = np.array([100.0, 200.0, 5.0])
+    found = largest_piece(np.concatenate([strip - strip.mean(axis=0) + middle, patch]), 0.02)
+    assert found["bare_piece_points"] == 900
+    np.testing.assert_allclose(found["bare_piece_size_m"], (4.0, 0.1), rtol=0.02)
+    np.testing.assert_allclose(found["bare_piece_place_m"], middle, atol=1e-9)
+    assert largest_piece(np.empty((0, 3)), 0.02) == {}
+    assert largest_piece(np.ones((1, 3)), 0.02)["bare_piece_size_m"] == [0.0, 0.0]
+
+
+def test_a_thing_that_is_lost_as_a_whole_is_recorded_where_it_stands(rng, monkeypatch):
+    """The pipe before a wall, lost again where one length of the field serves all."""
+    monkeypatch.setattr(surface_module, "screening_by_turn", lambda *_: np.inf)
+    far = np.array([1000.0, -500.0, 20.0])
+    points, normals, on_pipe = pipe_before_wall(rng)
+    found = reconstruct_with_record(PointCloud(points + far, normals=normals)).automatic
+    assert found["bare_piece_points"] > 0.95 * on_pipe.sum()
+    np.testing.assert_allclose(found["bare_piece_size_m"], (0.4, 0.1), atol=0.02)
+    np.testing.assert_allclose(found["bare_piece_place_m"], far + points[on_pipe].mean(axis=0), atol=0.01)
 
 
 def test_point_by_an_invented_vertex_is_without_surface():
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     up = np.tile([0.0, 0, 1], (4, 1))
     surface = Surface(square, np.array([[0, 1, 2], [0, 2, 3]]), normals=up, face_invented=[False, True])
-    assert count_uncovered(surface, PointCloud(square, normals=up), 0.5)["points_without_surface"] == 1
+    assert find_uncovered(surface, PointCloud(square, normals=up), 0.5).counts["points_without_surface"] == 1
 
 
 def test_share_without_surface_is_of_the_area_and_not_of_the_points(rng):

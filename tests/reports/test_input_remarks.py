@@ -46,3 +46,23 @@ def test_faces_of_a_finished_mesh_that_were_turned_are_remarked(n, inward, words
 
     (remark,) = remarks_of(change)
     assert remark.startswith(f"Epoch e2: {words}")
+
+
+@pytest.mark.parametrize(
+    ("n_points", "told"),
+    [
+        (2469, "Epoch e2: a piece of 4.41 m by 10 cm about the point 1.23, -0.50, 2.00 m (2 469 points) has no "
+               "surface, and no change of it can be told: perhaps its points lie too far apart for its cells, or two "
+               "sheets too near each other."),
+        (200, ""),
+    ],
+)  # fmt: skip
+def test_a_piece_without_a_surface_is_told_with_size_and_place_and_a_line_is_not(n_points, told):
+    found = {"uncovered_share": 0.06, "cell_size_m": 0.02, "spacing_m": 0.01, "bare_piece_points": n_points,
+             "bare_piece_size_m": [4.409, 0.101], "bare_piece_place_m": [1.234, -0.5, 2.0]}  # fmt: skip
+
+    def change(step):
+        return dataclasses.replace(step, automatic=found) if step.product == "surface" else step
+
+    remarks = [r.replace("\u00a0", " ").replace("\u202f", " ").replace("\u2212", "-") for r in remarks_of(change)]
+    assert remarks == ([told] if told else [])
