@@ -25,6 +25,7 @@ WORTH_A_VIEW = 0.04  # share of the surface that a view must show and no earlier
 MARGIN, FOOT = 0.035, 0.06  # of the longest side: room around the object, and below it for the scale bar
 EDGE_ON = 0.01  # cosine to the viewer, below which a face is seen as a line and left out of a view that is cut away
 FROM_WITHIN = 0.5  # share of the surface below which views from outside show too little of it
+NEARLY = 0.8  # of the most that any view shows: epochs of one object are shown from one side
 ROUND = 1.25  # how much more surface the best side must show than the worst to be called a front
 
 
@@ -197,13 +198,14 @@ def choose_views(surface: Surface) -> list[View]:
 
 
 def choose_one(surface: Surface, wanted: Bools | None = None) -> View:
-    """Return the one view that shows most of the surface, or of the vertices (n,) that are wanted, where there are any:
-    by the area of the faces that look to the viewer, as it appears."""
+    """Return the first view, from the front on, that shows nearly as much as any of the surface, or of the vertices
+    (n,) that are wanted, where there are any: by the area of the faces that look to the viewer, as it appears."""
     normals = face_normals(surface)
     if wanted is not None and wanted.any():
         normals = normals * wanted[surface.faces].mean(axis=1)[:, None]
     views = choose_views(surface)
-    return max(views, key=lambda view: float(np.maximum(normals @ view.towards, 0.0).sum()))
+    areas = [float(np.maximum(normals @ view.towards, 0.0).sum()) for view in views]
+    return next(v for v, area in zip(views, areas, strict=True) if area >= NEARLY * max(areas))
 
 
 def frame_view(view: View, points: Floats, metres_per_pixel: float, *, room: int = 0, foot: int = 0) -> Frame:
