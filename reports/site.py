@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -86,7 +85,7 @@ class Site:
 
     def reply(self, address: str) -> Reply:
         """Return what an address holds; raise `StoreError` where there is no such thing."""
-        project, parts = Project.open(self.path), [p for p in unquote(address).split("/") if p]
+        project, parts = Project.open(self.path), [p for p in address.split("/") if p]
         if not parts:
             return self._page("site.html", self._front(project))
         if len(parts) == 1:

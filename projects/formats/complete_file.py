@@ -28,13 +28,9 @@ def complete_file(path: Path) -> Iterator[Path]:
         raise FormatError(f"{path}: the folder {path.parent} does not exist; make it first")
     unfinished = path.with_name(f".{path.stem}-{uuid.uuid4().hex[:8]}{path.suffix}")
     try:
-        yield unfinished
-        os.replace(unfinished, path)
-    except Exception as error:
-        why = _refusal_of(error)
-        if not why:
-            raise
-        raise ParameterError(f"{path}: cannot be written ({why}); make room there or choose another folder") from error
+        with _told_as_refusal(path):
+            yield unfinished
+            os.replace(unfinished, path)
     finally:
         with suppress(OSError):
             unfinished.unlink(missing_ok=True)
@@ -54,25 +50,33 @@ def complete_folder(path: Path) -> Iterator[Path]:
     path = Path(path).absolute()
     unfinished = path.with_name(f".{path.name}-{uuid.uuid4().hex[:8]}.unfinished")
     try:
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise ParameterError(f"{path}: is there already; give a folder that is new or empty")
-        for left in path.parent.glob(f".{glob.escape(path.name)}-{'[0-9a-f]' * 8}.unfinished"):
-            shutil.rmtree(left, ignore_errors=True)
-        unfinished.mkdir(parents=True)
-        yield unfinished
-        for file in unfinished.rglob("*"):
-            (flush_folder if file.is_dir() else flush)(file)
-        if path.exists():
-            path.rmdir()
-        os.replace(unfinished, path)
-        flush_folder(path.parent)
+        with _told_as_refusal(path):
+            if path.exists() and (not path.is_dir() or any(path.iterdir())):
+                raise ParameterError(f"{path}: is there already; give a folder that is new or empty")
+            for left in path.parent.glob(f".{glob.escape(path.name)}-{'[0-9a-f]' * 8}.unfinished"):
+                shutil.rmtree(left, ignore_errors=True)
+            unfinished.mkdir(parents=True)
+            yield unfinished
+            for file in unfinished.rglob("*"):
+                (flush_folder if file.is_dir() else flush)(file)
+            if path.exists():
+                path.rmdir()
+            os.replace(unfinished, path)
+            flush_folder(path.parent)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+@contextmanager
+def _told_as_refusal(path: Path) -> Iterator[None]:
+    """Tell an error of the disk as one line on what could not be written; let any other pass."""
+    try:
+        yield
     except Exception as error:
         why = _refusal_of(error)
         if not why:
             raise
         raise ParameterError(f"{path}: cannot be written ({why}); make room there or choose another folder") from error
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
 
 
 def _refusal_of(error: Exception) -> str:
