@@ -56,7 +56,8 @@ def open_scans(
     require_known_names(poses, paths)
     lines = poses if repeated else doubt_places(poses)
     for path in paths:
-        streams.extend(_believe(s) for s in read_scans(path, unit=unit.metres, pose_lines=lines))
+        found = read_scans(path, unit=unit.metres, pose_lines=lines)
+        streams.extend(_believe(s) if _is_doubted(s, lines) else s for s in found)
     if repeated:
         _require_origins(streams)
     without = [s.name for s in streams if s.pose is None]
@@ -65,10 +66,14 @@ def open_scans(
     return [_complete(s) for s in streams]
 
 
+def _is_doubted(stream: ScanStream, lines: Mapping[str, PoseLine]) -> bool:
+    """Return whether a pose line alone says where the scanner stood, and is doubted."""
+    own = [line for name, line in lines.items() if name == stream.path.name or name.startswith(f"{stream.path.name}#")]
+    return stream.pose is not None and not stream.is_origin_stated and any(line.is_doubted for line in own)
+
+
 def _believe(stream: ScanStream) -> ScanStream:
-    """Return the stream with its origin stated where a pose line leaves that in doubt and its points bear it out."""
-    if stream.is_origin_stated or stream.pose is None:
-        return stream
+    """Return the stream with its origin stated where its points bear it out."""
     return replace(stream, is_origin_stated=could_be_measured_from(_some_points(stream), stream.origin))
 
 

@@ -62,13 +62,13 @@ def registration_rows(network: Step | None) -> Rows:
     found = network.automatic
     return _rows("registration", {
         "Registration method": "one adjustment of all scans: surfaces, survey targets and control, with covariance",
-        "Given poses were corrected": _yes(bool(found.get("applied"))),
+        "Given poses were corrected": _yes(bool(found["applied"])) if "applied" in found else "",
         "Why": str(found.get("reason") or ""),
-        "Doubt": str(found.get("doubt") or "none"),
+        "Doubt": str(found["doubt"] or "none") if "doubt" in found else "",
         "Scans disagree before, one sigma along the normal [m]": _number(found.get("misfit_before_m")),
         "Scans disagree after, one sigma along the normal [m]": _number(found.get("misfit_after_m")),
-        "Targets": str(found.get("n_targets", 0)),
-        "Control points found": str(found.get("n_control", 0)),
+        "Targets in the adjustment": str(found.get("n_targets", 0)),
+        "Control points in the adjustment": str(found.get("n_control", 0)),
         "Residual at targets, rms [m]": _number(found.get("target_rms_m")),
         "Residual at control points, rms [m]": _number(found.get("control_rms_m")),
     })  # fmt: skip
@@ -114,7 +114,8 @@ def mesh_rows(surface: Surface, made: Step) -> Rows:
 
 
 def scans_table(headers: Sequence[ScanHeader], poses: Iterable[Floats]) -> pd.DataFrame:
-    """Return one row a scan: the original file with its SHA-256, points, station (m, project frame, as registered)."""
+    """Return one row a scan: the original file with its SHA-256, points, station (m, project frame, as registered; NaN
+    where it is not known)."""
     return pd.DataFrame(
         [
             {
@@ -127,7 +128,7 @@ def scans_table(headers: Sequence[ScanHeader], poses: Iterable[Floats]) -> pd.Da
                 "is_grid": h.is_grid,
                 "n_points": h.n_points,
                 "n_dropped_on_reading": sum(h.dropped.values()),
-                **dict(zip(("station_x", "station_y", "station_z"), pose[:3, 3], strict=True)),
+                **dict(zip(("station_x", "station_y", "station_z"), pose[:3, 3] + 0.0 * h.origin, strict=True)),
             }
             for k, (h, pose) in enumerate(zip(headers, poses, strict=True), start=1)
         ]
@@ -135,9 +136,11 @@ def scans_table(headers: Sequence[ScanHeader], poses: Iterable[Floats]) -> pd.Da
 
 
 def pose_of(header: ScanHeader, motion: Floats | None) -> Floats:
-    """Return T_project_scanner (4, 4) with the scanner in the origin, moved by what the adjustment found."""
+    """Return T_project_scanner (4, 4) with the scanner in the origin, as E57 has it, moved by what the adjustment
+    found; of the scan's own frame where nobody knows where the scanner stood."""
     pose = header.pose.copy()
-    pose[:3, 3] = apply(header.pose, header.origin)
+    if np.isfinite(header.origin).all():
+        pose[:3, 3] = apply(header.pose, header.origin)
     return pose if motion is None else motion @ pose
 
 

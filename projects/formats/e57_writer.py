@@ -45,8 +45,9 @@ def write_e57(
     ----------
     path : where to write; an existing file is replaced when the new one is complete.
     scans : at least one; `cloud.points` [m] in the scan's frame, intensity 0 to 1. Points must be finite. A scan whose
-        `origin` is not 0 0 0 is written in the frame about its scanner, with the pose to match. A scan may come block
-        by block, as an iterable of `Scan` that share name, pose and grid: memory then holds one block, and disk all.
+        `origin` is known and not 0 0 0 is written in the frame about its scanner, with the pose to match. A scan may
+        come block by block, as an iterable of `Scan` that share name, pose and grid: memory then holds one block, and
+        disk all.
     fill_grid : write the cells of the grid that have no point too, flagged invalid, in column order; needs whole
         scans with `rows` and `columns` that name every cell at most once.
     acquired : when the scans were made (with a time zone); left out where unknown.
@@ -119,8 +120,9 @@ def _moment(time: datetime.datetime) -> dict[str, Any]:
 
 
 def _centred(scan: Scan) -> Scan:
-    """Return the scan in the frame whose origin is the scanner, as E57 defines it; the same place in the project."""
-    if not scan.origin.any():
+    """Return the scan in the frame whose origin is the scanner, as E57 defines it; the same place in the project.
+    One of which nobody knows where the scanner stood stays in its own frame."""
+    if not scan.origin.any() or not np.isfinite(scan.origin).all():
         return scan
     pose = scan.pose.copy()
     pose[:3, 3] = apply(scan.pose, scan.origin)

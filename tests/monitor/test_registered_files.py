@@ -9,8 +9,8 @@ from monitor.cli import run
 from monitor.scans import open_scans
 from monitor.unit_check import UnitCheck
 from monitor.vantage import could_be_measured_from
-from projects import Project
-from projects.formats import read_poses
+from projects import PointCloud, Project, Scan
+from projects.formats import read_poses, write_e57
 
 IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
 SHIFTED = "1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1"
@@ -70,6 +70,16 @@ def test_one_scan_whose_frame_is_the_project_s_stood_at_its_origin(tmp_path, rng
     (tmp_path / "poses").write_text(f"a.xyz {IDENTITY}\n")
     (stream,) = open_scans([tmp_path / "a.xyz"], read_poses(tmp_path / "poses"), UnitCheck())
     np.testing.assert_array_equal(stream.origin, np.zeros(3))
+
+
+def test_a_merged_e57_without_a_grid_does_not_say_where_a_scanner_stood_even_where_its_points_would_allow_it(
+    tmp_path, rng
+):
+    x, y = rng.uniform(-0.3, 0.3, (2, 4000))
+    scan = Scan("merged", PointCloud(np.c_[x, y, -4.0 + 0.03 * np.sin(11.0 * x)]), np.eye(4))
+    write_e57(tmp_path / "a.e57", [scan])
+    (stream,) = open_scans([tmp_path / "a.e57"], {}, UnitCheck())
+    assert np.isnan(stream.origin).all()
 
 
 def test_repeated_scans_were_measured_from_one_place_and_are_taken_at_their_word(tmp_path):

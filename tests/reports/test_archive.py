@@ -14,6 +14,8 @@ from example_project import MOTION, TURN, fill, measured, step
 from report_examples import example_comparison, example_epochs, example_object
 
 from monitor.cli import run
+from monitor.scans import open_scans
+from monitor.unit_check import UnitCheck
 from projects import Project, Scan, Surface
 from projects.bags import verify_bag
 from projects.errors import ParameterError, StoreError
@@ -217,3 +219,21 @@ def test_a_scanner_off_the_origin_of_its_frame_stands_where_its_pose_puts_it(tmp
     header = ScanHeader(0, "station", TURN, place, 400, {}, None, "a.e57", "", 0, False, np.zeros((2, 3)))
     np.testing.assert_allclose(pose_of(header, None), read.pose, atol=1e-12)
     np.testing.assert_allclose(pose_of(header, MOTION)[:3, 3], apply(MOTION, apply(TURN, place)), atol=1e-12)
+
+
+def test_scans_of_which_nobody_knows_where_the_scanner_stood_are_archived_as_they_came(tmp_path: Path) -> None:
+    given = np.round(np.add(measured(0).points, (5e5, 4e6, 200.0)), 6)
+    np.savetxt(tmp_path / "merged.xyz", given, fmt="%.6f")
+    project = Project.create(tmp_path / "p")
+    project.add_object(example_object())
+    streams = open_scans([tmp_path / "merged.xyz"], {}, UnitCheck())
+    project.add_epoch(EpochRecord("column", "e1", datetime.date(2025, 5, 12)), streams)
+    assert np.isnan(project.scan_headers("column", "e1")[0].origin).all()
+    write_archive(tmp_path / "archive", project, ["column"], silent)
+    folder = tmp_path / "archive" / "data" / "column" / "e1"
+    (scan,) = open_scans([folder / "column_e1_scans.e57"], {}, UnitCheck())
+    points = np.concatenate([block.cloud.points for block in scan.chunks()])
+    np.testing.assert_allclose(points, given, rtol=0.0, atol=1.1e-6)
+    assert np.isnan(scan.origin).all()  # and it stays unknown, whatever its points look like
+    np.testing.assert_array_equal(np.loadtxt(folder / "column_e1_GRmatrices_scan1.txt"), np.eye(4))
+    assert pd.read_csv(folder / "column_e1_scans.csv")[["station_x", "station_y", "station_z"]].isna().all(axis=None)
