@@ -27,7 +27,7 @@ METHOD = {
     "surface": 25,
     "mesh": 7,
     "quality": 3,
-    "comparison": 32,
+    "comparison": 33,
     "series": 5,
 }
 

@@ -69,7 +69,18 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
         return f"No part changed against the rest{where}, but the surface as a whole lies {_off(comparison)}."
     if n == 0:
         return f"No change was found{where}."
-    return "One region changed." if n == 1 else f"{in_words(n).capitalize()} regions changed."
+    told = "One region changed" if n == 1 else f"{in_words(n).capitalize()} regions changed"
+    return f"{told} against the rest, which lies {_off(comparison)}." if is_beside_layer(comparison) else f"{told}."
+
+
+def is_beside_layer(comparison: Comparison) -> bool:
+    """Return whether the regions are what stands out of a layer all over, and their figures are beside it."""
+    return "lod95_beside_layer_median_m" in comparison.statistics
+
+
+def level_beside(comparison: Comparison) -> str:
+    """Return the level of detection, in the median, of what stands out of a layer all over."""
+    return millimetres(comparison.statistics.get("lod95_beside_layer_median_m", NAN))
 
 
 def _what_changed(
@@ -117,20 +128,28 @@ def _off(comparison: Comparison) -> str:
 
 def _lies_off(comparison: Comparison) -> tuple[str, ...]:
     """Return what to think of an unchanged surface that lies off to one side, where it does."""
-    if not comparison.statistics.get("offset_is_told"):
+    beside = is_beside_layer(comparison) and len(comparison.regions) > 0
+    if not comparison.statistics.get("offset_is_told") and not beside:
         return ()
     lost = float(comparison.statistics["offset_m"]) < 0.0
     layer = "taken off (cleaning, weathering)" if lost else "laid on (a coating, dirt)"
+    stands_out = "" if beside else ": no part stands out"
     return (
         f"What is not called changed lies {_off(comparison)} on average. A layer {layer} nearly everywhere and "
-        "scanners whose ranges differ look alike: no part stands out. Say where nothing changed (a stable area) to "
+        f"scanners whose ranges differ look alike{stands_out}. Say where nothing changed (a stable area) to "
         "tell them apart.",
+        *(("Regions and their figures are beside that: how far they stand out of the rest.",) if beside else ()),
     )
 
 
 def _how_small(comparison: Comparison, changed: bool) -> str:
     """Return the smallest change that can be seen."""
     level = millimetres(comparison.statistics.get("lod95_median_m", NAN))
+    if is_beside_layer(comparison):
+        return (
+            f"The smallest change that can be told from measurement error is {level}; what stands out of the rest is "
+            f"told from {level_beside(comparison)} on (95\u00a0%, median)."
+        )
     if changed:
         return f"The smallest change that can be told from measurement error is {level} (95\u00a0%, median)."
     return f"The smallest change that would have been seen is {level} (95\u00a0%, median over the surface)."
@@ -214,12 +233,12 @@ def _figures(
     moved = "significant" if statistics.get("motion_is_significant") else "not significant"
     told = f"{moved} (confidence {print_significance(significance)})" if np.isfinite(significance) else NOT_KNOWN
     sure = f"turned by {motion.angle.text}; {told}"
+    level = millimetres(statistics.get("lod95_median_m", NAN))
+    beside = f"; {level_beside(comparison)} against the rest" if is_beside_layer(comparison) else ""
     kinds = ", ".join(f"{n}\u00a0{kind}" for kind, n in Counter(r.kind for r in regions).items())
     return (
         KeyFigure("Regions of change", str(len(regions)), kinds or "on all of the surface that could be assessed"),
-        KeyFigure(
-            "Smallest detectable change", millimetres(statistics.get("lod95_median_m", NAN)), "95\u00a0%, median"
-        ),
+        KeyFigure("Smallest detectable change", level, f"95\u00a0%, median{beside}"),
         KeyFigure("Object as a whole", motion.displacement.text, sure),
         KeyFigure(
             "Not assessable", unknown[k], f"of the {here.order} epoch’s surface; {unknown[1 - k]} of the other’s"

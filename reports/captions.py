@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from reports.answer import is_beside_layer
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
 from reports.quantities import NBSP
@@ -50,6 +51,7 @@ def write_captions(facts: ReportFacts) -> Captions:
     not_asked = "; nearly white: outside of what you gave, not asked" if facts.stable else ""
     dark = "" if facts.is_room else " Dark grey: the inside."
     crs = f", {facts.crs}" if facts.crs else ""
+    beside = "Figures are beside what all of the surface lies off by. " if is_beside_layer(facts.comparison) else ""
     present = dict.fromkeys(r.kind for r in facts.regions)
     return Captions(
         difference=(
@@ -59,7 +61,9 @@ def write_captions(facts: ReportFacts) -> Captions:
             f"{inside}{numbers}"
         ),
         strips=f"The same fixed views of both epochs{moved}.",
-        regions=(f"± is the half-width of the 95{NBSP}% interval. Positive: material gained; negative: lost. {sides}"),
+        regions=(
+            f"± is the half-width of the 95{NBSP}% interval. Positive: material gained; negative: lost. {beside}{sides}"
+        ),
         region_columns=(
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),
         ),

@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from projects.model import Assessment, Comparison, NotAssessed, Step
-from reports.answer import NAN, WHY_NOT, print_significance, shares_not_assessed, tolerance_in_words
+from reports.answer import (
+    NAN,
+    WHY_NOT,
+    is_beside_layer,
+    level_beside,
+    print_significance,
+    shares_not_assessed,
+    tolerance_in_words,
+)
 from reports.control import control_table
 from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, NOT_KNOWN, coordinates, count, estimate, millimetres, percent
@@ -90,8 +98,11 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     levels = comparison.on_compared.lod95[comparison.on_compared.assessment != Assessment.NOT_ASSESSABLE]
     levels = levels[np.isfinite(levels)]
     low, high = np.quantile(levels, [0.05, 0.95]) if len(levels) else (NAN, NAN)
+    words = "of what stands out of the rest, which lies off all over"
+    beside = ((words, level_beside(comparison)),) if is_beside_layer(comparison) else ()
     rows = [
         ("Smallest change seen at 95\u00a0%, median", millimetres(statistics.get("lod95_median_m", NAN))),
+        *beside,
         ("on nine tenths of the surface between", f"{millimetres(float(low))} and {millimetres(float(high))}"),
         ("mean difference where nothing changed (bias)", millimetres(statistics.get("bias_m", NAN), signed=True)),
         ("the same by area, without a motion of the whole", _offset(statistics)),

@@ -171,10 +171,13 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
         if unknown < n or count
         else f"nothing of {place.epoch_id} could be assessed"
     )
-    if comparison.statistics.get("offset_is_told"):
+    beside = comparison.statistics.get("lod95_beside_layer_median_m") if count else None
+    if comparison.statistics.get("offset_is_told") or beside is not None:
         off = comparison.statistics["offset_m"]
         told = millimetres(abs(off)).replace(NBSP, " ")
         answer += f"; what is not called changed lies {told} further {'out' if off > 0.0 else 'in'} on average"
+    if beside is not None:
+        answer += f", regions are told beside that, from {millimetres(beside).replace(NBSP, ' ')} on"
     answer += f"; {comparison.registration.doubt}" if comparison.registration.doubt else ""
     elsewhere = "; as given the epochs do not lie near each other, they were brought together by their shapes alone"
     answer += elsewhere if "coarse_score" in step.automatic else ""

@@ -8,10 +8,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from monitor.boxes import box_of
+from monitor.comparison.beside_layer import lay_back, level_beside, name_beside, peel, peel_points, thickness_of
 from monitor.comparison.borne_out import Points, keep_borne_out
 from monitor.comparison.comparable import require_common, require_comparable, settle_motion
 from monitor.comparison.detection import Detection, detect
@@ -127,8 +129,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     left = registration if mode == "absolute" else None
     registration, held = hold_frames(registration, frames, mode)
     T = registration.T_target_source if mode == "relative" else None
-    limits = limit, settings.max_normal_angle
-    shells = make_shells(reference, compared, limits, T)
+    limits, layer = (limit, settings.max_normal_angle), thickness_of(registration)
+    judged = peel(compared, layer) if layer else compared
+    shells = make_shells(reference, judged, limits, T)
     sides = measure_sides(shells, held, left)
     sides = leave_out(sides, settings.largest_lod95 or limit, settings.max_stray_share)
     require_common(sides, limit)
@@ -139,20 +142,27 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     del shells  # of small surfaces they hold their trees, the larger part of all memory
     found = detect(sides, held, settings.false_discovery_rate, settings.seed, left, stable_is_given)
     if sights is not None:
-        sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found))
+        sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
     if points is not None and len(regions.table):
         gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
-        regions, sides = keep_borne_out(regions, sides, in_one_frame(points(), T), limits, gone)
-    on_reference, on_compared = map_sides(
+        before, after = points()
+        after = peel_points(after, compared, layer) if layer else after
+        regions, sides = keep_borne_out(regions, sides, in_one_frame((before, after), T), limits, gone)
+    told = map_sides(
         lambda k: finish_side(sides[k], found.sides[k], (regions.seen[k], regions.whole[k]), beyond.change[k]),
         larger_of(sides),
     )
-    statistics = {**summarize(on_compared, sides, found, registration, tolerance), "search_limit_m": limit,
-                  "region_shapes": describe_shapes(regions.table, sides, regions.whole)}  # fmt: skip
-    return Comparison(on_compared, on_reference, regions.table, registration, mode, statistics)
+    table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
+    statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes}
+    if layer:
+        table, statistics["lod95_beside_layer_median_m"] = name_beside(table, layer), level_beside(told[1])
+        measured = measure_sides(make_shells(reference, compared, limits, T), held, left)
+        told, sides = lay_back(told, measured, layer)
+    statistics = {**summarize(told[1], sides, found, registration, tolerance), **statistics}
+    return Comparison(told[1], told[0], table, registration, mode, statistics)
 
 
 def hold_frames(registration: Registration, frames: Floats | None, mode: str) -> tuple[Registration, Registration]:

@@ -17,6 +17,7 @@ from report_examples import (
 from projects.errors import StoreError
 from projects.model import ControlPoint, Step
 from projects.store import Project
+from reports.captions import write_captions
 from reports.certainty import registration_table
 from reports.document import gather_facts, make_facts
 
@@ -61,6 +62,22 @@ def rows_of(facts, title):
     """Return the rows of the table of a title, by their first column."""
     table = next(t for t in (*facts.certainty, *facts.history) if t.title == title)
     return {row[0]: [plain(cell) for cell in row[1:]] for row in table.rows}
+
+
+def test_regions_beside_a_layer_all_over_say_that_their_figures_are_beside_it():
+    figures = {"offset_m": -9.8e-4, "sigma_offset_m": 1e-4, "lod95_beside_layer_median_m": 4.1e-4}
+    facts = facts_of(example_comparison(**figures))
+    headline = plain(facts.answer.headline)
+    assert headline == "Two regions changed against the rest, which lies 0.98 ± 0.20 mm further in."
+    assert "scanners whose ranges differ look alike. Say where nothing changed" in said(facts)
+    assert "Regions and their figures are beside that" in said(facts)
+    assert "what stands out of the rest is told from 0.41 mm on" in said(facts)
+    assert plain(facts.answer.figures[1].note) == "95 %, median; 0.41 mm against the rest"
+    assert rows_of(facts, "What can be seen")["of what stands out of the rest, which lies off all over"] == ["0.41 mm"]
+    assert "beside what all of the surface lies off by" in write_captions(facts).regions
+    alone = facts_of(example_comparison(rows=(), **figures))
+    assert "further in" not in said(alone)
+    assert "beside" not in write_captions(facts_of(example_comparison())).regions
 
 
 def test_epochs_of_one_survey_are_said_to_show_no_change():
