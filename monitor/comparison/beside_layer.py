@@ -13,7 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
+from scipy.stats import foldnorm, norm
 
+from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.quantile import median
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side
@@ -21,6 +23,9 @@ from monitor.reconstruction.mesh import face_areas_and_normals
 from projects.model import ComparedSurface, Floats, NotAssessed, Registration, Surface
 
 Found = tuple[ComparedSurface, ComparedSurface]  # on the reference and the compared surface
+STEPS = np.linspace(0.0, 4.0, 81)  # of a layer, in sigmas of the errors
+QUANTILES = foldnorm.ppf(0.95, STEPS)  # of the size of a distance, in sigmas
+ONE_SIDED = float(norm.ppf(0.95))
 SHARPEST = 0.5  # least cosine between a vertex's normal and its faces' that is made up for: an edge of 60 degrees
 
 
@@ -67,14 +72,25 @@ def _lay_back(found: ComparedSurface, side: Side, thickness: float) -> tuple[Com
     """Return one side's answer as it was measured, and the side with it.
 
     What is changed stays so. Distances are those to the surface as it is; where it has no foot for a vertex, beside an
-    edge or where something was looked through, the layer is added to the distance found beside it. Levels are those
-    beside it and the whole layer, which may be change or error.
+    edge or where something was looked through, the layer is added to the distance found beside it.
     """
     is_known = np.isfinite(found.distances)
     distances = np.where(side.is_assessed, side.distances, found.distances + thickness)
     laid = replace(found, surface=side.surface, distances=keep_on_disk(np.where(is_known, distances, np.nan)),
-                   lod95=keep_on_disk(found.lod95 + abs(thickness)))  # fmt: skip
+                   lod95=keep_on_disk(level_with(found.lod95, thickness)))  # fmt: skip
     return laid, replace(side, distances=laid.distances, reasons=found.reasons)
+
+
+def level_with(levels: Floats, thickness: float) -> Floats:
+    """Return the size (n,) [m] below which 95 % of unchanged distances lie that have a layer besides their errors.
+
+    `levels` (n,) [m] are those of the errors alone, 1.96 sigma; of a normal distribution about the thickness the size
+    (folded normal distribution) is wanted. A layer that may be change or error is no change by itself.
+    """
+    sigma = levels / Z95
+    ratio = abs(thickness) / np.maximum(sigma, 1e-300)
+    within = np.interp(ratio, STEPS, QUANTILES)
+    return np.asarray(np.where(ratio < STEPS[-1], sigma * within, abs(thickness) + sigma * ONE_SIDED))
 
 
 def name_beside(table: pd.DataFrame, thickness: float) -> pd.DataFrame:
