@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from monitor.comparison.beside_layer import peel, thickness_of
 from monitor.comparison.detection import CORE_SHARE, level_at
 from monitor.comparison.epochs import CompareSettings, leave_out, make_shells, measure_sides
 from monitor.comparison.evidence import Sights
@@ -40,8 +41,11 @@ def beyond_held_out(comparison: Comparison, direction: Floats, sights: Sights) -
 
 
 def measure_again(comparison: Comparison) -> tuple[Side, Side]:
-    """Return the sides (reference, compared) as they were before anything was learned from them."""
+    """Return the sides (reference, compared) as they were before anything was learned from them: beside a layer all
+    over, where the registration tells one."""
     reference, moved = comparison.on_reference.surface, comparison.on_compared.surface
+    layer = thickness_of(comparison.registration)
+    moved = peel(moved, layer) if layer else moved
     limit, registration = float(comparison.statistics["search_limit_m"]), comparison.registration
     sides = measure_sides(make_shells(reference, moved, (limit, MAX_NORMAL_ANGLE)), registration)
     kept = leave_out(sides, limit, CompareSettings().max_stray_share)
