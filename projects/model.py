@@ -244,6 +244,8 @@ class Registration:
     layer : m, the thickness by which the stable areas of the source all lie outside of the target, beside which the
         motion was found; NaN where none is told.
     sigma_layer : m, one sigma of it, in which scans disagree as if all together; NaN where none is told.
+    stable_is_rest : most of the source lies off by one thickness, and the stable areas are the rest, which alone did
+        not change.
     """
 
     T_target_source: Floats
@@ -263,6 +265,7 @@ class Registration:
     doubt: str = ""
     layer: float = float("nan")
     sigma_layer: float = float("nan")
+    stable_is_rest: bool = False
 
     def __post_init__(self) -> None:
         hold_array(self, "T_target_source", (4, 4), np.float64)

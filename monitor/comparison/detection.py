@@ -97,15 +97,16 @@ class Detected:
 
 
 def detect(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
-           left: Registration | None = None, is_given: bool = False) -> Detected:  # fmt: skip
+           left: Registration | None = None, is_given: bool = False, is_rest: bool = False) -> Detected:  # fmt: skip
     """Decide for both sides which vertices have changed, with a false discovery rate of `level` over the surface.
 
     `left` is the motion of the whole that stays in the distances. It is change and no error: the noise is learned
     without it, and all is judged by that. `is_given`: someone knows that what is stable did not change; then it alone
-    tells the noise, be it ever so small a part. Where nothing of it is stable, as if nobody knew.
+    tells the noise, be it ever so small a part; so it does where the stable areas are what a layer on most of the
+    object left out (`is_rest`). Where nothing of it is stable, as if nobody knew.
     """
-    is_known = is_given and any((s.is_stable & s.is_assessed).any() for s in sides)
-    learn = learn_from_given if is_known else learn_and_judge
+    is_known = (is_given or is_rest) and any((s.is_stable & s.is_assessed).any() for s in sides)
+    learn = partial(learn_from_given, is_sharp=is_given) if is_known else learn_and_judge
     if left is None:
         return learn(sides, registration, level, seed)
     own = (sides[0].without_motion(), sides[1].without_motion())
@@ -138,11 +139,23 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     return conclude(sides, noise, test, layout, calm)
 
 
-def learn_from_given(sides: tuple[Side, Side], registration: Registration, level: float, seed: int) -> Detected:
-    """Learn the noise from what is stable alone, and judge by it: all the rest may have changed."""
+def learn_from_given(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
+                     is_sharp: bool = True) -> Detected:  # fmt: skip
+    """Learn the noise from what is stable alone, and judge by it: all the rest may have changed.
+
+    Stable areas that nobody drew (`is_sharp` False) are made of patches, some of which reach into what changed: of them
+    only what lies away from all that stands out of their core teaches.
+    """
     rng = np.random.default_rng(seed)
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
-    first = learn_noise(sides, calm, 0.95, rng)
+    first = learn_noise(sides, calm, 0.95 if is_sharp else CORE_SHARE, rng)
+    if not is_sharp:
+        layout = lay_out(sides, first, registration, None)
+        test = judge_units(layout, sides, calm, first, level, partial(learn_errors, first_errors))
+        rest = away_from_both(sides, test)
+        inner = (calm[0] & rest[0], calm[1] & rest[1])
+        calm = inner if inner[0].any() and inner[1].any() else calm
+        first = learn_noise(sides, calm, 0.95, rng)
     noise = learn_noise(sides, calm, 0.95, rng, first.correlation)
     layout = lay_out(sides, noise, registration, None)
     test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, calm_errors))

@@ -140,7 +140,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         sides = look_from(sides, sights, back)
     beyond = look_beyond(sides, shells, limit)
     del shells  # of small surfaces they hold their trees, the larger part of all memory
-    found = detect(sides, held, settings.false_discovery_rate, settings.seed, left, stable_is_given)
+    found = detect(sides, held, settings.false_discovery_rate, settings.seed, left, stable_is_given,
+                   registration.stable_is_rest)  # fmt: skip
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate)

@@ -19,6 +19,7 @@ from monitor.registration.covariance import estimate_covariance
 from monitor.registration.degeneracy import find_free_motion, find_free_motions
 from monitor.registration.held import Frames, FreeMotions, held_covariance, without_free_part
 from monitor.registration.layer import Layered, find_layer
+from monitor.registration.layer_on_most import find_layer_on_most
 from monitor.registration.matching import Samples, make_samples, with_relief
 from monitor.registration.partners import Partners
 from monitor.registration.patches import PatchGrid, cut_patches
@@ -150,7 +151,9 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     is_kept = stable.is_kept
     free = None if frames is None else free_motions(found, is_kept, numbers)
     if free is None or frames is None:
-        layered = find_layer(samples, target, found, rules, numbers, rng, both_oriented)
+        layered = find_layer_on_most(samples, target, found, rules, numbers, rng.spawn(1)[0], both_oriented)
+        if layered is None:
+            layered = find_layer(samples, target, found, rules, numbers, rng, both_oriented)
         if layered is not None:
             samples, found, stable, is_kept = layered.samples, layered.found, layered.stable, layered.stable.is_kept
             n_iterations += layered.n_iterations
@@ -262,6 +265,7 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
     elif not reason:
         covariance = estimate_covariance(stable, sigma, centre, shared=shared)
     inlier = (found.weights > 0) & kept
+    still = kept if layered is None or layered.is_still is None else layered.is_still[pairs.source]
     on_faces = (source.index[samples.index][stable.source] < 0) | (target.index[stable.target] < 0)
     return Registration(
         T_target_source=found.T_target_source, covariance=covariance, centre=centre,
@@ -269,12 +273,13 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
         n_inliers=int(inlier.sum()), n_correspondences=len(pairs), n_iterations=n_iterations,
         rmse=float(np.sqrt(np.mean(pairs.residuals[inlier] ** 2))),
         sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
-        overlap=len(pairs) / len(samples.points), stable_share=float(kept.mean()),
-        is_stable=spread_to_vertices(source, grid, np.unique(numbers[stable.source]), n_source),
+        overlap=len(pairs) / len(samples.points), stable_share=float(still.mean()),
+        is_stable=spread_to_vertices(source, grid, np.unique(numbers[pairs.source[still]]), n_source),
         held_by_frames="" if held is None else held[0].words,
         doubt=layered.doubt if layered is not None else doubt_stable(stable, numbers[stable.source], on_faces),
         layer=math.nan if layered is None else layered.thickness,
         sigma_layer=math.nan if layered is None else layered.sigma,
+        stable_is_rest=layered is not None and layered.is_still is not None,
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from monitor.registration.patch_sums import Patches, solve_patches, sum_patches
 from monitor.registration.sides import Side
 from monitor.registration.stable_areas import WIDER, StableSamples, find_stable, keep_stable, stated_scatter
 from monitor.registration.weights import robust_scale
-from projects.model import Floats, Ints
+from projects.model import Bools, Floats, Ints
 from projects.transforms import perturb
 
 N_ROUNDS = 4
@@ -34,7 +34,8 @@ SURE = 3.0  # sigmas
 class Layered:
     """A registration beside a layer: the samples without it, where they lie, what is stable, the iterations taken, the
     `thickness` [m] (positive: the source lies outside of the target), its `sigma` [m], in which scans disagree as if
-    all together, the motion's covariance (6, 6), and what speaks against a layer all over, in words."""
+    all together, the motion's covariance (6, 6), what speaks against it in words, and, where the layer is not all over,
+    which samples lie where nothing changed."""
 
     samples: Samples
     found: Alignment
@@ -44,6 +45,7 @@ class Layered:
     sigma: float
     covariance: Floats
     doubt: str
+    is_still: Bools | None = None
 
 
 def peel_off(samples: Samples, thickness: float) -> Samples:
@@ -82,12 +84,13 @@ def find_layer(samples: Samples, target: Side, found: Alignment, rules: Alignmen
             return None
         if abs(motion[6]) < rules.precision:
             break
-    return _conclude(peeled, found, stable, n_iterations, thickness, numbers)
+    return conclude_beside(peeled, found, stable, n_iterations, thickness, numbers, "all over")
 
 
-def _conclude(peeled: Samples, found: Alignment, areas: StableSamples, n_iterations: int, thickness: float,
-              numbers: Ints) -> Layered | None:  # fmt: skip
-    """Return the registration beside a layer where it is significant and leaves no more than is stated."""
+def conclude_beside(peeled: Samples, found: Alignment, areas: StableSamples, n_iterations: int, thickness: float,
+                    numbers: Ints, where: str) -> Layered | None:  # fmt: skip
+    """Return the registration beside a layer where it is significant and leaves no more than is stated; `where` it
+    lies, in words."""
     kept = areas.is_kept[found.matches.source]
     stable, shared = found.matches.take(kept), areas.shared[found.matches.source][kept]
     centre = stable.points.mean(axis=0)
@@ -100,14 +103,14 @@ def _conclude(peeled: Samples, found: Alignment, areas: StableSamples, n_iterati
     if not abs(thickness) > SURE * float(np.sqrt(covariance[6, 6])):
         return None
     sigma = float(np.sqrt(covariance[6, 6] + np.median(patches.shared2)))
-    doubt = "" if scatter <= stated else in_doubt(thickness, scatter)
+    doubt = "" if scatter <= stated else in_doubt(thickness, scatter, where)
     return Layered(peeled, found, areas, n_iterations, thickness, sigma, covariance[:6, :6], doubt)
 
 
-def in_doubt(thickness: float, scatter: float) -> str:
-    """Return in words that stable areas lie `scatter` [m] off each other beside a layer all over, more than stated."""
+def in_doubt(thickness: float, scatter: float, where: str) -> str:
+    """Return in words that stable areas lie `scatter` [m] off each other beside a layer, more than stated."""
     return (
-        f"beside a layer all over of {in_millimetres(thickness)} the stable areas lie {in_millimetres(scatter)} off "
+        f"beside a layer {where} of {in_millimetres(thickness)} the stable areas lie {in_millimetres(scatter)} off "
         "each other, more than their scans state: perhaps it lies on a part of them alone, or ranges differ"
     )
 
