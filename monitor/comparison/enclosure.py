@@ -23,9 +23,10 @@ from monitor.comparison.noise import Noise
 from monitor.comparison.offsets import Offsets
 from monitor.comparison.portions import search_offsets
 from monitor.comparison.quantile import median
+from monitor.comparison.rim import distance_to_rim
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
-from monitor.comparison.side import Side
+from monitor.comparison.side import EXTRAPOLATED, Side
 from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 
@@ -65,7 +66,9 @@ def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: fl
     """Tell for all vertices that are not assessed on which side of the other surface they lie.
 
     `limit` [m] is the search limit of the perpendiculars; a piece may be `PIECE` times as deep. Nothing is told where
-    the points are of no one surface.
+    the points are of no one surface, nor of an end of a surface that lies no farther off than ends do by chance, nor
+    that something lies under the other surface where that has ended: the far side of a body of which the other epoch
+    saw the near one is not buried.
     """
     limit = PIECE * limit
     change, gaps, nearest = [], [], []
@@ -73,7 +76,10 @@ def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: fl
         which = np.flatnonzero(~side.is_assessed & (side.reasons != NotAssessed.NO_ONE_SURFACE))
         found = search_offsets(shells[1 - k], side.surface.vertices[which])
         here = np.full(len(side.areas), np.nan)
-        here[which] = np.where(found.is_known & (np.abs(found.distances) <= limit), SIGNS[k] * found.distances, np.nan)
+        is_told = found.is_known & (np.abs(found.distances) <= limit)
+        is_told &= ~(found.is_past_end & (found.distances < 0.0))
+        is_told &= ~is_at_end(side, shells[k], which, found) | (np.abs(found.distances) > unsure_of_ends(side))
+        here[which] = np.where(is_told, SIGNS[k] * found.distances, np.nan)
         change.append(keep_on_disk(here))
         gap = np.full(len(side.areas), np.nan)
         gap[which] = np.abs(found.distances)
@@ -82,6 +88,29 @@ def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: fl
     none = (np.zeros(len(change[0]), dtype=np.bool_), np.zeros(len(change[1]), dtype=np.bool_))
     is_free = (shells[0].is_border, shells[1].is_border)
     return Beyond((change[0], change[1]), (gaps[0], gaps[1]), (nearest[0], nearest[1]), is_free, limit, none)
+
+
+def is_at_end(side: Side, shell: Shell, which: Ints, found: Offsets) -> Bools:
+    """Return which of some vertices (m,) of a side lie where their own surface goes on beyond its samples, at a free
+    edge, or `found` under the other one where that does.
+
+    At a limb, where beams graze it, such an end stands off the object by many times the level of detection: along it a
+    change found beside it would run all around. Before a surface that ends a vertex is exposed for all that: what broke
+    off hangs together with its foot across the end of the fracture.
+    """
+    own = distance_to_rim(shell.rim, side.surface.vertices[which]) < EXTRAPOLATED * spacing_of(side)
+    return own | ((side.reasons[which] == NotAssessed.FREE_EDGE) & (found.distances < 0.0))
+
+
+def unsure_of_ends(side: Side) -> float:
+    """Return the distance [m] up to which surfaces end off each other by chance: an end is not known better than the
+    spacing of its vertices, on either side."""
+    return 2.0 * EXTRAPOLATED * spacing_of(side)
+
+
+def spacing_of(side: Side) -> float:
+    """Return the spacing [m] of the vertices of a side."""
+    return float(np.sqrt(median(side.areas)))
 
 
 def _nearest_vertices(side: Side, which: Ints, found: Offsets) -> Ints:

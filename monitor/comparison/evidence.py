@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from monitor.comparison.enclosure import SIGNS, Beyond
-from monitor.comparison.side import EXTRAPOLATED, Side
+from monitor.comparison.enclosure import SIGNS, Beyond, unsure_of_ends
+from monitor.comparison.side import Side
 from monitor.comparison.sight import Sighted, StationSight, look_at, window_width
 from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
@@ -65,12 +65,8 @@ def part_around(side: Side, which: Ints, T_sights_side: Floats, sights: Sequence
 
 
 def is_apart(side: Side, gaps: Floats, least: float) -> Bools:
-    """Return the vertices (n,) whose way to the other surface is longer than surfaces end beside each other by chance.
-
-    A surface's end is not known better than the spacing of its vertices, on either side.
-    """
-    spacing = float(np.sqrt(np.median(side.areas)))
-    return np.nan_to_num(gaps) > least + 2.0 * EXTRAPOLATED * spacing
+    """Return the vertices (n,) whose way to the other surface is longer than surfaces end off each other by chance."""
+    return np.nan_to_num(gaps) > least + unsure_of_ends(side)
 
 
 def bear_out(beyond: Beyond, k: int, is_through: Bools, not_seen: Bools) -> Floats:

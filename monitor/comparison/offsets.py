@@ -23,10 +23,12 @@ STEEPEST = 0.5  # cosine: beyond a free edge a point within 60 degrees of the su
 
 class Offsets(NamedTuple):
     """`distances` (n,) [m] to the nearest point in any direction, positive outside, NaN beyond the limit; `is_known`
-    (n,) whether its side is (not beside a free edge); `faces` (n,) of the other surface, -1 beyond the limit."""
+    (n,) whether its side is (not beside a free edge), `is_past_end` (n,) whether the nearest point lies on one;
+    `faces` (n,) of the other surface, -1 beyond the limit."""
 
     distances: Floats
     is_known: Bools
+    is_past_end: Bools
     faces: Ints
 
 
@@ -41,7 +43,7 @@ def signed_offsets(points: Floats, tree: MeshTree, limit: float) -> Offsets:
     Baerentzen and Aanaes (2005), Signed distance computation using the angle weighted pseudonormal.
     """
     distances, slope, faces = _find_nearest(tree, points, point_order(points), limit)
-    return Offsets(distances, np.isfinite(distances) & (slope >= STEEPEST), faces)
+    return Offsets(distances, np.isfinite(distances) & (slope >= STEEPEST), (faces >= 0) & (slope < 1.0), faces)
 
 
 @jit(nopython=True, parallel=True, cache=True)

@@ -61,12 +61,14 @@ def search_offsets(shell: Shell, points: Floats) -> Offsets:
     if shell.tree is not None:
         return signed_offsets(points, shell.tree, np.inf)
     n = len(points)
-    out = Offsets(np.full(n, np.nan), np.zeros(n, dtype=np.bool_), np.full(n, -1, dtype=np.int32))
+    known, past_end = np.zeros((2, n), dtype=np.bool_)
+    out = Offsets(np.full(n, np.nan), known, past_end, np.full(n, -1, dtype=np.int32))
 
     def ask(which: Ints, tree: MeshTree, numbers: Ints, reach: float) -> Ints:
         """Write the offsets of the points `which` from one portion; return those that found no face."""
         found = signed_offsets(points[which], tree, reach)
         out.distances[which], out.is_known[which] = found.distances, found.is_known
+        out.is_past_end[which] = found.is_past_end
         out.faces[which] = np.where(found.faces >= 0, numbers[found.faces], -1)
         return which[found.faces < 0]
 
