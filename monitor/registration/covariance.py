@@ -16,7 +16,7 @@ from monitor.registration.correlation import find_ranges, fit_correlation
 from monitor.registration.matching import Matches
 from monitor.registration.patch_field import lay_field, sum_by
 from monitor.registration.patches import cut_patches
-from monitor.registration.sampling import parameter_rows
+from monitor.registration.sampling import Beside, parameter_rows
 from monitor.registration.weights import tukey_slope, tukey_weights
 from projects.model import Floats, Ints
 from projects.transforms import cross_matrix
@@ -43,15 +43,15 @@ def moved_by(offset: Floats) -> Floats:
     return J
 
 
-def shape_information(matches: Matches, centre: Floats, weights: Floats, has_layer: bool = False) -> Floats:
-    """Return the information (6, 6), with a layer (7, 7), that the shape holds on the motion, free of the noise of the
-    normals.
+def shape_information(matches: Matches, centre: Floats, weights: Floats, beside: Beside = "nothing") -> Floats:
+    """Return the information (6, 6), `beside` a layer or a scale (7, 7), that the shape holds on the motion, free of
+    the noise of the normals.
 
     Noise of a normal looks like relief that holds the surface in place. Source and target normals err independently,
     so the product of their rows has the shape alone in it.
     """
-    a = parameter_rows(matches.points, matches.normals_source, centre, has_layer)
-    b = parameter_rows(matches.points, matches.normals_target, centre, has_layer)
+    a = parameter_rows(matches.points, matches.normals_source, centre, beside)
+    b = parameter_rows(matches.points, matches.normals_target, centre, beside)
     cross = (a * weights[:, None]).T @ b
     return 0.5 * (cross + cross.T)
 
@@ -77,15 +77,16 @@ def estimate_covariance(
     centre: Floats,
     basis: Floats | None = None,
     shared: Floats | None = None,
-    has_layer: bool = False,
+    beside: Beside = "nothing",
 ) -> Floats:
     """Return the covariance (6, 6) of the motion that stable pairs give; never below that of independent residuals.
 
     `sigma` (n,) [m] is of each residual; `centre` (3,) [m] is what the rotation is about. With a `basis` (6, k) of the
     motions that were estimated, the others held, it is the covariance of those alone. `shared` (n,) is the factor by
-    which weights are less than 1 / sigma^2 (`align`). With a layer all over it is (7, 7), the last its thickness [m].
+    which weights are less than 1 / sigma^2 (`align`). `beside` a layer all over or a scale it is (7, 7), the last
+    that of its thickness [m] or of the scale.
     """
-    adjusted = standardize(matches, sigma, centre, shared, has_layer)
+    adjusted = standardize(matches, sigma, centre, shared, beside)
     if basis is not None:
         adjusted = replace(adjusted, rows=adjusted.rows @ basis, information=basis.T @ adjusted.information @ basis)
         found = _covariance_of(adjusted)
@@ -101,15 +102,15 @@ def _covariance_of(adjusted: Adjusted) -> Floats:
 
 
 def standardize(matches: Matches, sigma: Floats, centre: Floats, shared: Floats | None = None,
-                has_layer: bool = False) -> Adjusted:  # fmt: skip
+                beside: Beside = "nothing") -> Adjusted:  # fmt: skip
     """Return what the sums of the covariance are made of: residuals over sigma are held by Tukey's psi, and both, they
     and the rows, are less by the root of `shared`, so that psi scatters alike in all patches."""
     u = matches.residuals / sigma
     u = u / max(1.4826 * float(np.median(np.abs(u))), 1e-12)
     root = np.ones(len(u)) if shared is None else np.sqrt(shared)
-    rows = parameter_rows(matches.points, matches.normals, centre, has_layer) / (sigma * root)[:, None]
+    rows = parameter_rows(matches.points, matches.normals, centre, beside) / (sigma * root)[:, None]
     weights = 1.0 / (sigma * root) ** 2
-    information = shape_information(matches, centre, weights, has_layer)
+    information = shape_information(matches, centre, weights, beside)
     slope = float(np.mean(tukey_slope(u)))
     psi = u * tukey_weights(u) / root
     return Adjusted(matches.points, matches.normals, psi, rows, weights, slope, information, matches.target)

@@ -25,6 +25,7 @@ from monitor.registration.partners import Partners
 from monitor.registration.patches import PatchGrid, cut_patches
 from monitor.registration.rivals import judge_rivals
 from monitor.registration.sampling import sample_source
+from monitor.registration.scale import Scale, find_scale
 from monitor.registration.self_likeness import Fit
 from monitor.registration.sides import Side, prepare_side
 from monitor.registration.stable_areas import StableSamples, doubt_stable, find_stable, keep_stable
@@ -157,8 +158,9 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
         if layered is not None:
             samples, found, stable, is_kept = layered.samples, layered.found, layered.stable, layered.stable.is_kept
             n_iterations += layered.n_iterations
+        scale = None if layered is not None else find_scale(samples, target, found, rules, numbers, both_oriented)
         concluded = conclude(source, target, grid, samples, numbers, found, stable, n_iterations, n_source,
-                             layered=layered)  # fmt: skip
+                             layered=layered, scale=scale)  # fmt: skip
         return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
     T = without_free_part(found.T_target_source, np.eye(4), free)
     found = align(samples, target, T, replace(rules, locked=free), is_kept=is_kept, fine=True,
@@ -246,7 +248,7 @@ def free_motions(found: Alignment, is_kept: Bools, numbers: Ints) -> FreeMotions
 
 def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment,
              areas: StableSamples, n_iterations: int, n_source: int, held: tuple[FreeMotions, Frames] | None = None,
-             layered: Layered | None = None) -> Registration:  # fmt: skip
+             layered: Layered | None = None, scale: Scale | None = None) -> Registration:  # fmt: skip
     """Return the registration with its covariance, its stable areas and its doubts."""
     pairs = found.matches
     if not found.weights.any():
@@ -276,7 +278,8 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
         overlap=len(pairs) / len(samples.points), stable_share=float(still.mean()),
         is_stable=spread_to_vertices(source, grid, np.unique(numbers[pairs.source[still]]), n_source),
         held_by_frames="" if held is None else held[0].words,
-        doubt=layered.doubt if layered is not None else doubt_stable(stable, numbers[stable.source], on_faces),
+        doubt=scale.words if scale is not None else layered.doubt if layered is not None
+        else doubt_stable(stable, numbers[stable.source], on_faces),
         layer=math.nan if layered is None else layered.thickness,
         sigma_layer=math.nan if layered is None else layered.sigma,
         stable_is_rest=layered is not None and layered.is_still is not None,

@@ -64,13 +64,13 @@ def find_layer(samples: Samples, target: Side, found: Alignment, rules: Alignmen
     """
     if not both_oriented:
         return None
-    patches = sum_patches(found.matches, numbers[found.matches.source], found.centre, has_layer=True)
+    patches = sum_patches(found.matches, numbers[found.matches.source], found.centre, beside="layer")
     if not leaves_less(patches, sharpen(patches)):
         return None
     thickness, n_iterations, peeled = 0.0, 0, samples
     for number in range(N_ROUNDS):
         pairs = found.matches
-        motion, is_stable, shared = find_stable(pairs, numbers[pairs.source], found.centre, rng, has_layer=True)
+        motion, is_stable, shared = find_stable(pairs, numbers[pairs.source], found.centre, rng, beside="layer")
         if number == 0 and not leaves_less(patches, motion):
             return None
         stable = keep_stable(len(samples.points), pairs, is_stable, shared)
@@ -99,7 +99,7 @@ def conclude_beside(peeled: Samples, found: Alignment, areas: StableSamples, n_i
     stated = stated_scatter(stable, patches, np.zeros(len(stable), dtype=bool))
     if scatter > WIDER * stated:
         return None
-    covariance = estimate_covariance(stable, found.sigma[kept], centre, shared=shared, has_layer=True)
+    covariance = estimate_covariance(stable, found.sigma[kept], centre, shared=shared, beside="layer")
     if not abs(thickness) > SURE * float(np.sqrt(covariance[6, 6])):
         return None
     sigma = float(np.sqrt(covariance[6, 6] + np.median(patches.shared2)))

@@ -62,7 +62,7 @@ def find_layer_on_most(samples: Samples, target: Side, found: Alignment, rules: 
     for number in range(N_ROUNDS):
         pairs = found.matches
         as_it_is = replace(pairs, residuals=pairs.residuals + thickness * is_peeled[pairs.source])
-        patches = sum_patches(as_it_is, numbers[pairs.source], found.centre, has_layer=True)
+        patches = sum_patches(as_it_is, numbers[pairs.source], found.centre, beside="layer")
         parted = part_patches(patches, rng)
         if number == 0 and not is_told(patches, parted):
             return None

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.registration.matching import Matches
-from monitor.registration.sampling import parameter_rows
+from monitor.registration.sampling import Beside, parameter_rows
 from monitor.registration.weights import residual_sigma, rounding_of
 from projects.model import Bools, Floats, Ints
 
@@ -36,12 +36,12 @@ class Patches:
         return np.asarray(self.mean + self.row @ motion)
 
 
-def sum_patches(matches: Matches, numbers: Ints, centre: Floats, has_layer: bool = False) -> Patches:
-    """Return the sums of each patch; `numbers` (n pairs) are patch numbers. With a layer all over, motions have seven
-    parameters, the last its thickness [m]."""
+def sum_patches(matches: Matches, numbers: Ints, centre: Floats, beside: Beside = "nothing") -> Patches:
+    """Return the sums of each patch; `numbers` (n pairs) are patch numbers. `beside` a layer all over or a
+    scale, motions have seven parameters, the last its thickness [m], or the excess of the scale over 1."""
     _, member = np.unique(numbers, return_inverse=True)
     n = int(member.max()) + 1
-    rows = parameter_rows(matches.points, matches.normals, centre, has_layer)
+    rows = parameter_rows(matches.points, matches.normals, centre, beside)
     count = np.bincount(member, minlength=n).astype(float)
 
     def total(values: Floats) -> Floats:

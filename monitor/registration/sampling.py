@@ -7,6 +7,8 @@ other half is drawn with a probability in proportion to the leverage J (J'J)^-1 
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from monitor.registration.sides import Side
@@ -15,16 +17,22 @@ from projects.model import Floats, Ints
 N_CANDIDATES_PER_SAMPLE = 4
 N_CUBES_ACROSS = 30
 
+Beside = Literal["nothing", "layer", "scale"]  # what is estimated beside a motion, as its seventh parameter
+
 
 def motion_rows(points: Floats, normals: Floats, centre: Floats) -> Floats:
     """Return J (n, 6): the way along the normal under a small motion, J (w, t) = n'(w x (x - c) + t)."""
     return np.hstack([np.cross(points - centre, normals), normals])
 
 
-def parameter_rows(points: Floats, normals: Floats, centre: Floats, has_layer: bool) -> Floats:
-    """Return J (n, 6) of a small motion, or (n, 7) with a layer all over, whose thickness [m] residuals are less by."""
+def parameter_rows(points: Floats, normals: Floats, centre: Floats, beside: Beside = "nothing") -> Floats:
+    """Return J (n, 6) of a small motion, or (n, 7) of one beside a layer all over, whose thickness [m] residuals are
+    less by, or beside a scale, by whose excess over 1 times n'(x - c) they are."""
     rows = motion_rows(points, normals, centre)
-    return np.hstack([rows, np.full((len(rows), 1), -1.0)]) if has_layer else rows
+    if beside == "nothing":
+        return rows
+    depth = np.ones(len(rows)) if beside == "layer" else np.einsum("ij,ij->i", points - centre, normals)
+    return np.hstack([rows, -depth[:, None]])
 
 
 def cell_numbers(points: Floats, cell: float) -> Ints:

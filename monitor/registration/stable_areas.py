@@ -19,6 +19,7 @@ from monitor.apart import stand_apart
 from monitor.lengths import in_millimetres
 from monitor.registration.matching import Matches
 from monitor.registration.patch_sums import Patches, solve_patches, sum_patches
+from monitor.registration.sampling import Beside
 from monitor.registration.trial_motions import PART, fit_least_part, leaves_least_median, try_motions
 from monitor.registration.weights import residual_sigma, robust_scale, rounding_of, weighted_median
 from projects.model import Bools, Floats, Ints
@@ -50,12 +51,12 @@ def keep_stable(n: int, matches: Matches, is_stable: Bools, shared: Floats) -> S
 
 
 def find_stable(
-    matches: Matches, numbers: Ints, centre: Floats, rng: np.random.Generator, has_layer: bool = False
+    matches: Matches, numbers: Ints, centre: Floats, rng: np.random.Generator, beside: Beside = "nothing"
 ) -> tuple[Floats, Bools, Floats]:
     """Return the motion (6,) of the majority about `centre` and, for each pair, whether its patch follows it and by
-    what factor its patch's variance exceeds that of independent noise (`share_noise`). With a layer all over the motion
-    is (7,), its last number the thickness [m]."""
-    patches = sum_patches(matches, numbers, centre, has_layer)
+    what factor its patch's variance exceeds that of independent noise (`share_noise`). `beside` a layer all over the
+    motion is (7,), its last number the thickness [m]."""
+    patches = sum_patches(matches, numbers, centre, beside)
     trials = try_motions(patches, rng)
     motion, keep = settle(patches, leaves_least_median(patches, trials), grow)
     narrow, near = settle_narrow(patches, fit_least_part(patches, trials))
