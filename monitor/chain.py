@@ -19,6 +19,7 @@ from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
 from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
 from monitor.measured import measured_points, raw_scans
+from monitor.mesh_extent import cut_to_extent
 from monitor.quality import (
     assess_placement,
     assess_rounding,
@@ -315,20 +316,26 @@ def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify
 
 
 def _adopt_mesh(place: Place, notify: Notify) -> Step:
-    """Take a finished mesh as the surface of its epoch, its faces turned outward where some look inward.
+    """Take a finished mesh, within the extent, as the surface of its epoch, its faces turned outward where some
+    look inward.
 
     Its noise is not stated: how its vertices scatter about their neighbours is mostly relief, by ten times in a coarse
     mesh, and in other places than the noise. The stable areas of a comparison show it.
     """
 
     def make() -> Made:
-        """Return the mesh, its faces turned outward, with the roughness of its vertices."""
+        """Return the mesh within the extent, its faces turned outward, with the roughness of its vertices."""
         notify(f"{place.epoch_id}: taking the mesh as the surface")
-        wound = wind_outward(place.project.get(place.object_id, place.epoch_id, "mesh"))
+        cut = cut_to_extent(place.project.get(place.object_id, place.epoch_id, "mesh"), extent)
+        wound = wind_outward(cut.surface)
         mesh = wound.surface
         cloud = estimate_normals(PointCloud(points=mesh.vertices))
-        found = {"sigma": "not stated; stable areas show it", "looks_inward": wound.looks_inward}
-        counts = {"vertices": len(mesh.vertices), "faces": len(mesh.faces), "faces_turned": wound.n_turned}
+        found = {"sigma": "not stated; stable areas show it", "looks_inward": wound.looks_inward,
+                 "share_outside_extent": cut.share}  # fmt: skip
+        counts = {"vertices": len(mesh.vertices), "faces": len(mesh.faces), "faces_turned": wound.n_turned,
+                  **({"faces_outside_extent": cut.n_outside} if cut.n_outside else {})}  # fmt: skip
         return Made(replace(mesh, roughness=cloud.roughness), found, counts)
 
-    return once_step(place, Asked("surface", "mesh", {"source": "mesh"}, (latest_step(place, "mesh"),)), make)
+    extent = place.project.object(place.object_id).extent
+    asked = Asked("surface", "mesh", {"source": "mesh", "extent": extent}, (latest_step(place, "mesh"),))
+    return once_step(place, asked, make)

@@ -32,6 +32,7 @@ from reports.history import (
     tell_alone,
     tell_blind,
     tell_open_holes,
+    tell_outside,
     tell_turned,
     tell_uncovered,
     versions_table,
@@ -236,7 +237,7 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
     bare = tuple(
         f"Epoch {e.record.epoch_id}: {told}."
         for e, s in surfaces
-        for tell in (tell_uncovered, tell_turned)
+        for tell in (tell_uncovered, tell_turned, tell_outside)
         if s and (told := tell(s))
     )
     blind = tuple(

@@ -164,7 +164,8 @@ def _flow(epoch: EpochHistory) -> dict[tuple[str, str], int]:
         elif kind == "surface":
             names = {"vertices": "vertices of the surface", "faces": "triangles of the surface",
                      "faces_invented": "triangles of them that close holes, invented",
-                     "holes_left_open": "holes that could not be closed"}  # fmt: skip
+                     "holes_left_open": "holes that could not be closed",
+                     "faces_outside_extent": "triangles of the mesh outside of the extent, left out"}  # fmt: skip
             flow |= {("surface", words): int(counts[key]) for key, words in names.items() if key in counts}
     return flow
 
@@ -209,6 +210,17 @@ def tell_turned(surface: Step) -> str:
     if n == n_faces > 0:
         return "the mesh was inside out; its faces were turned outward"
     return f"{count(n)} of {count(n_faces)} faces looked against those around them; they were turned" if n else ""
+
+
+def tell_outside(surface: Step) -> str:
+    """Return in words how much of a finished mesh lies outside of the object's extent; "" of none."""
+    share = float(surface.automatic.get("share_outside_extent", 0.0))
+    if share == 1.0:
+        return (
+            "all of the mesh lies outside of the object's extent: it stands in a frame of its own, or in another unit, "
+            "and nothing of it was left out"
+        )
+    return f"{percent(share)} of the mesh lies outside of the object's extent and was left out" if share else ""
 
 
 def tell_alone(network: Step) -> str:

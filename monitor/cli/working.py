@@ -23,7 +23,7 @@ from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
 from reports.answer import shares_not_assessed
-from reports.history import tell_alone, tell_open_holes, tell_turned, tell_uncovered
+from reports.history import tell_alone, tell_open_holes, tell_outside, tell_turned, tell_uncovered
 from reports.quantities import NBSP, millimetres, percent
 
 Facts = dict[str, Any]
@@ -49,7 +49,7 @@ def process_project(
         facts, failed = _try_each([partial(process_place, place) for place in places])
     _tell(facts, as_json, "{object} {epoch}: {n_vertices} vertices {source}")
     for fact in facts:
-        for told in filter(None, (fact[name] for name in ("open_holes", "uncovered", "turned", "alone"))):
+        for told in filter(None, (fact[name] for name in ("open_holes", "uncovered", "outside", "turned", "alone"))):
             typer.echo(f"mind: {fact['object']} {fact['epoch']}: {told}", err=True)
     _require_none(failed, len(places), "epochs could not be processed")
 
@@ -105,6 +105,7 @@ def _processed(place: Place, steps: list[Step]) -> Facts:
         "uncovered": "".join(tell_uncovered(s) for s in steps if s.product == "surface").replace(NBSP, " "),
         "alone": "".join(tell_alone(s) for s in steps if s.product == "network").replace(NBSP, " "),
         "turned": "".join(tell_turned(s) for s in steps if s.product == "surface").replace(NBSP, " "),
+        "outside": "".join(tell_outside(s) for s in steps if s.product == "surface").replace(NBSP, " "),
         "steps": {s.product: s.step_id for s in steps},
     }
 
