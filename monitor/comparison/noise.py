@@ -90,9 +90,9 @@ class Noise:
             out[block] = np.sqrt(self.variance_of(side, block) + self.common_of(side, block) ** 2)
         return out
 
-    def is_at_rim(self, side: Side) -> Bools:
-        """Return whether each vertex (n,) lies in the two strata beside a free edge."""
-        return lies_at_rim(stratum_of(side, self.spacing))
+    def is_at_rim(self, side: Side, which: Ints | slice = slice(None)) -> Bools:
+        """Return whether each vertex (n,), or each of those in `which`, lies in the two strata beside a free edge."""
+        return lies_at_rim(stratum_of(side, self.spacing, which))
 
     def variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return the variance [m2] of the change of each vertex, or of those in `which`, without what is common to

@@ -203,18 +203,37 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
 
 
 def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Registration) -> float:
-    """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, and the motion's."""
+    """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, and the motion's.
+
+    Beside a free edge errors are taken to agree over all of the vertices: a limb is seen steeply along all of its
+    length, and there its surface stands off by as much as several of the sigmas that single vertices have.
+    """
     if not len(vertices):
         return np.nan
-    area = side.areas[vertices].sum()
-    weight = side.areas[vertices] / area
+    weight = side.areas[vertices] / side.areas[vertices].sum()
     scale = max(e.scale for e in found.test.errors)
-    within2 = float(weight @ found.noise.variance_of(side, vertices)) * scale**2
-    kept = kept_variance(np.array([area]), np.array([len(vertices)]), found.noise.correlation)
+    own2 = found.noise.variance_of(side, vertices) * scale**2
+    rim = found.noise.is_at_rim(side, vertices)
+    noise2 = _sum_of_agreeing(weight[rim], own2[rim]) + _variance_of_sum(side, vertices[~rim], weight[~rim], own2[~rim],
+                                                                         found.noise.correlation)  # fmt: skip
     arm = side.surface.vertices[vertices] - registration.centre
     row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
     common2 = max(float(row @ registration.covariance @ row), 0.0) + float(weight @ side.sigma_shared[vertices]) ** 2
-    return float(np.sqrt(within2 * kept[0] + common2))
+    return float(np.sqrt(noise2 + common2))
+
+
+def _sum_of_agreeing(weight: Floats, own2: Floats) -> float:
+    """Return the variance [m2] of the weighted sum of errors that agree, `own2` (n,) [m2] that of each."""
+    return float(weight @ np.sqrt(own2)) ** 2
+
+
+def _variance_of_sum(side: Side, vertices: Ints, weight: Floats, own2: Floats, correlation: Correlation) -> float:
+    """Return the variance [m2] of the weighted sum of errors that agree as `correlation` says over the vertices' patch,
+    `own2` (n,) [m2] that of each."""
+    if not len(vertices):
+        return 0.0
+    kept = kept_variance(np.array([side.areas[vertices].sum()]), np.array([len(vertices)]), correlation)
+    return float(weight @ own2) * float(weight.sum()) * float(kept[0])
 
 
 def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Ints], change_beyond: Floats,

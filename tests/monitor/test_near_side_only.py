@@ -1,13 +1,17 @@
 """A body seen from all around, then from one side: what happened beside the limb does not run over the far side."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
+from bumpy_body import correlated_noise
 
 from monitor.comparison import compare
 from projects.model import Registration, Surface
 
 RADIUS, GAIN, STANDS_OFF, NOISE = 0.1, 1e-3, 1.5e-3, 2e-5  # m
+SPACING = RADIUS * np.sqrt(4.0 * np.pi / 10_242)  # m, of the vertices of a ball
 PLACE = np.array([1.0, 0.0, 0.12]) / np.hypot(1.0, 0.12)  # of the gain, its middle a centimetre before the limb
 
 
@@ -20,12 +24,11 @@ def ball(rng: np.random.Generator, gain: float = 0.0) -> Surface:
     return Surface(unit * (RADIUS + height[:, None]), np.asarray(mesh.faces), sigma=np.full(len(unit), NOISE))
 
 
-def near_side(surface: Surface) -> Surface:
-    """Return what is seen of a ball from above, its last two rows of vertices `STANDS_OFF` too high, as the ends of
+def near_side(surface: Surface, stands_off: float = STANDS_OFF) -> Surface:
+    """Return what is seen of a ball from above, its last two rows of vertices `stands_off` [m] too high, as the ends of
     surfaces are where beams graze them."""
     unit = surface.vertices / np.linalg.norm(surface.vertices, axis=1)[:, None]
-    row = 1.2 * RADIUS * np.sqrt(4.0 * np.pi / len(unit))
-    lift = STANDS_OFF * (RADIUS * unit[:, 2] < 1.5 * row)
+    lift = stands_off * (RADIUS * unit[:, 2] < 1.8 * SPACING)
     kept = (unit[:, 2] > 0.0)[surface.faces].all(axis=1)
     used, corners = np.unique(surface.faces[kept], return_inverse=True)
     vertices = (surface.vertices + lift[:, None] * unit)[used]
@@ -47,3 +50,19 @@ def test_a_change_beside_the_limb_stays_there(rng: np.random.Generator, swapped:
     for side in (found.on_reference, found.on_compared):
         taken = side.surface.vertices[side.region > 0]
         assert (np.linalg.norm(taken - RADIUS * PLACE, axis=1) < 0.035).all()
+
+
+def test_errors_that_agree_along_the_limb_are_no_change() -> None:
+    """Each swell of them was as sure as its vertices are many: 0.7 mm off on 2 cm2 of a bust that had not changed."""
+    told = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        whole, part = ball(rng), near_side(ball(rng), stands_off=0.0)
+        up = part.vertices[:, 2] / (4.0 * SPACING)  # 1 at the fourth row of vertices from the limb
+        swell = np.clip(1.5 - up, 0.0, 1.0) * correlated_noise(part.vertices, rng, 4.0 * NOISE, 0.01)
+        away = part.vertices / np.linalg.norm(part.vertices, axis=1)[:, None]
+        part = replace(part, vertices=part.vertices + swell[:, None] * away)
+        still = Registration(np.eye(4), np.diag([1e-6] * 3 + [1e-7] * 3) ** 2, np.zeros(3), True,
+                             is_stable=np.ones(len(part.vertices), dtype=bool), stable_share=1.0)  # fmt: skip
+        told += len(compare(whole, part, still).regions) > 0
+    assert told <= 1  # of 8 at 5 %, two or more come by chance once in eighteen times
