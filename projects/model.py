@@ -246,6 +246,9 @@ class Registration:
     sigma_layer : m, one sigma of it, in which scans disagree as if all together; NaN where none is told.
     stable_is_rest : most of the source lies off by one thickness, and the stable areas are the rest, which alone did
         not change.
+    scale : how many times as large the source is as the target, which the motion leaves in the differences; NaN where
+        no other scale than 1 is told.
+    sigma_scale : one sigma of it; NaN where none is told.
     """
 
     T_target_source: Floats
@@ -266,6 +269,8 @@ class Registration:
     layer: float = float("nan")
     sigma_layer: float = float("nan")
     stable_is_rest: bool = False
+    scale: float = float("nan")
+    sigma_scale: float = float("nan")
 
     def __post_init__(self) -> None:
         hold_array(self, "T_target_source", (4, 4), np.float64)

@@ -65,6 +65,9 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
     if n == 0 and not comparison.on_compared.assessment.any():
         return "Nothing could be assessed."
     where = f" on the {percent(1.0 - unknown)} of the surface that could be assessed" if unknown > MOSTLY else ""
+    if n == 0 and np.isfinite(comparison.registration.scale):
+        size = f"{comparison.registration.scale:.4f} times as large as the earlier one"
+        return f"No part changed against the rest{where}, but the later epoch is {size}."
     if n == 0 and comparison.statistics.get("offset_is_told"):
         return f"No part changed against the rest{where}, but the surface as a whole lies {_off(comparison)}."
     if n == 0:

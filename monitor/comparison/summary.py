@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         "motion_is_significant": bool(motion.is_significant),
         "offset_m": offset.mean,
         "sigma_offset_m": offset.sigma,
-        "offset_is_told": offset.is_told,
+        "offset_is_told": offset.is_told and not math.isfinite(registration.scale),  # it is of the scale
         "assessed_area_share": _share_of_area(areas, state != Assessment.NOT_ASSESSABLE),
         "assessed_area_share_reference": _share_of_area(sides[0].areas, sides[0].is_assessed),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),

@@ -283,6 +283,8 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
         layer=math.nan if layered is None else layered.thickness,
         sigma_layer=math.nan if layered is None else layered.sigma,
         stable_is_rest=layered is not None and layered.is_still is not None,
+        scale=math.nan if scale is None else scale.ratio,
+        sigma_scale=math.nan if scale is None else scale.sigma,
     )  # fmt: skip
 
 

@@ -29,6 +29,8 @@ def test_a_scale_is_told_with_its_margin(rng: np.random.Generator, ratio: float)
     told = TOLD.match(found.doubt)
     assert told is not None, found.doubt
     value, margin = float(told[1]), float(told[2])
+    assert found.scale == pytest.approx(value, abs=0.1 * margin)  # as it is rounded
+    assert 1.96 * found.sigma_scale == pytest.approx(margin, rel=0.1)
     assert abs(value - ratio) < 2.0 * margin  # four sigmas
     assert margin < 3e-4  # of a body of 0.6 m, 0.1 mm
 
@@ -46,6 +48,7 @@ def test_a_scale_is_told_with_its_margin(rng: np.random.Generator, ratio: float)
 def test_what_is_no_scale_is_not_told_as_one(rng: np.random.Generator, change) -> None:
     found = register(noisy_cloud(20_000, rng, change), noisy_cloud(20_000, rng))
     assert "times as large" not in found.doubt
+    assert np.isnan(found.scale)
 
 
 def test_the_row_of_a_scale_is_the_slope_of_the_residual(rng: np.random.Generator) -> None:

@@ -136,6 +136,17 @@ def test_a_layer_beside_the_motion_has_a_row_of_its_own():
     assert not any("further out" in name for name, _ in registration_table(comparison).rows)
 
 
+def test_a_later_epoch_of_another_scale_is_told_in_the_headline():
+    comparison = example_comparison()
+    scaled = dataclasses.replace(comparison.registration, scale=1.02, sigma_scale=1e-4)
+    found = dataclasses.replace(comparison, registration=scaled, regions=comparison.regions.iloc[:0])
+    headline = plain(facts_of(found).answer.headline)
+    assert headline.endswith("but the later epoch is 1.0200 times as large as the earlier one.")
+    assert plain(facts_of(dataclasses.replace(comparison, registration=scaled)).answer.headline) == plain(
+        facts_of(comparison).answer.headline
+    )  # regions that stand out are told for all that
+
+
 def test_doubts_stand_with_the_answer():
     comparison = example_comparison()
     doubted = dataclasses.replace(comparison.registration, doubt="a step further fits as well")
