@@ -25,10 +25,10 @@ METHOD = {
     "network": 16,
     "filtered": 9,
     "surface": 25,
-    "mesh": 7,
+    "mesh": 8,
     "quality": 3,
     "comparison": 33,
-    "series": 5,
+    "series": 6,
 }
 
 

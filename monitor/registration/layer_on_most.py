@@ -16,7 +16,7 @@ from monitor.apart import stand_apart
 from monitor.lengths import in_millimetres
 from monitor.registration.alignment import Alignment, AlignmentRules, align
 from monitor.registration.layer import N_ROUNDS, Layered, conclude_beside, reach_of, sharpen
-from monitor.registration.matching import Samples
+from monitor.registration.matching import Matches, Samples
 from monitor.registration.partners import Partners
 from monitor.registration.patch_sums import Patches, solve_patches, sum_patches
 from monitor.registration.sides import Side
@@ -64,7 +64,7 @@ def find_layer_on_most(samples: Samples, target: Side, found: Alignment, rules: 
         as_it_is = replace(pairs, residuals=pairs.residuals + thickness * is_peeled[pairs.source])
         patches = sum_patches(as_it_is, numbers[pairs.source], found.centre, beside="layer")
         parted = part_patches(patches, rng)
-        if number == 0 and not is_told(patches, parted):
+        if number == 0 and not (is_told(patches, parted) and fits_no_scale(pairs, numbers, found.centre, parted)):
             return None
         last, thickness, member = thickness, float(parted.motion[6]), patches.member
         is_peeled = mark(n, pairs.source, parted.has_layer[member])
@@ -159,3 +159,9 @@ def is_told(patches: Patches, parted: Parted) -> bool:
     exchanged = with_layer_on(patches, ~has_layer)
     back = np.abs(exchanged.left_by(solve_patches(exchanged, keep)))
     return bool(abs(rest) < AT_ZERO * abs(part[6]) and reach_of(back) > least)
+
+
+def fits_no_scale(pairs: Matches, numbers: Ints, centre: Floats, parted: Parted) -> bool:
+    """Return whether no scale of the whole, which grows from its middle, leaves as little."""
+    patches = sum_patches(pairs, numbers[pairs.source], centre, beside="scale")
+    return reach_of(np.abs(patches.left_by(sharpen(patches)))) > WIDER * reach_of(parted.left)
