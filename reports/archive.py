@@ -87,7 +87,9 @@ def _write_readme(deposit: Deposit, project: Project, object_ids: Sequence[str],
     """Write what a reader without any of our programs must know, first of all."""
     template = files("reports").joinpath("templates/archive.txt").read_text(encoding="utf-8")
     objects = [(project.object(o), project.epochs(o), kept_comparisons(project, o)) for o in object_ids]
-    page = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False)
+    page = Environment(
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False, keep_trailing_newline=True
+    )
     told = page.from_string(template).render(
         title=title, project=project, objects=objects, minds=deposit.minds, today=_today(), version=_version()
     )

@@ -8,16 +8,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from projects.model import ObjectRecord
 from projects.provenance import hash_file
 
 VERSION = "1.2"
 FORMATS = {
-    ".e57": "ASTM E2807 (E57)", ".ply": "PLY 1.0, binary little endian", ".obj": "model/obj", ".csv": "text/csv",
+    ".e57": "model/e57", ".ply": "PLY 1.0, binary little endian", ".obj": "model/obj", ".csv": "text/csv",
     ".txt": "text/plain", ".json": "application/json", ".html": "text/html",
     ".pdf": "application/pdf",
 }  # fmt: skip
+LICENCE = "No licence was recorded: ask who holds the rights in it before it is used or passed on."
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ def write_crate(
     crate = ROCrate(version=VERSION)
     crate.name = title
     crate.description = f"Documentation archive of {title}: scans, surfaces, comparisons and how each came to be."
+    crate.root_dataset["license"] = LICENCE  # RO-Crate 1.2 asks for one; a text where nothing can be linked
     crate.root_dataset["about"] = [crate.add(_context(crate, f"#object-{r.object_id}", _subject(r))) for r in subjects]
     entities = {}
     for name, what in sorted(contents.items()):
@@ -50,15 +53,13 @@ def write_crate(
             "sha256": hash_file(path), "encodingFormat": FORMATS.get(path.suffix, "application/octet-stream"),
         }  # fmt: skip
         entities[name] = crate.add_file(dest_path=name, properties=about)
-    programs = {}
+    programs: dict[tuple[tuple[str, str], ...], Any] = {}
     for k, action in enumerate(actions, start=1):
-        version = action.versions.get("heritage-monitor", "")
-        if version not in programs:
-            about = {"@type": "SoftwareApplication", "name": "heritage-monitor", "softwareVersion": version,
-                     "softwareRequirements": ", ".join(f"{n} {v}" for n, v in action.versions.items())}  # fmt: skip
-            programs[version] = crate.add(_context(crate, f"#heritage-monitor-{version}", about))
+        used = tuple(sorted(action.versions.items()))
+        if used not in programs:
+            programs[used] = crate.add(_context(crate, f"#program-{len(programs) + 1}", _program(action.versions)))
         crate.add_action(
-            programs[version], f"#action-{k}", [entities[n] for n in action.inputs],
+            programs[used], f"#action-{k}", [entities[n] for n in action.inputs],
             [entities[n] for n in action.results], {"name": action.name, "endTime": action.ended},
         )  # fmt: skip
     crate.metadata.write(folder)
@@ -71,6 +72,15 @@ def _subject(record: ObjectRecord) -> dict[str, str]:
         "contentLocation": record.place, "description": record.description,
     }  # fmt: skip
     return {"@type": "VisualArtwork", **{name: text for name, text in known.items() if text}}
+
+
+def _program(versions: Mapping[str, str]) -> dict[str, str]:
+    """Return this program as it was, with what it ran on."""
+    return {
+        "@type": "SoftwareApplication", "name": "heritage-monitor",
+        "softwareVersion": versions.get("heritage-monitor", "not recorded"),
+        "softwareRequirements": ", ".join(f"{n} {v}" for n, v in versions.items() if n != "heritage-monitor"),
+    }  # fmt: skip
 
 
 def _context(crate: object, identifier: str, about: Mapping[str, str]) -> object:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from projects.store import Project
@@ -36,17 +37,19 @@ def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tup
     written = write_report(stem.with_name(f"{stem.name}_report"), gather_facts(project, object_id, *pair))
     made += deposit.add(written, "Report: what changed, where, how much and how sure")
     deposit.add_provenance(stem.with_name(f"{stem.name}_provenance.json"), steps)
-    for epoch_id in outdated_epochs(project, object_id, pair, step):
+    outdated = outdated_epochs(project, object_id, pair, step)
+    for epoch_id in outdated:
         deposit.minds.append(
             f"epoch {epoch_id} of {object_id} was processed again after it was compared ({pair[0]} and {pair[1]}): the "
             "comparison is of the surface of before"
         )
     name = f"Comparison of epochs {pair[0]} and {pair[1]} of {object_id}"
-    deposit.actions.append(Action(name, step.created, _surfaces(deposit, object_id, pair), made, step.versions))
+    compared = _surfaces(deposit, object_id, [e for e in pair if e not in outdated])
+    deposit.actions.append(Action(name, step.created, compared, made, step.versions))
 
 
-def _surfaces(deposit: Deposit, object_id: str, pair: tuple[str, str]) -> tuple[str, ...]:
-    """Return the names of both epochs' surfaces, as far as the deposit holds them."""
-    paths = [deposit.folder_of(object_id, e) / f"{object_id}_{e}_surface.ply" for e in pair]
+def _surfaces(deposit: Deposit, object_id: str, epoch_ids: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the epochs' surfaces, as far as the deposit holds them."""
+    paths = [deposit.folder_of(object_id, e) / f"{object_id}_{e}_surface.ply" for e in epoch_ids]
     names = [Path(path).relative_to(deposit.payload).as_posix() for path in paths]
     return tuple(name for name in names if name in deposit.contents)

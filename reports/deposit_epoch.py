@@ -35,6 +35,8 @@ from reports.survey_tables import (
     survey_rows,
 )
 
+PRODUCTS = {"network": "registration", "filtered": "cloud"}  # that a surface of scans rests on, in words
+
 
 @dataclass(frozen=True)
 class EpochSource:
@@ -66,8 +68,21 @@ def add_epoch(deposit: Deposit, project: Project, record: EpochRecord) -> None:
     if surface is None:
         deposit.minds.append(f"epoch {epoch_id} of {object_id} is not processed: the archive holds no surface of it")
         return
+    newer = _newer_than(surface, history)
+    if newer:
+        deposit.minds.append(
+            f"epoch {epoch_id} of {object_id} was being processed anew, and that was not finished: its mesh and "
+            f"comparisons rest on an earlier {' and '.join(PRODUCTS[p] for p in newer)} than the archive holds"
+        )
     name = f"Processing of epoch {epoch_id} of {object_id}"
-    deposit.actions.append(Action(name, surface.created, given, made, surface.versions))
+    results = tuple(file for product, files in made.items() if product not in newer for file in files)
+    deposit.actions.append(Action(name, surface.created, given, results, surface.versions))
+
+
+def _newer_than(surface: Step, history: EpochHistory) -> list[str]:
+    """Return the products that were made anew since the surface was, which does not rest on them."""
+    made_of = {product: history.step(product) for product in PRODUCTS}
+    return [p for p, step in made_of.items() if step is not None and step.step_id not in surface.inputs]
 
 
 def _named(stem: Path, ending: str) -> Path:
@@ -95,27 +110,28 @@ def _add_given(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[str, .
     return deposit.add(path, "Scans as measured, each in its scanner's frame with the pose that was given; metres")
 
 
-def _add_made(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[tuple[str, ...], Rows]:
-    """Add what was made of it: registered poses, cloud, surface; return their names and the metadata on them."""
+def _add_made(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[dict[str, tuple[str, ...]], Rows]:
+    """Add what was made of it: registered poses, cloud, surface; return their names by product, and the metadata."""
     network, filtered, surface = (epoch.history.step(product) for product in ("network", "filtered", "surface"))
-    made: tuple[str, ...] = ()
+    made: dict[str, tuple[str, ...]] = {}
     rows: Rows = []
     if epoch.headers:
-        made += _add_poses(deposit, stem, epoch, network)
+        made["network"] = _add_poses(deposit, stem, epoch, network)
         rows += registration_rows(network)
     if filtered is not None:
         cloud = epoch.get(filtered)
         told = "Registered, filtered and thinned cloud that the mesh rests on; text, project frame, metres"
-        made += deposit.add_table(_named(stem, "GRE.txt"), cloud_table(cloud), told)
+        made["filtered"] = deposit.add_table(_named(stem, "GRE.txt"), cloud_table(cloud), told)
         rows += cloud_rows(cloud, filtered, epoch.history)
     if surface is not None:
-        mesh = epoch.get(surface)
+        mesh, meshes = epoch.get(surface), tuple[str, ...]()
         if not epoch.record.is_mesh:
             path = _named(stem, "origmesh.obj")
             write_obj(path, mesh, comments=("metres",))
-            made += deposit.add(path, "Mesh of the epoch; project frame, metres")
+            meshes = deposit.add(path, "Mesh of the epoch; project frame, metres")
         written = export_surface(stem.parent, epoch.record.object_id, epoch.record.epoch_id, mesh, ("ply",))
-        made += deposit.add(written, "Mesh with sigma and support of each vertex; project frame, metres")
+        told = "Mesh with sigma and support of each vertex; project frame, metres"
+        made["surface"] = (*meshes, *deposit.add(written, told))
         rows += mesh_rows(mesh, surface)
     return made, rows
 

@@ -7,6 +7,7 @@ metres, counts, and "not recorded" where nobody said.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -14,10 +15,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from projects.model import Floats, ObjectRecord, PointCloud, Step, Surface
+from projects.model import EpochRecord, Floats, ObjectRecord, PointCloud, Step, Surface
 from projects.raw import ScanHeader
 from projects.transforms import apply
-from reports.history import EpochHistory, point_flow
+from reports.history import EpochHistory, kind_of, point_flow
 
 NOT_RECORDED = "not recorded"
 COLUMNS = ("part", "field", "value")
@@ -47,12 +48,21 @@ def survey_rows(
         "Scanner serial number": "",
         "Company or operator": epoch.record.operator,
         "Control data collected": control,
+        "Original file": _originals(epoch.record) if epoch.record.is_mesh else "those in the table of scans",
+        "Extent of the object [m]": "none was given" if record.extent is None else json.dumps(record.extent),
+        "Tolerance of the client [m]": "none was given" if record.tolerance is None else _number(record.tolerance),
         "Turntable used": "",
         "Repeated scans of one station": _yes(epoch.record.repeated),
         "Number of scans": "a finished mesh" if epoch.record.is_mesh else str(len(headers)),
         "Number of measured points": "" if epoch.record.is_mesh else str(sum(h.n_points for h in headers)),
     }
     return _rows("survey", fields)
+
+
+def _originals(record: EpochRecord) -> str:
+    """Return the file of a finished mesh with its SHA-256."""
+    known = [(str(s.get("file", "")), str(s.get("sha256", ""))) for s in record.sources]
+    return "; ".join(f"{name} (SHA-256 {digest or NOT_RECORDED})" for name, digest in known)
 
 
 def registration_rows(network: Step | None) -> Rows:
@@ -89,9 +99,16 @@ def cloud_rows(cloud: PointCloud, made: Step, epoch: EpochHistory) -> Rows:
             else "to the measurement next to the median of a voxel; n_merged tells of how many measurements"
         ),
         "Smoothing": f"yes: {done}" if done else "no",
+        "Ranges corrected": _corrected(epoch),
         "Colour edits": "no",
     }  # fmt: skip
     return _rows("cloud", fields) + _rows("points", {words: str(n) for words, n in point_flow(epoch)})
+
+
+def _corrected(epoch: EpochHistory) -> str:
+    """Return of how many scans the cyclic range error was corrected, which the scans as measured still have."""
+    applied = [bool(s.automatic.get("is_applied")) for s in epoch.steps if kind_of(s) == "calibration"]
+    return f"yes: cyclic error of {sum(applied)} of {len(applied)} scans, see provenance" if any(applied) else "no"
 
 
 def mesh_rows(surface: Surface, made: Step) -> Rows:
@@ -151,10 +168,12 @@ def cloud_table(cloud: PointCloud) -> pd.DataFrame:
         columns |= {f"n{axis}": cloud.normals[:, k].astype(np.float32) for k, axis in enumerate("xyz")}
     if cloud.colors is not None:
         columns |= {name: cloud.colors[:, k] for k, name in enumerate(("red", "green", "blue"))}
-    for name in ("intensity", "sigma", "n_merged", "scan_index"):
+    for name in ("intensity", "sigma", "n_merged"):
         values = getattr(cloud, name)
         if values is not None:
             columns[name] = values.astype(np.float32) if values.dtype == np.float64 else values
+    if cloud.scan_index is not None:
+        columns["scan"] = cloud.scan_index + 1  # as the table of scans and the files of their poses count
     return pd.DataFrame(columns)
 
 

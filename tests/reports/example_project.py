@@ -40,15 +40,18 @@ def fill(folder: Path) -> Project:
     project.add_epoch(record, read_scans(folder / "a.e57"))
     comparison = example_comparison(n_not_assessable=0, n_unchanged=1, n_changed=1)
     mesh = comparison.on_compared.surface
-    project.add_epoch(EpochRecord("column", "e2", datetime.date(2026, 5, 18)), mesh=mesh)
+    given = {"file": "column.ply", "sha256": "ab" * 32}
+    project.add_epoch(EpochRecord("column", "e2", datetime.date(2026, 5, 18), sources=(given,)), mesh=mesh)
     moved = {"T_project_given": np.stack([np.eye(4), MOTION])}
     project.put("column", "e1", step("network", "1", automatic={"applied": True, "misfit_after_m": 0.0004}), moved)
-    cloud = replace(measured(0), sigma=np.full(400, 1e-4), n_merged=np.full(400, 3))
+    cloud = replace(measured(0), sigma=np.full(400, 1e-4), n_merged=np.full(400, 3),
+                    scan_index=np.repeat([0, 1], 200))  # fmt: skip
     project.put("column", "e1", step("filtered", "2", counts={"in": 800, "outlier": 5, "out": 400}), cloud)
     surface = replace(
         comparison.on_reference.surface, sigma=np.full(len(comparison.on_reference.surface.vertices), 2e-5)
     )
-    project.put("column", "e1", step("surface", "3", automatic={"method": "localized", "cell_size_m": 0.004}), surface)
+    found = {"method": "localized", "cell_size_m": 0.004}
+    project.put("column", "e1", step("surface", "3", automatic=found, inputs=("2" * 16, "1" * 16)), surface)
     project.put("column", "e2", step("surface", "4"), mesh)
     project.put("column", "e2", step("comparison-e1", "5", inputs=("3" * 16, "4" * 16)), comparison)
     return project

@@ -2,6 +2,7 @@
 
 import datetime
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,14 @@ from projects.bags import verify_bag
 from projects.errors import ParameterError, StoreError
 from projects.formats import read_mesh, read_scans, write_e57
 from projects.formats.complete_file import complete_folder
-from projects.model import EpochRecord
+from projects.model import (
+    CLOSURE_COLUMNS,
+    FORECAST_COLUMNS,
+    HISTORY_COLUMNS,
+    MOTION_COLUMNS,
+    SERIES_COLUMNS,
+    EpochRecord,
+)
 from projects.provenance import hash_file
 from projects.raw import ScanHeader
 from projects.transforms import apply
@@ -67,9 +75,33 @@ def test_the_crate_names_every_file_with_its_hash_and_what_it_came_of(made: Path
     comparing = next(e for e in graph.values() if e.get("name", "").startswith("Comparison"))
     assert {o["@id"] for o in comparing["object"]} == {f"column/{e}/column_{e}_surface.ply" for e in ("e1", "e2")}
     assert graph[comparing["instrument"]["@id"]]["softwareVersion"] == "0.1.0"
+    assert graph["./"]["license"].startswith("No licence was recorded")  # RO-Crate 1.2: MUST be there
     (about,) = graph["./"]["about"]
     subject = graph[about["@id"]]
     assert (subject["name"], subject["identifier"], subject["material"]) == ("Säule am Tor", "K 12/3", "limestone")
+
+
+def test_the_readme_says_what_every_column_of_every_file_is(made: Path) -> None:
+    data = made / "archive" / "data"
+    words = set(re.findall(r"[A-Za-z0-9_]+", (data / "README.txt").read_text(encoding="utf-8")))
+    names = {c for p in data.rglob("*") if p.suffix == ".csv" or "_GRE" in p.name for c in pd.read_csv(p).columns}
+    for path in data.rglob("*.ply"):
+        head = path.read_bytes().split(b"end_header")[0].decode("ascii")
+        names |= {line.split()[-1] for line in head.splitlines() if line.startswith("property")}
+    names |= set(json.loads(next(data.rglob("*_summary.json")).read_text(encoding="utf-8")))
+    names |= {c for columns in (SERIES_COLUMNS, HISTORY_COLUMNS, FORECAST_COLUMNS, MOTION_COLUMNS, CLOSURE_COLUMNS)
+              for c in columns}  # fmt: skip
+    told_once = {name for name in names if name.removeprefix("sigma_") in words or name in words}
+    assert names - told_once == set()
+    assert {"unresolved", "crest", "invented", "stray_share", "rate_assessment"} <= words
+
+
+def test_points_of_the_cloud_name_their_scan_as_the_other_files_do(made: Path) -> None:
+    folder = made / "archive" / "data" / "column" / "e1"
+    cloud, scans = pd.read_csv(folder / "column_e1_GRE.txt"), pd.read_csv(folder / "column_e1_scans.csv")
+    assert cloud["scan"].tolist() == [1] * 200 + [2] * 200
+    assert set(cloud["scan"]) == set(scans["scan"])
+    assert all((folder / f"column_e1_GRmatrices_scan{n}.txt").is_file() for n in set(cloud["scan"]))
 
 
 def test_scans_come_back_as_measured_and_their_matrices_place_them_as_registered(made: Path) -> None:
@@ -105,6 +137,10 @@ def test_cloud_mesh_and_metadata_say_what_the_project_holds(made: Path) -> None:
     assert rows["registration", "Given poses were corrected"] == "yes"
     assert rows["points", "dropped as outliers of the merged cloud"] == "5"
     assert float(rows["mesh", "Sigma of a vertex, median [m]"]) == 2e-5
+    assert rows["survey", "Extent of the object [m]"] == "none was given"
+    mesh = made / "archive" / "data" / "column" / "e2" / "column_e2_metadata.csv"
+    of_mesh = {(r.part, r.field): r.value for r in pd.read_csv(mesh).itertuples()}
+    assert of_mesh["survey", "Original file"] == f"column.ply (SHA-256 {'ab' * 32})"
     assert pd.read_csv(folder / "column_e1_control.csv").iloc[0].tolist() == ["K1", 1.0, 2.0, 3.0, 0.001]
 
 
@@ -209,6 +245,29 @@ def test_what_is_not_processed_or_out_of_date_is_said_in_the_archive(
         assert text in told
         assert text in readme
     assert archive._today() in readme
+
+
+def test_the_crate_claims_no_origin_that_a_file_does_not_have(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pictures, "LARGEST", 200)
+    project = Project.open(shutil.copytree(made / "project", tmp_path / "project"))
+    project.put("column", "e1", step("filtered", "7"), measured(0))  # processed anew, and ended before the surface
+    newer = replace(step("surface", "6"), versions={"heritage-monitor": "0.1.0", "numpy": "9.9"})
+    project.put("column", "e2", newer, example_comparison().on_compared.surface)
+    facts = write_archive(tmp_path / "archive", project, ["column"], silent)
+    told = "epoch e1 of column was being processed anew, and that was not finished: its mesh and comparisons rest on an"
+    assert any(mind.startswith(f"{told} earlier cloud") for mind in facts.minds)
+    text = (tmp_path / "archive" / "data" / "ro-crate-metadata.json").read_text(encoding="utf-8")
+    graph = {e["@id"]: e for e in json.loads(text)["@graph"]}
+    actions = {e["name"]: e for e in graph.values() if e["@type"] == "CreateAction"}
+    processing = {r["@id"] for r in actions["Processing of epoch e1 of column"]["result"]}
+    assert "column/e1/column_e1_surface.ply" in processing
+    assert "column/e1/column_e1_GRE.txt" not in processing
+    compared = actions["Comparison of epochs e1 and e2 of column"]
+    assert [o["@id"] for o in compared["object"]] == ["column/e1/column_e1_surface.ply"]  # not the newer one of e2
+    programs = [graph[a["instrument"]["@id"]]["softwareRequirements"] for a in actions.values()]
+    assert programs == ["", "numpy 9.9", ""]
 
 
 def test_a_scanner_off_the_origin_of_its_frame_stands_where_its_pose_puts_it(tmp_path: Path) -> None:
