@@ -62,7 +62,7 @@ def state_answer(
 def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
     """Return the first sentence of the report: what changed, or that nothing did."""
     n, unknown = len(regions), max(shares_not_assessed(comparison))
-    if n == 0 and not comparison.on_compared.assessment.any():
+    if n == 0 and _is_all_unknown(comparison):
         return "Nothing could be assessed."
     where = f" on the {percent(1.0 - unknown)} of the surface that could be assessed" if unknown > MOSTLY else ""
     if n == 0 and np.isfinite(comparison.registration.scale):
@@ -86,12 +86,17 @@ def level_beside(comparison: Comparison) -> str:
     return millimetres(comparison.statistics.get("lod95_beside_layer_median_m", NAN))
 
 
+def _is_all_unknown(comparison: Comparison) -> bool:
+    """Return whether nothing of the compared surface could be assessed."""
+    return not comparison.on_compared.assessment.any()
+
+
 def _what_changed(
     comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts
 ) -> tuple[str, ...]:
     """Return what changed between which dates, and the largest regions one by one."""
     between = f"Between {before.date} and {after.date}"
-    if not regions and not comparison.on_compared.assessment.any():
+    if not regions and _is_all_unknown(comparison):
         return (f"Whether anything changed between {before.date} and {after.date} is not known.",)
     if not regions:
         return (f"{between} no part of the surface that could be assessed changed by more than the measurement error.",)
@@ -238,15 +243,22 @@ def _figures(
     sure = f"turned by {motion.angle.text}; {told}"
     level = millimetres(statistics.get("lod95_median_m", NAN))
     beside = f"; {level_beside(comparison)} against the rest" if is_beside_layer(comparison) else ""
-    kinds = ", ".join(f"{n}\u00a0{kind}" for kind, n in Counter(r.kind for r in regions).items())
     return (
-        KeyFigure("Regions of change", str(len(regions)), kinds or "on all of the surface that could be assessed"),
+        _how_many(comparison, regions),
         KeyFigure("Smallest detectable change", level, f"95\u00a0%, median{beside}"),
         KeyFigure("Object as a whole", motion.displacement.text, sure),
         KeyFigure(
             "Not assessable", unknown[k], f"of the {here.order} epoch’s surface; {unknown[1 - k]} of the other’s"
         ),
     )
+
+
+def _how_many(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> KeyFigure:
+    """Return the number of regions by kind; that none was found where nothing could be assessed is no number."""
+    if not regions and _is_all_unknown(comparison):
+        return KeyFigure("Regions of change", NOT_KNOWN, "nothing could be assessed")
+    kinds = ", ".join(f"{n}\u00a0{kind}" for kind, n in Counter(r.kind for r in regions).items())
+    return KeyFigure("Regions of change", str(len(regions)), kinds or "on all of the surface that could be assessed")
 
 
 def print_significance(significance: float) -> str:

@@ -10,8 +10,10 @@ import dataclasses
 import datetime
 import json
 import math
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -32,8 +34,14 @@ STANDARD: Literal["a-2a"] = (
 FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 SUFFIX = {"image/jpeg": ".jpg", "image/png": ".png", "image/svg+xml": ".svg"}
 MOST_COLUMNS = 8  # of a table; more stand in a second one below, its rows named again
-HEAD, LINE = 3.0, 55.0  # lines that a table's title and head take, letters of a line of its note
-WIDEST, NARROWEST = 24, 4  # characters that share the width of a table among its columns
+HEAD = 3.0  # lines that a table's title and head take
+LINE, PAGE = 55.0, 100.0  # letters that a table has room for: half as wide as the page, and as wide as the page,
+SMALL, SMALLER = 115.0, 130.0  # in the small letters of the record, and its smaller ones
+SEAM = 1.8  # letters that the space between two columns takes
+WIDEST, NARROWEST = 24, 4  # letters that a column of short words gets at most and at least
+LONGEST = 30  # letters of a word in a title or below a picture; a longer one may be broken
+FOOT = 100  # letters of a title in the foot of each page
+BREAK = "\u200b"  # where a word may be broken, without a sign
 
 
 def write_document(path: Path, facts: ReportFacts, pictures: Pictures) -> None:
@@ -85,13 +93,16 @@ class _Room:
 
 def lay_out(facts: ReportFacts, pictures: Pictures, room: _Room) -> dict[str, Any]:
     """Return everything that the template sets, as plain values."""
-    captions = write_captions(facts)
+    shown = break_names(facts)
+    captions = write_captions(shown)
+    foot = write_captions(replace(shown, title=shorten(shown.title, FOOT))).foot
     return {
-        "title": facts.title, "subtitle": facts.subtitle, "made": facts.made, "author": "heritage-monitor",
-        "date": _date(facts), "foot": captions.foot, "captions": dataclasses.asdict(captions),
-        "before": facts.before.caption, "after": facts.after.caption,
+        "file_title": f"{facts.title}: {facts.subtitle}",
+        "title": shown.title, "subtitle": shown.subtitle, "made": facts.made, "author": "heritage-monitor",
+        "date": _date(facts), "foot": foot, "captions": dataclasses.asdict(captions),
+        "before": shown.before.caption, "after": shown.after.caption,
         "headline": facts.answer.headline, "changed": " ".join(facts.answer.changed),
-        "sure": " ".join(facts.answer.sure), "remarks": facts.remarks,
+        "sure": " ".join(facts.answer.sure), "remarks": [_break_words(r, LONGEST) for r in facts.remarks],
         "figures": [dataclasses.asdict(f) for f in facts.answer.figures],
         "views": [
             {"name": v.name, "wide": v.wide, "narrow": v.narrow, "before": room.put(v.before),
@@ -100,7 +111,7 @@ def lay_out(facts: ReportFacts, pictures: Pictures, room: _Room) -> dict[str, An
         ],
         "colour_bar": room.put(pictures.colour_bar), "histogram": room.put(pictures.histogram),
         "regions": [_region(r, facts, pictures.regions.get(r.number, (None, None)), room) for r in facts.regions],
-        "parts": None if facts.parts is None else _table(facts.parts),
+        "parts": None if facts.parts is None else fit_columns(facts.parts, PAGE),
         "series": None if facts.series is None else _series(facts.series, room.put(pictures.courses)),
         "stable": [{"name": s.name, "width": s.wide, "picture": room.put(s.picture)} for s in pictures.stable],
         "certainty": set_beside(facts.certainty),
@@ -108,19 +119,40 @@ def lay_out(facts: ReportFacts, pictures: Pictures, room: _Room) -> dict[str, An
             {"caption": caption_calibration(c), "picture": room.put(drawn)}
             for c, drawn in zip(facts.calibrations, pictures.calibrations, strict=True)
         ],
-        "known": facts.object_rows, "history": set_beside(facts.history),
+        "known": [[name, _break_words(text, LONGEST)] for name, text in facts.object_rows],
+        "history": set_beside(facts.history),
         "record": [
-            {"title": s.title, "settings": s.settings, "found": [_table(n) for t in s.found for n in split_table(t)]}
+            {"title": s.title, "settings": s.settings,
+             "found": [fit_columns(n, SMALLER) for t in s.found for n in split_table(t, SMALLER)]}
             for s in facts.record
         ],
-        "versions": _table(facts.versions), "inputs": _table(facts.inputs),
+        "versions": fit_columns(facts.versions, SMALL), "inputs": fit_columns(facts.inputs, SMALLER),
     }  # fmt: skip
 
 
-def split_table(table: Table) -> list[Table]:
-    """Return a table in pieces of at most `MOST_COLUMNS` columns and much alike, the first column in each."""
+def break_names(facts: ReportFacts) -> ReportFacts:
+    """Return the facts with the words of their titles and of the names of epochs to be broken where they are long."""
+    before, after = (
+        replace(e, epoch_id=_break_words(e.epoch_id, LONGEST), label=_break_words(e.label, LONGEST))
+        for e in (facts.before, facts.after)
+    )
+    title, subtitle = (_break_words(text, LONGEST) for text in (facts.title, facts.subtitle))
+    return replace(facts, title=title, subtitle=subtitle, before=before, after=after)
+
+
+def shorten(text: str, most: int) -> str:
+    """Return a text of at most `most` letters, with a sign where its end was left out."""
+    return text if len(text) <= most else f"{text[: most - 1].rstrip()}…"
+
+
+def split_table(table: Table, letters: float) -> list[Table]:
+    """Return a table in pieces much alike, the first column in each: of at most `MOST_COLUMNS` columns, and of so few
+    that no word of them needs to be broken on a line of `letters`, as far as that can be."""
     inner = np.arange(1, len(table.columns))
-    parts = np.array_split(inner, max(math.ceil(len(inner) / (MOST_COLUMNS - 1)), 1))
+    fewest = max(math.ceil(len(inner) / (MOST_COLUMNS - 1)), 1)
+    splits = [np.array_split(inner, n) for n in range(fewest, max(len(inner), fewest) + 1)]
+    fitting = (parts for parts in splits if all(sum(_needed(table, (0, *p))) <= letters for p in parts))
+    parts = next(fitting, splits[-1])
     pieces = []
     for k, part in enumerate(parts):
         which = (0, *(int(c) for c in part))
@@ -130,18 +162,42 @@ def split_table(table: Table) -> list[Table]:
     return pieces
 
 
+def _needed(table: Table, which: Sequence[int]) -> list[float]:
+    """Return how many letters the longest word in each column takes, with the space beside it."""
+    texts = ([table.columns[c], *(row[c] for row in table.rows)] for c in which)
+    return [SEAM + max(len(word) for text in column for word in (*text.split(), "-" * NARROWEST)) for column in texts]
+
+
 def set_beside(tables: Sequence[Table]) -> list[list[dict[str, Any]]]:
     """Return tables in two columns of about one height, in order: down the first, then down the second."""
     heights = np.cumsum([HEAD + len(t.rows) + len(t.note) / LINE for t in tables])
     n_left = int(np.argmin(np.abs(2.0 * heights - heights[-1]))) + 1 if len(tables) else 0
-    return [[_table(t) for t in half] for half in (tables[:n_left], tables[n_left:])]
+    return [[fit_columns(t, LINE) for t in half] for half in (tables[:n_left], tables[n_left:])]
 
 
-def _table(table: Table) -> dict[str, Any]:
-    """Return a table with how its columns share the width: by the longest text in each."""
+def fit_columns(table: Table, letters: float) -> dict[str, Any]:
+    """Return a table with how its columns share a line of `letters`: none narrower than its longest word, beyond that
+    by the longest text in each; where even the words have no room, the longest are broken."""
     columns = list(zip(table.columns, *table.rows, strict=True))
-    widths = [min(max(max(len(text) for text in column), NARROWEST), WIDEST) for column in columns]
-    return {**dataclasses.asdict(table), "widths": widths}
+    least = np.array(_needed(table, range(len(columns))))
+    while least.sum() > letters and least.max() > SEAM + NARROWEST:
+        least[least.argmax()] -= 1.0
+    wished = np.maximum([SEAM + min(max(map(len, column)), WIDEST) for column in columns], least)
+    spare, more = max(letters - least.sum(), 0.0), max((wished - least).sum(), 1.0)
+    widths = least + (wished - least) * min(spare / more, 1.0)
+
+    def broken(texts: Sequence[str]) -> list[str]:
+        """Return the texts of a row with their words broken where they are longer than their column."""
+        return [_break_words(text, int(w - SEAM)) for text, w in zip(texts, least, strict=True)]
+
+    rows = [broken(row) for row in table.rows]
+    return {"title": table.title, "columns": broken(table.columns), "rows": rows, "note": table.note,
+            "widths": widths.tolist()}  # fmt: skip
+
+
+def _break_words(text: str, most: int) -> str:
+    """Return a text whose words may be broken after every `most` letters, where they are longer."""
+    return re.sub(rf"(\S{{{most}}})(?=\S)", rf"\1{BREAK}", text)
 
 
 def _region(
@@ -165,7 +221,7 @@ def _series(series: SeriesFacts, chart: Mapping[str, str] | None) -> dict[str, A
          "estimates": [dataclasses.asdict(e) for e in (c.area, c.mean, c.rate, c.volume_rate)]}
         for c in series.courses
     ]  # fmt: skip
-    motions = None if series.motions is None else _table(series.motions)
+    motions = None if series.motions is None else fit_columns(series.motions, PAGE)
     return {"lead": series.lead, "chart": chart, "courses": courses, "motions": motions}
 
 

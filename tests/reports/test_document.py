@@ -188,6 +188,8 @@ def test_where_little_or_nothing_was_assessed_the_headline_says_so():
     text = said(facts_of(with_assessed(0.0)))
     assert text.startswith("Nothing could be assessed. Whether anything changed between 12 May 2025 and 18 May 2026 is")
     assert "no part of the surface" not in text
+    n_regions = facts_of(with_assessed(0.0)).answer.figures[0]
+    assert (n_regions.value, n_regions.note) == ("not known", "nothing could be assessed")
 
 
 def test_where_the_later_epoch_recorded_little_the_headline_says_so():

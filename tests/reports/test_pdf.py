@@ -8,11 +8,12 @@ import pytest
 from pdf_oxide import PdfDocument
 from PIL import Image
 from report_examples import DENT, example_comparison, example_epochs, example_object
+from scipy.spatial import cKDTree
 
 from projects.errors import ParameterError
 from reports.document import make_facts
 from reports.facts import Table
-from reports.pdf import MOST_COLUMNS, has_letters, set_beside, set_document, split_table, write_document
+from reports.pdf import MOST_COLUMNS, fit_columns, has_letters, set_beside, set_document, split_table, write_document
 from reports.pictures import Pictures, Shown, ShownSingle, ShownView
 
 LOST = (0xB8, 0x3F, 0x1B)  # of the page: material lost
@@ -112,17 +113,98 @@ def test_a_disc_carries_the_colour_of_its_kind():
     assert (np.abs(page - LOST).max(axis=2) < 12).sum() > 50
 
 
+def printed(document):
+    """Return the characters of each page: places of their middles (n, 2), right ends (n,), sizes (n,), all in mm."""
+    read = PdfDocument.from_bytes(document)
+    pages = []
+    for k in range(read.page_count()):
+        chars = [c for c in read.extract_chars(k) if c.char.strip()]
+        x, y, wide, high = (25.4 / 72.0 * np.array([c.bbox[i] for c in chars]) for i in range(4))
+        pages.append((np.stack([x + wide / 2.0, y + high / 2.0], axis=1), x + wide, high))
+    return pages
+
+
+def count_printed_over(document):
+    """Return how many pairs of characters lie over one another."""
+    pairs = 0
+    for middles, _, sizes in printed(document):
+        for i, j in cKDTree(middles).query_pairs(0.2 * sizes.max()):
+            pairs += bool(np.hypot(*(middles[i] - middles[j])) < 0.2 * min(sizes[i], sizes[j]))
+    return pairs
+
+
+def long_record(n_scans=6):
+    """Return the facts of the example with a record of long names and values, as of an epoch of many scans."""
+    extent = " ".join(["-0.32"] * 40)
+    found = Table("", ("", *(f"calibration{k:03d}" for k in range(n_scans))), (
+        ("step", *("335f28eb4fed355d",) * n_scans),
+        ("target_spacing_quartiles", *("0.00153 0.001748 0.002082",) * n_scans),
+        ("amplitudes", *("not known not known not known",) * n_scans),
+    ))  # fmt: skip
+    settings = (("filter.normals.h_share", "0.55"), ("extent.polygon", extent))
+    step = dataclasses.replace(facts_of().record[0], settings=settings, found=(found,))
+    return dataclasses.replace(facts_of(), record=(step,))
+
+
+def test_names_and_values_of_the_record_are_not_printed_over_one_another():
+    facts = long_record()
+    document = set_document(facts, pictures_of(facts))
+    assert count_printed_over(document) == 0
+    assert text_of(document).count("-0.32") == 40
+    for _, right, _ in printed(document):
+        assert right.max(initial=0.0) <= 192.1  # mm: the width of the page less its margin
+
+
+def test_a_long_word_is_broken_within_the_page_and_the_foot_stays_short():
+    word = "Donaudampfschifffahrtsgesellschaftskapitänswitwe" * 4
+    facts = facts_of(name=word, place=word)
+    facts = dataclasses.replace(facts, after=dataclasses.replace(facts.after, label=word, epoch_id="E" * 64))
+    wide = Table("Input files", ("file", "SHA-256"), ((f"{'x' * 200}.e57", "0123456789abcdef" * 4),))
+    facts = dataclasses.replace(facts, inputs=wide, subtitle=f"What changed {word}")
+    document = set_document(facts, pictures_of(facts))
+    for middles, right, _ in printed(document):
+        assert right.max() <= 192.1
+        assert middles[:, 1].min() > 5.0  # mm above the page's lower edge
+    assert count_printed_over(document) == 0
+    assert "0123456789abcdef" * 4 in text_of(document).replace(" ", "")
+    assert PdfDocument.from_bytes(document).validate_pdf_a("2a")["valid"]
+
+
+def test_pictures_of_one_view_stand_at_one_height_whatever_their_names_take():
+    facts = facts_of()
+    facts = dataclasses.replace(facts, before=dataclasses.replace(facts.before, label="as it stood before " * 6))
+    colours = ((200, 30, 120), (10, 200, 30))
+    view = ShownView("Front", plain_picture(colours[0]), plain_picture(colours[1]), DOT, 10.0, 30.0)
+    document = set_document(facts, dataclasses.replace(pictures_of(facts), views=(view,)))
+    page = np.asarray(Image.open(io.BytesIO(PdfDocument.from_bytes(document).render_page(0))).convert("RGB"), int)
+    tops = [np.nonzero((np.abs(page - c).max(axis=2) < 12).any(axis=1))[0].min() for c in colours]
+    assert abs(tops[0] - tops[1]) <= 2  # pixels
+
+
 def test_a_wide_table_goes_on_below_with_its_rows_named_again():
     names = ("", *"abcdefghi")
     table = Table("t", names, (("x", *"123456789"),), note="n")
-    pieces = split_table(table)
+    pieces = split_table(table, 100.0)
     assert [len(p.columns) for p in pieces] == [6, 5]
     assert max(len(p.columns) for p in pieces) <= MOST_COLUMNS
     assert [p.rows[0][0] for p in pieces] == ["x", "x"]
     assert tuple(c for p in pieces for c in p.columns[1:]) == names[1:]
     assert tuple(c for p in pieces for c in p.rows[0][1:]) == tuple("123456789")
     assert [(p.title, p.note) for p in pieces] == [("t", ""), ("", "n")]
-    assert split_table(Table("s", ("", "a"), ())) == [Table("s", ("", "a"), ())]
+    assert split_table(Table("s", ("", "a"), ()), 100.0) == [Table("s", ("", "a"), ())]
+    assert [len(p.columns) for p in split_table(table, 25.0)] == [4, 4, 4]  # so few that no word is broken
+
+
+def test_no_column_is_narrower_than_its_words_as_long_as_there_is_room():
+    table = Table("t", ("", "a"), (("target_spacing_quartiles", "1 2 3"), ("x", "0.001 " * 20)))
+    set_out = fit_columns(table, 60.0)
+    assert set_out["widths"][0] >= len("target_spacing_quartiles")
+    assert sum(set_out["widths"]) <= 60.0
+    assert set_out["rows"][0] == ["target_spacing_quartiles", "1 2 3"]
+    cramped = fit_columns(Table("t", ("", "a"), (("y" * 40, "z" * 10),)), 30.0)
+    assert max(map(len, cramped["rows"][0][0].split("\u200b"))) + 10 <= 30
+    assert cramped["rows"][0][0].replace("\u200b", "") == "y" * 40
+    assert cramped["rows"][0][1] == "z" * 10  # only what is longest gives way
 
 
 def test_tables_side_by_side_are_of_about_one_height():
