@@ -17,6 +17,7 @@ from markupsafe import Markup
 from projects.errors import ParameterError
 from reports.captions import caption_calibration, caption_region, title_region, write_captions
 from reports.facts import ReportFacts
+from reports.making import mark_of
 from reports.pictures import Pictures
 
 
@@ -41,7 +42,7 @@ def fill_page(facts: ReportFacts, pictures: Pictures) -> str:
     page = templates.get_template("report.html")
     return page.render(
         facts=facts, pictures=pictures, style=Markup(style), captions=write_captions(facts), title_region=title_region,
-        caption_region=caption_region, caption_calibration=caption_calibration,
+        caption_region=caption_region, caption_calibration=caption_calibration, mark=mark_of(facts),
     )  # fmt: skip
 
 

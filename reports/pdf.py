@@ -26,6 +26,7 @@ from matplotlib.ft2font import FT2Font
 from projects.formats.complete_file import complete_file
 from reports.captions import caption_calibration, caption_region, title_region, write_captions
 from reports.facts import RegionFacts, ReportFacts, SeriesFacts, Table
+from reports.making import mark_of
 from reports.pictures import Pictures, Shown
 
 STANDARD: Literal["a-2a"] = (
@@ -97,7 +98,7 @@ def lay_out(facts: ReportFacts, pictures: Pictures, room: _Room) -> dict[str, An
     captions = write_captions(shown)
     foot = write_captions(replace(shown, title=shorten(shown.title, FOOT))).foot
     return {
-        "file_title": f"{facts.title}: {facts.subtitle}",
+        "file_title": f"{facts.title}: {facts.subtitle}", "mark": mark_of(facts),
         "title": shown.title, "subtitle": shown.subtitle, "made": facts.made, "author": "heritage-monitor",
         "date": _date(facts), "foot": foot, "captions": dataclasses.asdict(captions),
         "before": shown.before.caption, "after": shown.after.caption,

@@ -73,12 +73,14 @@ def _require_new(project: Project, request: EpochRequest) -> None:
         )
 
 
-def check_request(request: EpochRequest) -> None:
-    """Refuse what is wrong in a request whatever the project holds: ids, date, preset, unit, control, poses."""
+def read_request(request: EpochRequest) -> tuple[EpochRecord, Mapping[str, PoseLine]]:
+    """Return the record and the pose lines of a request; refuse what is wrong in it whatever the project holds: ids,
+    date, preset, unit, control, poses, and what does not go with a finished mesh."""
     require_id(request.epoch_id, "EPOCH")
     unit = UnitCheck(metres_per_unit(request.unit or "m"), request.unit is not None)
-    _record(request, unit)
-    _poses(request, unit)
+    if request.mesh:
+        _require_mesh_alone(request)
+    return _record(request, unit), _poses(request, unit)
 
 
 def _record(request: EpochRequest, unit: UnitCheck) -> EpochRecord:
@@ -137,8 +139,8 @@ def count_placed(streams: Sequence[ScanStream]) -> dict[str, int]:
     return dict(Counter(stream.placed_by for stream in streams if stream.placed_by))
 
 
-def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> EpochRecord:
-    """Keep a finished mesh as an epoch."""
+def _require_mesh_alone(request: EpochRequest) -> None:
+    """Refuse what does not go with a finished mesh: scans' options, and more than one file."""
     given = [name for name in ("poses", "repeated") if getattr(request, name)]
     if given:
         raise ParameterError(f"--mesh and --{given[0]} exclude each other: a mesh has no scans")
@@ -146,6 +148,11 @@ def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit
         raise ParameterError(f"--mesh takes one file, {len(request.files)} were given")
     if not request.files[0].is_file():
         raise ParameterError(f"{request.files[0]}: no such file; give a mesh as PLY, OBJ, STL or GLB")
+
+
+def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> EpochRecord:
+    """Keep a finished mesh as an epoch."""
+    _require_mesh_alone(request)
     mesh = read_mesh(request.files[0], unit=unit.metres)
     bounds = np.array([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
     question_unit(bounds, unit.was_stated, name=request.files[0].name)

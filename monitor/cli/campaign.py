@@ -10,17 +10,16 @@ from pathlib import Path
 
 import typer
 
-from monitor.cli.adding import EpochRequest, add_epoch_to_project
+from monitor.cli.adding import add_epoch_to_project
 from monitor.cli.archiving import archive_project
 from monitor.cli.campaign_file import Campaign, ObjectRequest, read_campaign
+from monitor.cli.declared import require_as_declared, require_epochs_of_pairs, words_not_taken
 from monitor.cli.keeping import init_project
-from monitor.cli.results import export_results, write_reports
+from monitor.cli.results import export_results, update_reports
 from monitor.cli.working import HERE, Where, compare_object, process_project
 from monitor.settings import read_settings
 from projects.errors import MonitorError, StoreError
 from projects.index_file import INDEX_NAME
-from projects.model import ObjectRecord
-from projects.provenance import hash_file
 from projects.store import Project
 from reports.document import kept_comparisons
 
@@ -30,10 +29,15 @@ def run_campaign(path: Path, settings_file: Path | None = None, where: Where = H
     campaign = read_campaign(path)
     settings = settings_file or campaign.settings
     read_settings(settings)  # before anything is done
-    if not (campaign.project / INDEX_NAME).exists():
+    present = Project.open(campaign.project) if (campaign.project / INDEX_NAME).exists() else None
+    for wanted in campaign.objects:
+        require_epochs_of_pairs(wanted, present)
+    if present is None:
         init_project(campaign.project, campaign.name, campaign.crs, campaign.description)
-    project = Project.open(campaign.project)
-    _require_as_declared(project, campaign)
+    else:
+        require_as_declared(present, campaign)
+        for told in words_not_taken(present, campaign):
+            typer.echo(f"mind: {told}", err=True)
     failed = [o.record.object_id for o in campaign.objects if not _try_object(campaign, o, settings, where)]
     if campaign.archive is not None and not failed:
         _archive(campaign, campaign.archive)
@@ -41,44 +45,6 @@ def run_campaign(path: Path, settings_file: Path | None = None, where: Where = H
         raise StoreError(
             f"{len(failed)} of {len(campaign.objects)} objects failed ({', '.join(failed)}), for what is said above; "
             "the others are done, and the same command goes on"
-        )
-
-
-def _require_as_declared(project: Project, campaign: Campaign) -> None:
-    """Refuse, before anything is done, a file that says otherwise than the project of what that holds already."""
-    if campaign.crs and project.crs != campaign.crs:
-        raise StoreError(f"{project.path} has the reference system {project.crs or 'none'}, not {campaign.crs}")
-    known = {record.object_id: record for record in project.objects()}
-    for wanted in campaign.objects:
-        present = known.get(wanted.record.object_id)
-        if present is not None:
-            _require_same_object(present, wanted.record)
-            for request in wanted.epochs:
-                _require_same_epoch(project, request)
-
-
-def _require_same_object(present: ObjectRecord, wanted: ObjectRecord) -> None:
-    """Refuse an object that is kept with another extent or tolerance, on which its figures rest."""
-    for name, unit in (("extent", ""), ("tolerance", " m")):
-        kept, asked = getattr(present, name), getattr(wanted, name)
-        if kept != asked:
-            raise StoreError(
-                f"object {present.object_id} is in the project with the {name} {kept}{unit}, not {asked}{unit}; a "
-                "project's object stays as it was added: correct the file, or take another id"
-            )
-
-
-def _require_same_epoch(project: Project, request: EpochRequest) -> None:
-    """Refuse an epoch that is kept with another date or other files."""
-    kept = {e.epoch_id: e for e in project.epochs(request.object_id)}.get(request.epoch_id)
-    if kept is None:
-        return
-    same_files = {str(s["sha256"]) for s in kept.sources} == {hash_file(f) for f in request.files}
-    if kept.date.isoformat() != request.date or not same_files:
-        what = "other files" if not same_files else f"the date {kept.date.isoformat()}, not {request.date}"
-        raise StoreError(
-            f"epoch {request.epoch_id} of object {request.object_id} is in the project with {what}; take another id or "
-            f"remove it first: monitor remove-epoch {project.path} {request.object_id} {request.epoch_id}"
         )
 
 
@@ -113,7 +79,7 @@ def _run_object(campaign: Campaign, wanted: ObjectRequest, settings: Path | None
     elif len(project.epochs(object_id)) > 1:
         compare_object(path, object_id, (None, None), settings_file=settings, where=where)
     if campaign.report is not None and kept_comparisons(project, object_id):
-        write_reports(path, object_id, (None, None), campaign.report)
+        update_reports(path, object_id, campaign.report)
     if campaign.export is not None:
         export_results(path, object_id, (None, None), campaign.export, campaign.formats)
 

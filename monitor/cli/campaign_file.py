@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from monitor.cli.adding import EpochRequest, check_request
+from monitor.cli.adding import EpochRequest, read_request
 from monitor.cli.results import parse_formats
 from monitor.cli.units import metres_from_millimetres
 from monitor.comparison.comparable import MODES
-from projects.errors import ParameterError
+from projects.errors import MonitorError, ParameterError
 from projects.extent import read_extent
 from projects.identifiers import require_id
 from projects.model import ObjectRecord
@@ -78,6 +78,8 @@ def read_campaign(path: Path) -> Campaign:
         raise ParameterError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'not UTF-8'})") from error
     except tomllib.TOMLDecodeError as error:
         raise ParameterError(f"{path}: is not TOML ({error})") from error
+    except RecursionError as error:
+        raise ParameterError(f"{path}: is nested too deeply for a campaign") from error
     table = _Table(content, "", path)
     formats = table.text("formats") or "ply"
     parse_formats(formats)
@@ -91,7 +93,25 @@ def read_campaign(path: Path) -> Campaign:
     if not campaign.objects:
         raise ParameterError(f"{path}: declares no object; add one: [[object]] with id and [[object.epoch]]")
     _require_once([o.record.object_id for o in campaign.objects], "object", path)
+    _require_places(campaign, path)
     return campaign
+
+
+def _require_places(campaign: Campaign, path: Path) -> None:
+    """Refuse folders to write to of which it is known before work begins that nothing can be written there."""
+    places = {"report": campaign.report, "export": campaign.export, "archive": campaign.archive}
+    for name, place in places.items():
+        if place is not None and place.exists() and not place.is_dir():
+            raise ParameterError(f"{path}: {name} {place} is a file; a folder is needed")
+    if campaign.archive is None:
+        return
+    archive = campaign.archive.resolve()
+    for name, place in {"project": campaign.project, **places, "archive": None}.items():
+        if place is not None and (place.resolve().is_relative_to(archive) or archive.is_relative_to(place.resolve())):
+            raise ParameterError(
+                f"{path}: {name} {place} and archive {campaign.archive} lie within each other; an archive needs a "
+                "folder of its own"
+            )
 
 
 def _read_object(table: _Table) -> ObjectRequest:
@@ -108,6 +128,7 @@ def _read_object(table: _Table) -> ObjectRequest:
     known = [e.epoch_id for e in epochs]
     _require_once(known, f"epoch of {object_id}", table.path_of_file)
     pairs = tuple(_read_pair(inner) for inner in table.tables("compare"))
+    _require_once([f"{p.reference} and {p.compared}" for p in pairs], f"comparison of {object_id}", table.path_of_file)
     table.require_no_other()
     return ObjectRequest(record, epochs, pairs)
 
@@ -121,7 +142,10 @@ def _read_epoch(table: _Table, object_id: str) -> EpochRequest:
         unit=table.text("unit") or None, files=table.files("files"),
     )  # fmt: skip
     table.require_no_other()
-    check_request(request)
+    try:
+        read_request(request)
+    except MonitorError as error:
+        raise ParameterError(f"{table.path_of_file}: {table.where.rstrip('.')}: {error}") from error
     return request
 
 
@@ -135,6 +159,8 @@ def _read_pair(table: _Table) -> PairRequest:
         read_extent(stable)
     pair = PairRequest(table.required_text("reference"), table.required_text("compared"), mode, stable)
     table.require_no_other()
+    if pair.reference == pair.compared:
+        raise ParameterError(f"{table.at('reference')} and compared are both {pair.compared}; two epochs are needed")
     return pair
 
 
@@ -142,7 +168,7 @@ def _require_once(ids: list[str], what: str, path: Path) -> None:
     """Refuse an id that is declared twice."""
     for k, name in enumerate(ids):
         if name in ids[:k]:
-            raise ParameterError(f"{path}: {what} {name} is declared twice; take another id for one of them")
+            raise ParameterError(f"{path}: {what} {name} is declared twice; leave one of them out or change its id")
 
 
 class _Table:

@@ -16,7 +16,7 @@ from projects.model import Comparison, Step, Surface
 from projects.store import Project
 from reports.document import gather_facts, kept_comparisons, outdated_epochs, require_comparison
 from reports.exports import FORMATS, export_comparison, export_series, export_surface
-from reports.report import write_report
+from reports.report import is_current, write_report
 
 SCREEN = "screen"  # a GLB for viewers: few faces and a normal map
 SCREEN_FACES = 100_000
@@ -128,11 +128,38 @@ def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Pat
         for reference_id, compared_id in pairs:
             require_comparison(project, object_id, reference_id, compared_id)
             notify(f"{compared_id}: drawing the report of the comparison with {reference_id}")
-            stem = out / f"{object_id}_{reference_id}_{compared_id}_report"
-            written += write_report(stem, gather_facts(project, object_id, reference_id, compared_id))
+            facts = gather_facts(project, object_id, reference_id, compared_id)
+            written += write_report(_stem(out, object_id, (reference_id, compared_id)), facts)
     for file in written:
         typer.echo(str(file))
     return written
+
+
+def update_reports(path: Path, object_id: str, out: Path) -> list[Path]:
+    """Write the reports of all comparisons of an object that are not there as the project and this program would make
+    them; name the files written, and how many others stay."""
+    project = Project.open(path)
+    make_folder(out)
+    written: list[Path] = []
+    n_kept = 0
+    with show_progress() as notify:
+        for pair in kept_comparisons(project, object_id):
+            facts, stem = gather_facts(project, object_id, *pair), _stem(out, object_id, pair)
+            if is_current(stem, facts):
+                n_kept += 1
+                continue
+            notify(f"{pair[1]}: drawing the report of the comparison with {pair[0]}")
+            written += write_report(stem, facts)
+    for file in written:
+        typer.echo(str(file))
+    if n_kept:
+        typer.echo(f"{n_kept} report{'s' if n_kept > 1 else ''} of {object_id} up to date in {out}")
+    return written
+
+
+def _stem(out: Path, object_id: str, pair: tuple[str, str]) -> Path:
+    """Return the path of a report, without the endings of its files."""
+    return out / f"{'_'.join((object_id, *pair))}_report"
 
 
 def _what_to_report(project: Project, object_id: str, pair: Pair) -> list[tuple[str, str]]:

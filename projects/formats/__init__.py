@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from projects.formats.parsing import ReadLimits as ReadLimits
     from projects.formats.poses import PoseLine as PoseLine
     from projects.formats.poses import doubt_places as doubt_places
+    from projects.formats.poses import find_pose_line as find_pose_line
     from projects.formats.poses import read_poses as read_poses
     from projects.formats.poses import require_known_names as require_known_names
     from projects.formats.ptx_writer import write_ptx as write_ptx
@@ -37,6 +38,7 @@ _HOME = {
     "ReadLimits": "parsing",
     "ScanStream": "scans",
     "doubt_places": "poses",
+    "find_pose_line": "poses",
     "metres_per_unit": "units",
     "question_unit": "units",
     "read_control": "control",
