@@ -32,7 +32,10 @@ from reports.views import draw_difference, draw_surface
 
 KEPT = 64  # pictures, answers and reports that are kept
 PIXELS = 520  # longest side of a picture
-POLICY = "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+POLICY = (
+    "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
 HTML, JPEG, PDF = "text/html; charset=utf-8", "image/jpeg", "application/pdf"
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
 
@@ -67,7 +70,7 @@ class Site:
         start(reply.status, [
             ("Content-Type", reply.media_type), ("Content-Length", str(len(reply.content))),
             ("Content-Security-Policy", POLICY), ("X-Content-Type-Options", "nosniff"), ("Cache-Control", "no-store"),
-            ("Referrer-Policy", "no-referrer"),
+            ("Referrer-Policy", "no-referrer"), ("Cross-Origin-Resource-Policy", "same-origin"),
         ])  # fmt: skip
         return [] if environ.get("REQUEST_METHOD") == "HEAD" else [reply.content]
 
@@ -112,23 +115,32 @@ class Site:
     def _last(self, project: Project, object_id: str) -> str:
         """Return the headline of the comparison of the two latest epochs that are compared, "" where none are."""
         pairs = kept_comparisons(project, object_id)
-        return self._facts(project, object_id, pairs[-1])[0].headline if pairs else ""
+        if not pairs:
+            return ""
+        try:
+            return self._facts(project, object_id, pairs[-1])[0].headline
+        except MonitorError as error:  # of one object, which must not hide the others
+            return f"cannot be shown: {error}"
 
     def _object(self, project: Project, object_id: str) -> dict[str, Any]:
         """Return what an object's page says."""
         record = project.object(object_id)
-        pairs = kept_comparisons(project, object_id)
-        comparisons = []
-        for pair in pairs[::-1]:
-            answer, subtitle = self._facts(project, object_id, pair)
-            step = require_comparison(project, object_id, *pair)
-            stale = outdated_epochs(project, object_id, pair, step)
-            comparisons.append({"name": "_".join(pair), "answer": answer, "subtitle": subtitle, "stale": stale})
+        comparisons = [self._comparison(project, object_id, p) for p in kept_comparisons(project, object_id)[::-1]]
         return {
             "id": object_id, "title": record.name or object_id, "project": project.name or project.path.name,
             "known": describe_object(record, project.name, project.crs),
             "epochs": [self._epoch(project, e) for e in project.epochs(object_id)], "comparisons": comparisons,
         }  # fmt: skip
+
+    def _comparison(self, project: Project, object_id: str, pair: tuple[str, str]) -> dict[str, Any]:
+        """Return one comparison as the object's page shows it; of one that is damaged, what is wrong with it."""
+        step = require_comparison(project, object_id, *pair)
+        told = {"name": "_".join(pair), "pair": pair, "stale": outdated_epochs(project, object_id, pair, step)}
+        try:
+            answer, subtitle = self._facts(project, object_id, pair)
+        except MonitorError as error:
+            return {**told, "fault": str(error)}
+        return {**told, "fault": "", "answer": answer, "subtitle": subtitle}
 
     def _epoch(self, project: Project, epoch: EpochRecord) -> dict[str, Any]:
         """Return one epoch as the object's page shows it."""

@@ -134,6 +134,21 @@ def test_a_page_shows_what_was_made_since(tmp_path: Path) -> None:
     assert "Two regions changed." not in text
 
 
+def test_a_damaged_comparison_hides_neither_its_object_nor_the_others(tmp_path: Path) -> None:
+    project = fill(tmp_path)
+    project.add_object(dataclasses.replace(example_object(name="Brunnen"), object_id="fountain"))
+    (kept,) = project.path.rglob("comparison-e1-*.h5")
+    damaged = bytearray(kept.read_bytes())
+    damaged[len(damaged) // 2] ^= 0xFF
+    kept.write_bytes(damaged)
+    front, own = page(Site(project.path), "/"), page(Site(project.path), "/column")
+    assert "Brunnen" in front
+    assert "cannot be shown: column e2 comparison-e1" in front
+    assert "The comparison of e1 and e2 cannot be shown: column e2 comparison-e1: the bytes of" in own
+    assert "/column/e1.jpg" in own
+    assert ask(Site(project.path), "/column/e1_e2.html")[0] == "404 Not Found"
+
+
 def test_the_server_answers_on_this_machine_and_a_port_in_use_is_refused(site: Site) -> None:
     with open_server(site.path, 0) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
