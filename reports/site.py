@@ -134,13 +134,12 @@ class Site:
 
     def _comparison(self, project: Project, object_id: str, pair: tuple[str, str]) -> dict[str, Any]:
         """Return one comparison as the object's page shows it; of one that is damaged, what is wrong with it."""
-        step = require_comparison(project, object_id, *pair)
-        told = {"name": "_".join(pair), "pair": pair, "stale": outdated_epochs(project, object_id, pair, step)}
+        told = {"name": "_".join(pair), "pair": pair}
         try:
-            answer, subtitle = self._facts(project, object_id, pair)
+            answer, subtitle, remarks = self._facts(project, object_id, pair)
         except MonitorError as error:
             return {**told, "fault": str(error)}
-        return {**told, "fault": "", "answer": answer, "subtitle": subtitle}
+        return {**told, "fault": "", "answer": answer, "subtitle": subtitle, "remarks": remarks}
 
     def _epoch(self, project: Project, epoch: EpochRecord) -> dict[str, Any]:
         """Return one epoch as the object's page shows it."""
@@ -156,15 +155,16 @@ class Site:
                 "operator": epoch.operator, "has_surface": made is not None,
                 "vertices": "" if vertices is None else count(vertices)}  # fmt: skip
 
-    def _facts(self, project: Project, object_id: str, pair: tuple[str, str]) -> tuple[Answer, str]:
-        """Return the answer of a comparison and what was compared."""
+    def _facts(self, project: Project, object_id: str, pair: tuple[str, str]) -> tuple[Answer, str, tuple[str, ...]]:
+        """Return the answer of a comparison, what was compared, and what its reader must know first."""
         step = require_comparison(project, object_id, *pair)
 
-        def gather() -> tuple[Answer, str]:
+        def gather() -> tuple[Answer, str, tuple[str, ...]]:
             facts = gather_facts(project, object_id, *pair)
-            return facts.answer, facts.subtitle
+            return facts.answer, facts.subtitle, facts.remarks
 
-        return self._keep(("answer", object_id, *pair, step.step_id), gather)
+        outdated = outdated_epochs(project, object_id, pair, step)  # which a remark tells
+        return self._keep(("answer", object_id, *pair, step.step_id, *outdated), gather)
 
     def _epoch_picture(self, project: Project, object_id: str, epoch_id: str) -> bytes:
         """Return an epoch's surface as stone, from where most of it is seen."""

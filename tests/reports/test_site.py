@@ -134,6 +134,15 @@ def test_a_page_shows_what_was_made_since(tmp_path: Path) -> None:
     assert "Two regions changed." not in text
 
 
+def test_an_object_s_page_says_what_must_be_known_first(tmp_path: Path) -> None:
+    project = fill(tmp_path)
+    backwards = example_comparison(n_not_assessable=0, n_unchanged=1, n_changed=1)
+    project.put("column", "e1", step("comparison-e2", "8", inputs=("3" * 16, "4" * 16)), backwards)
+    text = page(Site(project.path), "/column")
+    assert "Told backwards in time: epoch e2 of" in text
+    assert "What is called lost was gained since, and what is called gained was lost." in text
+
+
 def test_a_damaged_comparison_hides_neither_its_object_nor_the_others(tmp_path: Path) -> None:
     project = fill(tmp_path)
     project.add_object(dataclasses.replace(example_object(name="Brunnen"), object_id="fountain"))
