@@ -65,9 +65,9 @@ def verify_folder(path: Path, as_json: bool) -> None:
         for finding in report.findings:
             typer.echo(f"{finding.severity}: {finding.path}: {finding.message}")
     if errors:
-        raise StoreError(
-            f"{path}: {len(errors)} of {report.n_files} files are not as recorded; the first: {errors[0].message}"
-        )
+        n = len(errors)
+        raise StoreError(f"{path}: {n} {'thing is' if n == 1 else 'things are'} not as recorded; the first: "
+                         f"{errors[0].message}")  # fmt: skip
     if not as_json:
         typer.echo(f"{path}: {report.n_files} files, all as recorded")
 

@@ -184,6 +184,20 @@ def test_verify_names_every_file_that_is_changed_missing_or_new(
     assert run(["verify", str(copy)]) == 2
 
 
+def test_a_bag_without_the_seal_of_its_manifest_is_said_to_have_none(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = Path(shutil.copytree(made / "archive", tmp_path / "archive"))
+    (copy / "tagmanifest-sha256.txt").unlink()
+    (copy / "bag-info.txt").write_text("Source-Organization: somebody else\n")
+    assert run(["verify", str(copy)]) == 0  # a bag that others made need not have one
+    assert "warning: tagmanifest-sha256.txt: tagmanifest-sha256.txt is missing, so nobody" in capsys.readouterr().out
+    (copy / "manifest-sha256.txt").write_text("")
+    assert run(["verify", str(copy)]) == 2
+    n_files = sum(p.is_file() for p in (copy / "data").rglob("*"))
+    assert f"{n_files} things are not as recorded" in capsys.readouterr().err  # of the 0 that are in the manifest
+
+
 def test_a_path_that_leads_out_of_the_bag_is_not_followed(made: Path, tmp_path: Path) -> None:
 
     copy = Path(shutil.copytree(made / "archive", tmp_path / "archive"))
