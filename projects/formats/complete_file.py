@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import glob
+import json
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 
 from projects.atomic import flush, flush_folder
 from projects.errors import FormatError, ParameterError
+from projects.lock import UNFINISHED, is_stale, read_owner, this_process
+
+OWNER = "owner.json"  # beside an unfinished folder: the process that writes it
 
 
 @contextmanager
@@ -38,24 +44,28 @@ def complete_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def complete_folder(path: Path) -> Iterator[Path]:
-    """Yield a new folder beside `path` that takes its place, flushed to the disk, when the block ends well.
+    """Yield a new folder that takes the place of `path`, flushed to the disk, when the block ends well.
 
-    What a killed process left beside it, `.NAME-<8 hexadecimal digits>.unfinished`, is removed first.
+    It lies in one beside `path`, `.NAME-<8 hexadecimal digits>.unfinished`, that says which process writes it. What
+    killed processes left there is removed first; one that still runs is not disturbed.
 
     Raises
     ------
     ParameterError
-        If `path` is a file or holds anything, lies where no folder can be made, or the disk is full.
+        If `path` is a file or holds anything, is being written by another process, lies where no folder can be made, or
+        the disk is full.
     """
     path = Path(path).absolute()
-    unfinished = path.with_name(f".{path.name}-{uuid.uuid4().hex[:8]}.unfinished")
+    room = path.with_name(f".{path.name}-{uuid.uuid4().hex[:8]}.unfinished")
+    unfinished = room / path.name
     try:
         with _told_as_refusal(path):
             if path.exists() and (not path.is_dir() or any(path.iterdir())):
                 raise ParameterError(f"{path}: is there already; give a folder that is new or empty")
-            for left in path.parent.glob(f".{glob.escape(path.name)}-{'[0-9a-f]' * 8}.unfinished"):
-                shutil.rmtree(left, ignore_errors=True)
-            unfinished.mkdir(parents=True)
+            _clear_left(path)
+            room.mkdir(parents=True)
+            (room / OWNER).write_text(json.dumps(asdict(this_process())), encoding="utf-8")
+            unfinished.mkdir()
             yield unfinished
             for file in unfinished.rglob("*"):
                 (flush_folder if file.is_dir() else flush)(file)
@@ -64,7 +74,21 @@ def complete_folder(path: Path) -> Iterator[Path]:
             os.replace(unfinished, path)
             flush_folder(path.parent)
     finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
+        shutil.rmtree(room, ignore_errors=True)
+
+
+def _clear_left(path: Path) -> None:
+    """Remove what killed processes left of a folder; refuse where one that still runs is writing it."""
+    for room in path.parent.glob(f".{glob.escape(path.name)}-{'[0-9a-f]' * 8}.unfinished"):
+        owner = read_owner(room / OWNER)
+        if owner is None and time.time() - room.stat().st_mtime < UNFINISHED:
+            raise ParameterError(f"{path}: another process began to write it just now; try again in a minute")
+        if owner is not None and not is_stale(owner):
+            raise ParameterError(
+                f"{path}: is being written by process {owner.pid} on {owner.host.split('[')[0]} since "
+                f"{owner.since}; wait for it to end, or, if that program no longer runs, remove {room.name} there"
+            )
+        shutil.rmtree(room, ignore_errors=True)
 
 
 @contextmanager

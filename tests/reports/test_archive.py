@@ -2,8 +2,11 @@
 
 import datetime
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -223,10 +226,35 @@ def test_an_archive_that_was_cut_short_leaves_nothing(
     for folder in (left, mine):  # the first by a process that was killed
         folder.mkdir()
         (folder / "old").write_text("old")
+    os.utime(left, (0.0, 0.0))
     with complete_folder(tmp_path / "archive") as folder:
         (folder / "new").write_text("new")
     assert [p.name for p in (tmp_path / "archive").iterdir()] == ["new"]
     assert [p.name for p in tmp_path.iterdir() if p.name != "archive"] == [mine.name]
+
+
+def test_what_another_process_is_still_writing_is_left_alone_and_what_one_left_that_ended_is_removed(
+    tmp_path: Path,
+) -> None:
+    begin = (
+        "import sys, time; from pathlib import Path; from projects.formats.complete_file import complete_folder\n"
+        "with complete_folder(Path(sys.argv[1])) as folder:\n"
+        "    (folder / 'half').write_text('half'); print('begun', flush=True); time.sleep(600)"
+    )
+    other = subprocess.Popen([sys.executable, "-c", begin, str(tmp_path / "archive")], stdout=subprocess.PIPE)
+    assert other.stdout is not None
+    assert other.stdout.readline() == b"begun\n"
+    refused = pytest.raises(ParameterError, match=rf"archive: is being written by process {other.pid} on ")
+    with refused, complete_folder(tmp_path / "archive"):
+        pass
+    (room,) = tmp_path.iterdir()
+    assert (room / "archive" / "half").read_text() == "half"
+    other.kill()
+    other.wait()
+    with complete_folder(tmp_path / "archive") as folder:
+        (folder / "new").write_text("new")
+    assert [p.name for p in tmp_path.iterdir()] == ["archive"]
+    assert [p.name for p in (tmp_path / "archive").iterdir()] == ["new"]
 
 
 def test_a_folder_in_use_one_within_the_project_and_an_empty_object_are_refused(made: Path, tmp_path: Path) -> None:
