@@ -42,6 +42,9 @@ SEAM = 1.8  # letters that the space between two columns takes
 WIDEST, NARROWEST = 24, 4  # letters that a column of short words gets at most and at least
 LONGEST = 30  # letters of a word in a title or below a picture; a longer one may be broken
 FOOT = 100  # letters of a title in the foot of each page
+UNKNOWN = "\ufffd"
+# What PDF/A refuses as text: controls, letters that have a meaning in one font alone, and marks that are no letters.
+NOT_TEXT = re.compile("[\x7f-\x9f\ue000-\uf8ff\ufdd0-\ufdef\ufeff\ufffe\uffff\U000f0000-\U0010ffff]")
 BREAK = "\u200b"  # where a word may be broken, without a sign
 
 
@@ -64,7 +67,8 @@ def set_document(facts: ReportFacts, pictures: Pictures) -> bytes:
         room = Path(folder)
         (room / "report.typ").write_bytes(files("reports").joinpath("templates/report.typ").read_bytes())
         told = json.dumps(lay_out(facts, pictures, _Room(room)), ensure_ascii=False)
-        (room / "facts.json").write_text(told, encoding="utf-8", errors="replace")
+        told = NOT_TEXT.sub(UNKNOWN, told.encode("utf-8", "replace").decode("utf-8"))
+        (room / "facts.json").write_text(told, encoding="utf-8")
         return typst.compile(
             room / "report.typ", root=room, font_paths=[FONTS], ignore_system_fonts=has_letters(told), format="pdf",
             pdf_standards=STANDARD, timestamp=_moment(facts),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import re
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -28,6 +29,9 @@ from projects.transforms import apply, require_rigid
 CHUNK = 1_000_000
 STEP = 1e-6  # m, the coordinate grid of the file
 GPS_EPOCH = datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)
+NOT_XML = re.compile(
+    "[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+)  # XML 1.0, section 2.2: one makes a file unreadable
 NO_RETURN = 2  # cartesianInvalidState: no part of the coordinate is meaningful
 
 
@@ -227,7 +231,7 @@ def _structure(image: Any, content: Mapping[str, Any]) -> Any:
         if isinstance(value, Mapping):
             node.set(name, _structure(image, value))
         elif isinstance(value, str):
-            node.set(name, libe57.StringNode(image, value))
+            node.set(name, libe57.StringNode(image, NOT_XML.sub("\ufffd", value)))
         elif isinstance(value, int):
             node.set(name, libe57.IntegerNode(image, value))
         else:

@@ -60,6 +60,18 @@ def test_another_program_reads_the_same_pose_and_points(tmp_path, stations):
             np.testing.assert_array_equal(fields["columnIndex"], scan.columns)
 
 
+def test_characters_that_xml_does_not_have_leave_a_file_that_others_read(tmp_path, stations, read_whole):
+    odd = "soft\x0bbreak \x07 \x1b[31m \ufffe & <b> ]]> žΩ"
+    named = [dataclasses.replace(scan, name=odd) for scan in stations]
+    write_e57(tmp_path / "a.e57", named, description=odd)
+    read = pye57.E57(str(tmp_path / "a.e57"))
+    header = read.get_header(1)
+    shown = "soft\ufffdbreak \ufffd \ufffd[31m \ufffd & <b> ]]> žΩ"
+    assert header.node["name"].value() == shown
+    assert header.node["description"].value() == shown
+    assert len(read_whole(tmp_path / "a.e57")) == 2
+
+
 def test_cells_without_return_are_written_flagged_and_dropped_when_read(tmp_path, stations, read_whole):
     write_e57(tmp_path / "full.e57", stations[:1], fill_grid=True)
     (stream,) = read_scans(tmp_path / "full.e57")

@@ -95,6 +95,14 @@ def test_letters_of_any_script_leave_a_document():
     assert "Säule" in text_of(set_document(facts, pictures_of(facts)))
 
 
+@pytest.mark.parametrize("odd", ["\ufeff", "\uf0b7", "\x7f", "\ufffe", "\x0b", "\x07", "\udcff", "\u2028"])
+def test_what_pdf_does_not_take_as_text_leaves_a_document(odd):
+    facts = facts_of(name=f"Säule{odd} am Tor", description=f"pasted{odd}text")
+    document = set_document(facts, pictures_of(facts))
+    assert PdfDocument.from_bytes(document).validate_pdf_a("2a")["valid"]
+    assert "Säule" in text_of(document)
+
+
 def test_the_picture_of_the_difference_stands_on_the_first_page():
     facts = facts_of()
     document = set_document(facts, pictures_of(facts, plain_picture((10, 200, 30))))
