@@ -22,7 +22,7 @@ from projects.provenance import versions
 from projects.store import Project
 from reports.crate import write_crate
 from reports.deposit import Deposit
-from reports.deposit_comparison import add_comparison
+from reports.deposit_comparison import add_comparison, add_series_actions
 from reports.deposit_epoch import add_epoch
 from reports.document import kept_comparisons
 
@@ -81,6 +81,7 @@ def _add_object(deposit: Deposit, project: Project, object_id: str, notify: Call
     for pair in kept_comparisons(project, object_id):
         notify(f"{object_id} {pair[1]}: writing the comparison with {pair[0]} and its report")
         add_comparison(deposit, project, object_id, pair)
+    add_series_actions(deposit, project, object_id)
 
 
 def _write_readme(deposit: Deposit, project: Project, object_ids: Sequence[str], title: str) -> None:

@@ -18,12 +18,13 @@ from reports.exports import write_json
 
 @dataclass
 class Deposit:
-    """The payload's folder, what each file in it is (by its name there), the computations that made them, and what a
-    reader should mind."""
+    """The payload's folder, what each file in it is (by its name there), the computations that made them, what a reader
+    should mind, and which files a step made, by the step's id."""
 
     payload: Path
     contents: dict[str, str] = field(default_factory=dict)
     actions: list[Action] = field(default_factory=list)
+    made_by: dict[str, tuple[str, ...]] = field(default_factory=dict)
     minds: list[str] = field(default_factory=list)
 
     def add(self, paths: Path | Iterable[Path], what: str) -> tuple[str, ...]:

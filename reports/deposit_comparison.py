@@ -8,7 +8,13 @@ from pathlib import Path
 from projects.store import Project
 from reports.crate import Action
 from reports.deposit import Deposit
-from reports.document import gather_facts, outdated_epochs, require_comparison, series_resting_on
+from reports.document import (
+    gather_facts,
+    kept_comparisons,
+    outdated_epochs,
+    require_comparison,
+    series_resting_on,
+)
 from reports.exports import export_comparison, export_series
 from reports.report import write_report
 
@@ -28,12 +34,14 @@ def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tup
     made: tuple[str, ...] = ()
     for path in export_comparison(stem.parent, (object_id, *pair), comparison, step, ("ply",)):
         made += deposit.add(path, MEANINGS[path.suffix])
+    deposit.made_by[step.step_id] = made
     steps, followed = [step], series_resting_on(project, object_id, pair, step)
     if followed is not None:
         steps.append(followed)
         series = project.get(object_id, pair[1], followed.product, followed.step_id)
         written = export_series(stem.parent, object_id, series, comparison.on_reference.surface, ("ply",))
-        made += deposit.add(written, "Change over all epochs: rates on the reference surface, regions and their course")
+        told = "Change over all epochs: rates on the reference surface, regions and their course"
+        deposit.made_by[followed.step_id] = deposit.add(written, told)
     written = write_report(stem.with_name(f"{stem.name}_report"), gather_facts(project, object_id, *pair))
     made += deposit.add(written, "Report: what changed, where, how much and how sure")
     deposit.add_provenance(stem.with_name(f"{stem.name}_provenance.json"), steps)
@@ -46,6 +54,18 @@ def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tup
     name = f"Comparison of epochs {pair[0]} and {pair[1]} of {object_id}"
     compared = _surfaces(deposit, object_id, [e for e in pair if e not in outdated])
     deposit.actions.append(Action(name, step.created, compared, made, step.versions))
+
+
+def add_series_actions(deposit: Deposit, project: Project, object_id: str) -> None:
+    """Enter of which comparisons each series came; the deposit holds all comparisons of the object already."""
+    for reference_id, compared_id in kept_comparisons(project, object_id):
+        followed = project.latest(object_id, compared_id, f"series-{reference_id}")
+        if followed is None or followed.step_id not in deposit.made_by:
+            continue
+        of = tuple(name for step_id in followed.inputs for name in deposit.made_by.get(step_id, ()))
+        name = f"Change of {object_id} followed from epoch {reference_id} to {compared_id}"
+        results = deposit.made_by[followed.step_id]
+        deposit.actions.append(Action(name, followed.created, of, results, followed.versions))
 
 
 def _surfaces(deposit: Deposit, object_id: str, epoch_ids: Sequence[str]) -> tuple[str, ...]:

@@ -73,6 +73,8 @@ def complete_folder(path: Path) -> Iterator[Path]:
                 path.rmdir()
             os.replace(unfinished, path)
             flush_folder(path.parent)
+    except ParameterError as error:  # of a file in it: the user knows no unfinished folder
+        raise ParameterError(str(error).replace(str(unfinished), str(path))) from error
     finally:
         shutil.rmtree(room, ignore_errors=True)
 

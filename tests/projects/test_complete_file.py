@@ -10,7 +10,7 @@ import pytest
 
 from projects.errors import ParameterError
 from projects.formats import write_csv, write_e57, write_las, write_ply_mesh
-from projects.formats.complete_file import complete_file
+from projects.formats.complete_file import complete_file, complete_folder
 from projects.model import PointCloud, Scan, Surface
 
 
@@ -27,6 +27,17 @@ def test_a_full_disk_is_one_line_and_what_was_there_stays(tmp_path):
         fill()
     assert [p.name for p in tmp_path.iterdir()] == ["regions.csv"]
     assert path.read_text() == "before"
+
+
+def test_a_full_disk_names_the_folder_that_was_asked_for_and_not_the_unfinished_one(tmp_path):
+    def fill() -> None:
+        with complete_folder(tmp_path / "archive") as folder, complete_file(folder / "cloud.txt"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(ParameterError) as told:
+        fill()
+    assert str(told.value).startswith(f"{tmp_path / 'archive' / 'cloud.txt'}: cannot be written (No space left")
+    assert list(tmp_path.iterdir()) == []
 
 
 def cloud_on_a_full_disk(write, monkeypatch, tmp_path, suffix):

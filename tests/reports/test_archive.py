@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from example_project import MOTION, TURN, fill, measured, step
 from report_examples import example_comparison, example_epochs, example_object
+from test_courses import series_of
 
 from monitor.cli import run
 from monitor.scans import open_scans
@@ -310,6 +311,30 @@ def test_the_crate_claims_no_origin_that_a_file_does_not_have(
     assert [o["@id"] for o in compared["object"]] == ["column/e1/column_e1_surface.ply"]  # not the newer one of e2
     programs = [graph[a["instrument"]["@id"]]["softwareRequirements"] for a in actions.values()]
     assert programs == ["", "numpy 9.9", ""]
+
+
+def test_a_series_is_said_to_come_of_all_comparisons_that_it_rests_on(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pictures, "LARGEST", 100)
+    project = Project.open(shutil.copytree(made / "project", tmp_path / "project"))
+    n = len(example_comparison().on_reference.surface.vertices)
+    known = {name: np.zeros(n) for name in ("rate", "sigma_rate", "acceleration", "sigma_acceleration")}
+    series = replace(series_of("steady", (-1e-4, -4e-4)), identity=np.zeros(n, np.int32), **known)
+    again = step(
+        "comparison-e2", "a", inputs=("3" * 16, "4" * 16)
+    )  # entered after the one that the series is kept with
+    project.put("column", "e1", again, example_comparison(n_not_assessable=0, n_unchanged=1, n_changed=1))
+    project.put("column", "e2", step("series-e1", "9", inputs=("5" * 16, "a" * 16)), series)
+    write_archive(tmp_path / "archive", project, ["column"], silent)
+    text = (tmp_path / "archive" / "data" / "ro-crate-metadata.json").read_text(encoding="utf-8")
+    actions = {e["name"]: e for e in json.loads(text)["@graph"] if e["@type"] == "CreateAction"}
+    followed = actions["Change of column followed from epoch e1 to e2"]
+    inputs, results = ({f["@id"] for f in followed[part]} for part in ("object", "result"))
+    assert {"column/e1_e2/column_e1_e2_regions.csv", "column/e2_e1/column_e2_e1_regions.csv"} <= inputs
+    assert {Path(name).name.split("_")[2].split(".")[0] for name in results} == {"series"}
+    compared = {f["@id"] for f in actions["Comparison of epochs e1 and e2 of column"]["result"]}
+    assert not any("series" in name for name in compared)
 
 
 def test_a_scanner_off_the_origin_of_its_frame_stands_where_its_pose_puts_it(tmp_path: Path) -> None:
