@@ -43,7 +43,8 @@ class Beyond:
     `change` (n,) [m] is to the nearest point in any direction, positive = gained, NaN where the side is not known or
     the vertex is assessed; `gaps` (n,) [m] its size, known or not; `nearest` (n,) the vertex of the other surface
     nearest to it, -1 without; `is_free` (n,) whether it lies on a free edge; `limit` [m] of the search; `is_through`
-    (n,) whether a scan of the other epoch looked through it, which makes it gone or new: nowhere, if none is known.
+    (n,) whether a scan of the other epoch looked through it, which makes it gone or new: nowhere, if none is known;
+    `is_end` (n,) whether it is the end of a surface that lies no farther off than ends do by chance, `ends_by` [m].
     """
 
     change: tuple[Floats, Floats]
@@ -52,6 +53,8 @@ class Beyond:
     is_free: tuple[Bools, Bools]
     limit: float
     is_through: tuple[Bools, Bools]
+    is_end: tuple[Bools, Bools]
+    ends_by: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -66,20 +69,21 @@ def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: fl
     """Tell for all vertices that are not assessed on which side of the other surface they lie.
 
     `limit` [m] is the search limit of the perpendiculars; a piece may be `PIECE` times as deep. Nothing is told where
-    the points are of no one surface, nor of an end of a surface that lies no farther off than ends do by chance, nor
-    that something lies under the other surface where that has ended: the far side of a body of which the other epoch
-    saw the near one is not buried.
+    the points are of no one surface, nor that something lies under the other surface where that has ended: the far side
+    of a body of which the other epoch saw the near one is not buried.
     """
     limit = PIECE * limit
-    change, gaps, nearest = [], [], []
+    change, gaps, nearest, ends = [], [], [], []
     for k, side in enumerate(sides):
         which = np.flatnonzero(~side.is_assessed & (side.reasons != NotAssessed.NO_ONE_SURFACE))
         found = search_offsets(shells[1 - k], side.surface.vertices[which])
         here = np.full(len(side.areas), np.nan)
         is_told = found.is_known & (np.abs(found.distances) <= limit)
         is_told &= ~(found.is_past_end & (found.distances < 0.0))
-        is_told &= ~is_at_end(side, shells[k], which, found) | (np.abs(found.distances) > unsure_of_ends(side))
         here[which] = np.where(is_told, SIGNS[k] * found.distances, np.nan)
+        by_chance = found.is_known & (np.abs(found.distances) <= unsure_of_ends(side))
+        ends.append(np.zeros(len(side.areas), dtype=np.bool_))
+        ends[k][which] = by_chance & (is_at_end(side, shells[k], which, found) | found.is_past_end)
         change.append(keep_on_disk(here))
         gap = np.full(len(side.areas), np.nan)
         gap[which] = np.abs(found.distances)
@@ -87,7 +91,8 @@ def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: fl
         nearest.append(keep_on_disk(_nearest_vertices(side, which, found)))
     none = (np.zeros(len(change[0]), dtype=np.bool_), np.zeros(len(change[1]), dtype=np.bool_))
     is_free = (shells[0].is_border, shells[1].is_border)
-    return Beyond((change[0], change[1]), (gaps[0], gaps[1]), (nearest[0], nearest[1]), is_free, limit, none)
+    return Beyond((change[0], change[1]), (gaps[0], gaps[1]), (nearest[0], nearest[1]), is_free, limit, none,
+                  (ends[0], ends[1]), (unsure_of_ends(sides[0]), unsure_of_ends(sides[1])))  # fmt: skip
 
 
 def is_at_end(side: Side, shell: Shell, which: Ints, found: Offsets) -> Bools:
@@ -138,10 +143,10 @@ def grow_regions(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, 
     for _ in range(ROUNDS):
         for k, side in enumerate(sides):
             _take_nearest(grown, beyond, k, outside[k], signs == SIGNS[k])
-            _take_connected(grown, side, k, outside[k], signs == SIGNS[k], beyond.limit)
+            _take_connected(grown, side, k, outside[k], signs == SIGNS[k], beyond)
         for k, side in enumerate(sides):
             _take_nearest(grown, beyond, k, inside[k], signs == -SIGNS[k])
-            _take_connected(grown, side, k, inside[k], signs == -SIGNS[k], beyond.limit)
+            _take_connected(grown, side, k, inside[k], signs == -SIGNS[k], beyond)
     return grown[0], grown[1]
 
 
@@ -155,14 +160,17 @@ def _take_nearest(grown: list[Ints], beyond: Beyond, k: int, allowed: Bools, fit
     grown[k][taken] = label[taken]
 
 
-def _take_connected(grown: list[Ints], side: Side, k: int, allowed: Bools, fitting: Bools, limit: float) -> None:
-    """Spread the fitting regions of side k over allowed vertices, at most `limit` [m] along the surface."""
-    is_seed = (grown[k] > 0) & fitting[grown[k]]
-    seeds = np.flatnonzero(is_seed)
-    if len(seeds):
-        source = spread_along(side, seeds, allowed | is_seed, limit)
-        spread = np.flatnonzero((source >= 0) & (grown[k] == 0))
-        grown[k][spread] = grown[k][source[spread]]
+def _take_connected(grown: list[Ints], side: Side, k: int, allowed: Bools, fitting: Bools, beyond: Beyond) -> None:
+    """Spread the fitting regions of side k over allowed vertices: at most as far along the surface as a piece may be
+    deep, and over its ends no farther than ends lie off by chance. Along an end, which stands off a body by many times
+    the level of detection where beams graze its limb, a region would run all around."""
+    for which, limit in ((allowed & ~beyond.is_end[k], beyond.limit), (allowed, beyond.ends_by[k])):
+        is_seed = (grown[k] > 0) & fitting[grown[k]]
+        seeds = np.flatnonzero(is_seed)
+        if len(seeds):
+            source = spread_along(side, seeds, which | is_seed, limit)
+            spread = np.flatnonzero((source >= 0) & (grown[k] == 0))
+            grown[k][spread] = grown[k][source[spread]]
 
 
 def join_grown(sides: tuple[Side, Side], grown: tuple[Ints, Ints], signs: Floats) -> Ints:

@@ -46,13 +46,14 @@ def is_volume_known(sides: Pair, regions: tuple[Ints, Ints], beyond: Beyond, wid
     """Return for each region (n_regions,) whether most of what lies beside it was seen in both epochs.
 
     Beside is within `width` [m] along the surface. Where a vertex that is not assessed lies neither over nor under the
-    other surface, what happened there was not seen, and may go on. On neither side may that be more than
-    `MOST_UNKNOWN` of the region's area, the larger one of both sides: a fracture is smaller than what broke off it.
+    other surface, nor at an end of either, what happened there was not seen, and may go on. On neither side may that be
+    more than `MOST_UNKNOWN` of the region's area, the larger one of both sides: a fracture is smaller than what broke
+    off it.
     """
     area, unknown = np.zeros(n_regions), np.zeros(n_regions)
-    for side, region, change in zip(sides, regions, beyond.change, strict=True):
+    for side, region, change, is_end in zip(sides, regions, beyond.change, beyond.is_end, strict=True):
         around = spread_margin(side, region, width)
-        is_unknown = ~side.is_assessed & np.isnan(change) & (region == 0)
+        is_unknown = ~side.is_assessed & np.isnan(change) & ~is_end & (region == 0)
         beside = np.bincount(around, np.where(is_unknown, side.areas, 0.0), minlength=n_regions + 1)[1:]
         area = np.maximum(area, np.bincount(region, side.areas, minlength=n_regions + 1)[1:])
         unknown = np.maximum(unknown, beside)
@@ -195,7 +196,9 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, margin, registration),
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, vertices, registration),
-        extreme=find_extreme(side, found, which, (vertices, whole), beyond.change[which]),
+        extreme=find_extreme(
+            side, found, which, (vertices, whole), np.where(beyond.is_end[which], np.nan, beyond.change[which])
+        ),
         gap=find_gap(side, found, (vertices, whole), beyond.change[which]),
         centroid=np.average(side.surface.vertices[whole], axis=0, weights=side.areas[whole]),
         unevenness=float(np.sqrt(np.fmax(spread2 - noise2, 0.0))) if len(vertices) else np.nan,

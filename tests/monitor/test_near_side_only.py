@@ -49,7 +49,8 @@ def test_a_change_beside_the_limb_stays_there(rng: np.random.Generator, swapped:
     assert region["extreme_m"] == pytest.approx(sign * GAIN, abs=0.1 * GAIN)  # part of it lies under the limb's rows
     for side in (found.on_reference, found.on_compared):
         taken = side.surface.vertices[side.region > 0]
-        assert (np.linalg.norm(taken - RADIUS * PLACE, axis=1) < 0.035).all()
+        beyond_it = np.linalg.norm(taken - RADIUS * PLACE, axis=1) - 0.03
+        assert beyond_it.max() < 3.0 * SPACING  # along the limb no farther than ends lie off each other by chance
 
 
 def test_errors_that_agree_along_the_limb_are_no_change() -> None:
