@@ -164,8 +164,9 @@ def _take_connected(grown: list[Ints], side: Side, k: int, allowed: Bools, fitti
     """Spread the fitting regions of side k over allowed vertices: at most as far along the surface as a piece may be
     deep, and over its ends no farther than ends lie off by chance. Along an end, which stands off a body by many times
     the level of detection where beams graze its limb, a region would run all around."""
-    for which, limit in ((allowed & ~beyond.is_end[k], beyond.limit), (allowed, beyond.ends_by[k])):
-        is_seed = (grown[k] > 0) & fitting[grown[k]]
+    is_end = beyond.is_end[k]
+    for which, limit in ((allowed & ~is_end, beyond.limit), (allowed & is_end, beyond.ends_by[k])):
+        is_seed = (grown[k] > 0) & fitting[grown[k]] & ~is_end
         seeds = np.flatnonzero(is_seed)
         if len(seeds):
             source = spread_along(side, seeds, which | is_seed, limit)
