@@ -19,7 +19,7 @@ from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
 from monitor.comparison.spreading import spread_along
-from projects.model import Bools, Floats, Ints, Registration
+from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 
 Pair = tuple[Side, Side]
 N_AROUND = 7  # vertices, the place itself among them, that tell how large the largest change is
@@ -46,14 +46,15 @@ def is_volume_known(sides: Pair, regions: tuple[Ints, Ints], beyond: Beyond, wid
     """Return for each region (n_regions,) whether most of what lies beside it was seen in both epochs.
 
     Beside is within `width` [m] along the surface. Where a vertex that is not assessed lies neither over nor under the
-    other surface, nor at an end of either, what happened there was not seen, and may go on. On neither side may that be
-    more than `MOST_UNKNOWN` of the region's area, the larger one of both sides: a fracture is smaller than what broke
-    off it.
+    other surface, nor at an end of either that was seen, what happened there was not seen, and may go on. On neither
+    side may that be more than `MOST_UNKNOWN` of the region's area, the larger one of both sides: a fracture is smaller
+    than what broke off it.
     """
     area, unknown = np.zeros(n_regions), np.zeros(n_regions)
     for side, region, change, is_end in zip(sides, regions, beyond.change, beyond.is_end, strict=True):
         around = spread_margin(side, region, width)
-        is_unknown = ~side.is_assessed & np.isnan(change) & ~is_end & (region == 0)
+        is_seen_end = is_end & (side.reasons != NotAssessed.NOT_SEEN)
+        is_unknown = ~side.is_assessed & np.isnan(change) & ~is_seen_end & (region == 0)
         beside = np.bincount(around, np.where(is_unknown, side.areas, 0.0), minlength=n_regions + 1)[1:]
         area = np.maximum(area, np.bincount(region, side.areas, minlength=n_regions + 1)[1:])
         unknown = np.maximum(unknown, beside)
