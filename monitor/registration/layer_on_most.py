@@ -83,7 +83,7 @@ def find_layer_on_most(samples: Samples, target: Side, found: Alignment, rules: 
     layered = conclude_beside(peeled, found, stable, n_iterations, thickness, numbers, "on most of it")
     if layered is None:
         return None
-    doubt = layered.doubt or in_words(thickness)
+    doubt = "; ".join(filter(None, (in_words(thickness), layered.doubt)))
     return replace(layered, thickness=np.nan, sigma=np.nan, doubt=doubt, is_still=is_still)
 
 

@@ -10,6 +10,7 @@ from test_wide_layers import area_above, make_body
 
 from monitor.comparison import compare
 from monitor.registration import register
+from monitor.registration.weights import robust_scale
 from projects.transforms import apply
 
 
@@ -37,6 +38,18 @@ def test_a_figure_cleaned_or_coated_all_but_its_base_is_one_region(layer: float,
     assert result.statistics["lod95_median_m"] < 4.5e-4
     base = np.abs(result.on_compared.distances[after.vertices[:, 2] < (above - 0.1) * 0.13])
     assert np.nanmedian(base) < 1.5e-4
+
+
+def test_what_is_taken_for_stable_is_said_beside_other_doubts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A doubt about the layer took the place of the words on what was taken for stable."""
+    monkeypatch.setattr(
+        "monitor.registration.layer.stated_scatter", lambda _, patches, __: robust_scale(patches.mean) / 1.2
+    )
+    rng = np.random.default_rng(1)
+    found = register(make_body(rng, 0.7, 0.001, -0.15), make_body(rng, 0.0, 0.0, -0.15))
+    assert found.stable_is_rest
+    assert "stable is taken to be the smaller part" in found.doubt
+    assert "beside a layer on most of it" in found.doubt
 
 
 @pytest.mark.parametrize(
