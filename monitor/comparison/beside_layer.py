@@ -1,9 +1,9 @@
-"""Change beside a layer all over: what stands out of it is looked for without it, and is told as it was measured.
+"""Change beside a layer all over: what stands out of it is looked for, and its regions' figures are told, without it.
 
 In: a surface all of which lies further in or out by one thickness, as the registration found it. Out: the surface with
-that peeled off, which is judged; and the answer with the distances and levels that hold with it. Whether an object was
-cleaned all over or scanned by an instrument whose ranges differ, nobody knows from two epochs. As an error the layer
-would raise the level of detection by its whole thickness, and hide all that lies within it.
+that peeled off, which is judged; and the answer with distances and levels as they were measured, with it. Whether an
+object was cleaned all over or scanned by an instrument whose ranges differ, nobody knows from two epochs. As an error
+the layer would raise the level of detection by its whole thickness, and hide all that lies within it.
 """
 
 from __future__ import annotations

@@ -16,12 +16,12 @@ from monitor.boxes import box_of
 from monitor.comparison.beside_layer import lay_back, level_beside, name_beside, peel, peel_points, thickness_of
 from monitor.comparison.borne_out import Points, keep_borne_out
 from monitor.comparison.comparable import require_common, require_comparable, settle_motion
-from monitor.comparison.detection import Detection, detect
+from monitor.comparison.detection import Detected, Detection, detect
 from monitor.comparison.distances import search_limit
-from monitor.comparison.enclosure import look_beyond
+from monitor.comparison.enclosure import Beyond, look_beyond
 from monitor.comparison.evidence import Sights, look_through
 from monitor.comparison.region_shapes import describe_shapes
-from monitor.comparison.regions import area_looked_through, find_regions, least_area, least_beyond
+from monitor.comparison.regions import Regions, area_looked_through, find_regions, least_area, least_beyond
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
@@ -149,13 +149,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
     if points is not None and len(regions.table):
         gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
-        before, after = points()
-        after = peel_points(after, compared, layer) if layer else after
-        regions, sides = keep_borne_out(regions, sides, in_one_frame((before, after), T), limits, gone)
-    told = map_sides(
-        lambda k: finish_side(sides[k], found.sides[k], (regions.seen[k], regions.whole[k]), beyond.change[k]),
-        larger_of(sides),
-    )
+        own = judged_points(points(), compared, layer)
+        regions, sides = keep_borne_out(regions, sides, in_one_frame(own, T), limits, gone)
+    told = finish_sides(sides, found, regions, beyond)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
     statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes}
     if layer:
@@ -235,11 +231,27 @@ def drop_scattered(side: Side, own: Floats | None, other: Floats | None, most: f
     return side.without(scattered, NotAssessed.NO_ONE_SURFACE)
 
 
+def judged_points(points: tuple[Floats | None, Floats | None], compared: Surface, layer: float,
+                  ) -> tuple[Floats | None, Floats | None]:  # fmt: skip
+    """Return the points (n, 3) [m] of both epochs as their surfaces are judged: the compared one's without a `layer`
+    [m] all over."""
+    return points if not layer else (points[0], peel_points(points[1], compared, layer))
+
+
 def in_one_frame(points: tuple[Floats | None, Floats | None], T_reference_compared: Floats | None,
                  ) -> tuple[Floats | None, Floats | None]:  # fmt: skip
     """Return the points (n, 3) [m] of both epochs, where known, in the reference's coordinates; None: no motion."""
     before, after = points
     return before, after if after is None or T_reference_compared is None else apply(T_reference_compared, after)
+
+
+def finish_sides(sides: tuple[Side, Side], found: Detected, regions: Regions, beyond: Beyond,
+                 ) -> tuple[ComparedSurface, ComparedSurface]:  # fmt: skip
+    """Return both sides (reference, compared) as the result holds them."""
+    return map_sides(
+        lambda k: finish_side(sides[k], found.sides[k], (regions.seen[k], regions.whole[k]), beyond.change[k]),
+        larger_of(sides),
+    )
 
 
 def finish_side(side: Side, found: Detection, regions: tuple[Ints, Ints], change_beyond: Floats) -> ComparedSurface:
