@@ -14,19 +14,21 @@ from functools import partial
 
 import numpy as np
 
+from monitor.adjusted import adjusted_clouds
 from monitor.comparison import compare
 from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
 from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
+from monitor.held_placement import place_against_held
 from monitor.measured import measured_points, raw_scans
 from monitor.mesh_extent import cut_to_extent
 from monitor.quality import (
-    assess_placement,
     assess_rounding,
     assess_scans,
     describe_distances,
     distances_to_surface,
     join_shared,
+    placement_of,
 )
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
@@ -34,13 +36,13 @@ from monitor.record import Asked, Made, Place, comparison_product, find_step, la
 from monitor.registration.epochs import held_by_frames, register_epochs
 from monitor.registration.held import Frames
 from monitor.registration.parts import find_parts
+from monitor.registration.placement import placement_sigma
 from monitor.repeats import filter_repeats, is_averaged
 from monitor.same_survey import require_own_scans
 from monitor.scan_network import adjust_epoch, frames_between
 from monitor.scans import read_within
 from monitor.second_opinion import ask_m3c2, filtered, gather_sights
 from monitor.settings import Settings, as_mapping
-from monitor.setups import join_setups
 from monitor.strays import share_of_strays
 from monitor.target_search import search_targets
 from monitor.winding import wind_outward
@@ -48,7 +50,6 @@ from projects.errors import ParameterError
 from projects.extent import Extent, inside
 from projects.model import Floats, PointCloud, Scan, Step, Surface
 from projects.store import Project
-from projects.transforms import apply, rotate
 
 Notify = Callable[[str], None]
 SLACK_SIGMAS = 3.0  # of the misfit of the scans: nearly all points lie no farther off those of another scan
@@ -113,6 +114,8 @@ def compare_epochs(
         if mode == "absolute" and tied is not None and not motion.converged:
             motion = held_by_frames(tied, motion)
         notify(f"{compared_id}: comparing with {reference_id}")
+        if mode == "relative":
+            reference, compared = place_against_held((earlier, place), (reference, compared), motion)
         sights = gather_sights(earlier), gather_sights(place)
         frames = tied.about(motion.centre) if tied is not None else None
         found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames,
@@ -208,31 +211,13 @@ def filter_task(task: ScanTask) -> Made:
     return Made(result.cloud, result.automatic, {**task.counts, **result.counts})
 
 
-def _adjusted_clouds(place: Place, scans: Sequence[Step], network: Step) -> list[PointCloud]:
-    """Return the filtered clouds of the set-ups, those with points, where the adjustment put them."""
-    found = place.get(network)
-    motions, setups = found["T_project_given"], found.get("setups", np.arange(len(scans)))
-    clouds = [move_cloud(place.get(step), T) for step, T in zip(scans, motions, strict=True)]
-    return join_setups(clouds, setups)
-
-
-def move_cloud(cloud: PointCloud, T_target_source: Floats) -> PointCloud:
-    """Return a cloud in the target's coordinates, with its normals and the scanners that saw it."""
-    return replace(
-        cloud,
-        points=apply(T_target_source, cloud.points),
-        normals=None if cloud.normals is None else rotate(T_target_source, cloud.normals),
-        origins=None if cloud.origins is None else apply(T_target_source, cloud.origins),
-    )
-
-
 def _merge(place: Place, settings: Settings, scans: list[Step], network: Step, notify: Notify) -> Step:
     """Merge the scans and filter the merged cloud once more (step 8; Dorninger & Nothegger 2009)."""
 
     def make() -> Made:
         """Merge the clouds of the set-ups where the adjustment put them."""
         notify(f"{place.epoch_id}: merging {len(scans)} scan{'s' if len(scans) > 1 else ''}")
-        result = merge_scans(_adjusted_clouds(place, scans, network), settings.filter, _slack(network))
+        result = merge_scans(adjusted_clouds(place, scans, network), settings.filter, _slack(network))
         return Made(result.cloud, result.automatic, result.counts)
 
     asked = Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, (*scans, network))
@@ -256,9 +241,9 @@ def _reconstruct(
         notify(f"{place.epoch_id}: reconstructing the surface")
         result = reconstruct_with_record(place.get(filtered), settings.surface)
         notify(f"{place.epoch_id}: comparing its scans with each other")
-        clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
+        clouds = adjusted_clouds(place, parts[:-1], parts[-1])
         agreement = assess_scans(result.surface, clouds)
-        sigma_placed = assess_placement(result.surface, clouds, place.get(parts[-1]))
+        sigma_placed = placement_sigma(result.surface.vertices, placement_of(clouds, place.get(parts[-1])))
         fits = result.automatic["fit_radius_m"], result.automatic["noise_m"]
         sigma_rounded = assess_rounding(result.surface, _roundings(place, parts), fits)
         averaged = is_averaged(place, settings.filter)  # whose raw points drift from the mean of them all
@@ -304,7 +289,7 @@ def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify
     def make() -> Made:
         """Return the distances (n,) [m] of the points of each scan from the surface, and their figures."""
         notify(f"{place.epoch_id}: checking the surface against its scans")
-        clouds = _adjusted_clouds(place, parts[:-1], parts[-1])
+        clouds = adjusted_clouds(place, parts[:-1], parts[-1])
         names = [f"scan{int(c.scan_index[0]):03d}" for c in clouds if c.scan_index is not None]
         distances = distances_to_surface(place.get(surface), clouds)
         arrays = dict(zip(names, distances, strict=True))

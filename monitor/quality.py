@@ -12,7 +12,7 @@ import numpy as np
 from monitor.filtering.rounding import error_of_rounding
 from monitor.reconstruction import surface_to_points
 from monitor.registration.agreement import Agreement, assess_agreement
-from monitor.registration.placement import placement_sigma
+from monitor.registration.placement import Placement, lay_out_placement
 from monitor.registration.sides import prepare_side
 from projects.model import Floats, PointCloud, Surface
 
@@ -39,12 +39,12 @@ def _frontality(cloud: PointCloud) -> Floats:
     return cosines
 
 
-def assess_placement(surface: Surface, clouds: Sequence[PointCloud], network: Mapping[str, Floats]) -> Floats:
-    """Return one sigma (n,) [m] of the surface by where the adjustment put its scans (named by `scan_index`)."""
+def placement_of(clouds: Sequence[PointCloud], network: Mapping[str, Floats]) -> Placement | None:
+    """Return where the adjustment put the scans of an epoch (named by `scan_index`), and how sure; None: as given."""
     scans = [0 if c.scan_index is None else int(c.scan_index[0]) for c in clouds]
     unknowns = (6 * np.array(scans)[:, None] + np.arange(6)).ravel()
     joint = network["joint_covariance"][np.ix_(unknowns, unknowns)]
-    return placement_sigma(surface.vertices, clouds, _typical_spacing(clouds), joint, network["centres"][scans])
+    return lay_out_placement(clouds, _typical_spacing(clouds), joint, network["centres"][scans])
 
 
 def assess_rounding(surface: Surface, scans: Sequence[tuple[float, Floats]], fits: tuple[float, float]) -> Floats:

@@ -8,38 +8,48 @@ before, and the body is too large: only the covariance of the adjustment knows h
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from monitor.registration.agreement import PATCH_IN_SPACINGS, cut_cubes, spread_to
 from monitor.registration.sampling import motion_rows
-from projects.model import Floats, Ints, PointCloud
+from projects.model import Bools, Floats, Ints, PointCloud
 
 
-def placement_sigma(
-    vertices: Floats, clouds: Sequence[PointCloud], spacing: float, joint_covariance: Floats, centres: Floats
-) -> Floats:
-    """Return one sigma (n,) [m] along the normal of where the adjustment put the scans that each vertex comes from.
+@dataclass(frozen=True)
+class Placement:
+    """How p patches of a surface follow the motions of its s scans.
+
+    `middles` (p, 3) m; `rows` (p, 6 s) how far each goes along its normal under the motions of the scans that see it,
+    each by its share of the points, and `common` (p, 6) under one motion of them all; `n_points` (p,) of each;
+    `covariance` (6 s, 6 s) rad, m of the motions.
+    """
+
+    middles: Floats
+    rows: Floats
+    common: Floats
+    n_points: Floats
+    covariance: Floats
+
+
+def lay_out_placement(
+    clouds: Sequence[PointCloud], spacing: float, joint_covariance: Floats, centres: Floats
+) -> Placement | None:
+    """Return how the patches of a surface follow the motions of its scans; None where none of these was estimated.
 
     Parameters
     ----------
-    vertices : (n, 3) m.
     clouds : of each scan, registered, with normals.
     spacing : m, typical distance between neighbouring points.
     joint_covariance, centres : (6 s, 6 s) rad, m about (s, 3) m, of the motions of all scans; one of which they are NaN
         (its pose was given and stays) counts as well placed, since its error shows where it overlaps others.
-
-    Notes
-    -----
-    The surface follows the mean of the scans that see a patch, each by its share of the points: its row over all
-    motions is the mean of n'(w x (x - c) + t). What the scans do in common as one rigid body is taken out, since the
-    registration of the epoch finds that anew and states it (least squares over the patches, each by its points); what
-    bends or swells the whole stays.
     """
     known = [k for k, c in enumerate(clouds) if c.normals is not None and len(c)]
     known = [k for k in known if np.isfinite(joint_covariance[6 * k, 6 * k])]
     if not known:
-        return np.zeros(len(vertices))
+        return None
     points = np.concatenate([clouds[k].points for k in known])
     patch, middles = cut_cubes(points, PATCH_IN_SPACINGS * spacing)
     count = np.bincount(patch).astype(float)
@@ -53,8 +63,39 @@ def placement_sigma(
         common += _sum_of_rows(clouds[k], middle, member, len(count))
     unknowns = (6 * np.array(known)[:, None] + np.arange(6)).ravel()
     covariance = joint_covariance[np.ix_(unknowns, unknowns)]
-    rows = _less_common(rows / count[:, None], common / count[:, None], count)
-    return np.sqrt(spread_to(vertices, middles, np.einsum("pi,ij,pj->p", rows, covariance, rows, optimize=True)))
+    return Placement(middles, rows / count[:, None], common / count[:, None], count, covariance)
+
+
+def placement_sigma(vertices: Floats, placement: Placement | None, is_held: Bools | None = None) -> Floats:
+    """Return one sigma (n,) [m] along the normal of where the adjustment put the scans that each vertex comes from;
+    0 where there is no `placement`.
+
+    Parameters
+    ----------
+    vertices : (n, 3) m.
+    is_held : (n,) vertices that the registration of the epoch holds to; all where left out.
+
+    Notes
+    -----
+    The surface follows the mean of the scans that see a patch: its row over all motions is the mean of
+    n'(w x (x - c) + t). What the scans do in common as one rigid body is taken out, since the registration of the epoch
+    finds that anew and states it (least squares over the patches, each by its points, as far as they are held to); what
+    bends or swells the whole stays. A part that the registration leaves out, as one that stands off, is as sure as
+    scans that see it are placed against those that see the rest.
+    """
+    if placement is None:
+        return np.zeros(len(vertices))
+    p = placement
+    weight = p.n_points * (1.0 if is_held is None else _share_held(p.middles, vertices, is_held))
+    rows = _less_common(p.rows, p.common, weight if np.any(weight) else p.n_points)
+    return np.sqrt(spread_to(vertices, p.middles, np.einsum("pi,ij,pj->p", rows, p.covariance, rows, optimize=True)))
+
+
+def _share_held(middles: Floats, vertices: Floats, is_held: Bools) -> Floats:
+    """Return which share of the vertices next to each patch (p,) is held to, 0 where there are none."""
+    patch = cKDTree(middles).query(vertices, workers=-1)[1]
+    n = np.bincount(patch, minlength=len(middles))
+    return np.asarray(np.bincount(patch, is_held, minlength=len(middles)) / np.maximum(n, 1))
 
 
 def _sum_of_rows(cloud: PointCloud, centre: Floats, member: Ints, n: int) -> Floats:

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from monitor.quality import join_shared
-from monitor.registration.placement import placement_sigma
+from monitor.registration.placement import lay_out_placement, placement_sigma
 from projects.model import Floats, PointCloud
 
 
@@ -33,7 +33,7 @@ def test_two_scans_that_slide_off_each_other_err_by_half_the_way(rng: np.random.
     covariances[:, 3, 3] = 0.001**2
     covariances[:, 4, 4] = 0.05**2  # what slides along the wall does not matter
     where = np.array([[0.0, 0.0 + 2.0 * k, 0.0] for k in range(4)]) - [0.0, 1.0, 0.0]
-    sigma = placement_sigma(where, clouds, 0.01, block_diag(*covariances), np.zeros((4, 3)))
+    sigma = placement_sigma(where, lay_out_placement(clouds, 0.01, block_diag(*covariances), np.zeros((4, 3))))
     # a shift and a turn of the whole leave the residuals of a line through four values: 1 - 1/4 - x^2 / sum x^2
     left = 1.0 - 0.25 - np.array([-3.0, -1.0, 1.0, 3.0]) ** 2 / 20.0
     assert sigma == pytest.approx(0.001 * np.sqrt(left), rel=0.03)
@@ -42,14 +42,16 @@ def test_two_scans_that_slide_off_each_other_err_by_half_the_way(rng: np.random.
 def test_a_motion_that_all_scans_share_is_left_to_the_registration(rng: np.random.Generator) -> None:
     clouds = walls_of_a_cube(rng)
     common = np.diag([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3]) ** 2
-    sigma = placement_sigma(clouds[0].points, clouds, 0.01, np.tile(common, (6, 6)), np.zeros((6, 3)))
+    placement = lay_out_placement(clouds, 0.01, np.tile(common, (6, 6)), np.zeros((6, 3)))
+    sigma = placement_sigma(clouds[0].points, placement)
     assert sigma.max() < 1e-8
 
 
 def test_scans_that_all_lie_outward_make_the_body_too_large(rng: np.random.Generator) -> None:
     clouds = walls_of_a_cube(rng)
     outward = np.concatenate([np.append(np.zeros(3), c.normals[0]) for c in clouds])  # type: ignore[index]
-    sigma = placement_sigma(clouds[0].points, clouds, 0.01, 0.0004**2 * np.outer(outward, outward), np.zeros((6, 3)))
+    joint = 0.0004**2 * np.outer(outward, outward)
+    sigma = placement_sigma(clouds[0].points, lay_out_placement(clouds, 0.01, joint, np.zeros((6, 3))))
     assert np.median(sigma) == pytest.approx(0.0004, rel=0.02)
 
 
@@ -58,16 +60,33 @@ def test_where_two_scans_see_a_place_it_errs_as_their_mean(rng: np.random.Genera
         return np.diag([0.0, 0.0, 0.0, sigma**2, sigma**2, sigma**2])
 
     clouds = walls_of_a_cube(rng)
-    once = placement_sigma(np.zeros((1, 3)) + 0.5, clouds, 0.01, block_diag(*[outwards(0.001)] * 6), np.zeros((6, 3)))
-    twice = placement_sigma(np.zeros((1, 3)) + 0.5, [c for c in clouds for _ in range(2)], 0.01,
-                            block_diag(*[outwards(0.001)] * 12), np.zeros((12, 3)))  # fmt: skip
-    assert twice[0] == pytest.approx(once[0] / np.sqrt(2.0), rel=1e-6)
+    corner = np.full((1, 3), 0.5)
+    once = lay_out_placement(clouds, 0.01, block_diag(*[outwards(0.001)] * 6), np.zeros((6, 3)))
+    both = [c for c in clouds for _ in range(2)]
+    twice = lay_out_placement(both, 0.01, block_diag(*[outwards(0.001)] * 12), np.zeros((12, 3)))
+    ratio = placement_sigma(corner, twice)[0] / placement_sigma(corner, once)[0]
+    assert ratio == pytest.approx(1.0 / np.sqrt(2.0), rel=1e-6)
 
 
 def test_scans_at_their_given_poses_add_nothing(rng: np.random.Generator) -> None:
     clouds = [wall(rng, 0.0), wall(rng, 3.0)]
     unknown = np.full((12, 12), np.nan), np.full((2, 3), np.nan)
-    assert not placement_sigma(clouds[0].points[:7], clouds, 0.01, *unknown).any()
+    assert not placement_sigma(clouds[0].points[:7], lay_out_placement(clouds, 0.01, *unknown)).any()
+
+
+def test_what_the_registration_leaves_out_is_as_sure_as_its_scan_against_the_rest(rng: np.random.Generator) -> None:
+    """Three scans of which the registration holds to two: they lie about their own middle, the third off it."""
+    clouds = [wall(rng, 0.0, -1.5, -0.5), wall(rng, 0.0, -0.5, 0.5), wall(rng, 0.0, 0.5, 1.5)]
+    shifts = np.zeros((3, 6, 6))
+    shifts[:, 3, 3] = 0.001**2
+    where = np.array([[0.0, y, 0.0] for y in (-1.0, 0.0, 1.0)])
+    placement = lay_out_placement(clouds, 0.01, block_diag(*shifts), np.zeros((3, 3)))
+    vertices = np.concatenate([c.points for c in clouds] + [where])
+    sigma = placement_sigma(vertices, placement, vertices[:, 1] < 0.5)[-3:]
+    # the line that follows two steps e1 and e2 best rises by 0.75 (e2 - e1) a metre: 1.625 e2 - 0.625 e1 at the third
+    assert sigma[:2].max() < 0.5e-3
+    assert sigma[2] == pytest.approx(0.001 * np.sqrt(1.0 + 1.625**2 + 0.625**2), rel=0.03)
+    assert placement_sigma(vertices, placement)[-1] < 0.6e-3  # about the mean of all: 1 of 6 is left of each
 
 
 def test_scans_that_share_nothing_are_still_no_better_placed_than_their_targets_say() -> None:

@@ -16,7 +16,7 @@ import front_door
 import numpy as np
 from rows import Row, in_percent, in_words, judge
 
-from monitor.chain import move_cloud
+from monitor.adjusted import move_cloud
 from monitor.comparison import CompareSettings, compare
 from monitor.comparison.distances import normal_distances
 from monitor.reconstruction import reconstruct
