@@ -18,6 +18,7 @@ from monitor.comparison.detection import Detected
 from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
+from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 
@@ -190,7 +191,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         sign=SIGNS[which],
         unmatched_share=1.0 - float(weight.sum()) / area,
         area=area,
-        sigma_area=sigma_of_area(side, np.sign(mean) * here.smooth, here.smooth_lod95, (whole, margin), correlation),
+        sigma_area=sigma_of_area(side, np.sign(mean) * here.smooth, here.smooth_lod95, (whole, masks[2]), correlation),
         volume=np.nan
         if not len(margin)
         else float((side.areas[margin] * cosine_to_foot(side, margin)) @ side.distances[margin]),
@@ -295,18 +296,26 @@ def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
     return np.sqrt(found.noise.variance_of(side, vertices) + common**2)
 
 
-def sigma_of_area(side: Side, size: Floats, level: Floats, parts: tuple[Ints, Ints], correlation: Correlation) -> float:
-    """Return one sigma [m2] of the area: how far the border moves when the change there is a sigma more or less.
+def sigma_of_area(side: Side, size: Floats, level: Floats, parts: tuple[Ints, Bools], correlation: Correlation,
+                  ) -> float:  # fmt: skip
+    """Return one sigma [m2] of the area: how far the border moves when the change there is a sigma more or less, and
+    how well it is told where vertices are a spacing apart.
 
     `size` (n,) [m] is the smoothed change in the direction of the region's, `level` (n,) [m] that from which it counts;
-    `parts` are the vertices of the region and those of it with its margin. Errors along the border agree over a
-    correlation length only, so the whole border moves less than a part of it.
+    `parts` are the vertices of the region and, as a mask (n,), those of it with its margin, of which what hangs
+    together with the region counts, less the skirts of its steps. The slope at the border, from half a sigma below the
+    level to half of one above, tells how far it moves. Errors along it agree over a correlation length only, so the
+    whole of it moves less than a part. What fits make of a border, wider or narrower by up to a spacing, they do
+    everywhere.
     """
     vertices, margin = parts
-    size, level, weight = size[margin], level[margin], side.areas[margin]
-    low = float(weight[size > level * (1.0 + 1.0 / Z95)].sum())
-    high = float(weight[size > level * (1.0 - 1.0 / Z95)].sum())
+    allowed = margin & (size > level * (1.0 - 0.5 / Z95))
+    allowed[vertices] = True
+    joined = (spread_along(side, vertices, allowed, np.inf) >= 0).astype(np.int32)
+    around = np.flatnonzero(trim_skirts(side, joined, size))
+    size, level, weight = size[around], level[around], side.areas[around]
+    moved = float(weight[np.abs(size - level) < 0.5 * level / Z95].sum())  # by a sigma, half up and half down
     perimeter = 2.0 * np.sqrt(np.pi * float(side.areas[vertices].sum()))
     share = min(np.sqrt(2.0 * correlation.length / perimeter), 1.0)
-    step = np.sqrt(perimeter * float(np.median(side.areas[vertices])) ** 1.5)  # a vertex in or out along the border
-    return float(np.hypot(0.5 * (high - low) * share, step))
+    step = perimeter * float(np.sqrt(np.median(side.areas[vertices]) / 3.0))  # uniform up to a spacing on either side
+    return float(np.hypot(moved * share, step))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,9 +14,10 @@ from scipy.stats import norm
 
 from monitor.comparison import compare, lague_lod95, level_of_detection
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.level_of_detection import estimate_floor
+from monitor.comparison.level_of_detection import Z95, estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
 from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, sigma_of_area, stands_out
+from monitor.comparison.shell import make_shell
 from projects.model import Registration, Surface
 
 
@@ -106,19 +108,35 @@ def test_the_volume_of_a_step_is_whole_where_errors_of_neighbours_have_nothing_i
     assert region.sigma_volume_m3 < 0.02 * abs(truth)
 
 
-def test_noise_around_a_region_that_points_the_other_way_leaves_its_border_where_it_is() -> None:
-    side = SimpleNamespace(areas=np.ones(400))
-    correlation = Correlation(np.array([1.0]), np.array([10.0]))
-    inside, size, level = np.arange(100), np.full(400, 0.0), np.full(400, 1.0)
-    size[:100] = 5.0
-    size[100:] = -0.8  # of the level: within a sigma of it, were it a gain
+def border_of(profile: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
+    """Return the sigma of the area of what changed beyond 1 on a sheet of 100 x 100 vertices a metre apart, as
+    `profile` says of x, and what a border that is known to a spacing alone makes of it."""
+    n = 100
+    flat = sheet(np.zeros((n, n)), n, 1.0, 1.0)
+    neighbours = make_shell(flat, np.zeros(3), (1.0, 1.0)).neighbours
+    side = SimpleNamespace(surface=flat, neighbours=neighbours, areas=np.ones(n * n), states_noise=False)
+    change, level = profile(flat.vertices[:, 0]), np.ones(n * n)
+    inside, everywhere = np.flatnonzero(change > level), np.ones(n * n, dtype=bool)
+    agree = Correlation(np.array([1.0]), np.array([1e9]))  # errors agree all along the border
+    found = sigma_of_area(side, change, level, (inside, everywhere), agree)  # type: ignore[arg-type]
+    return found, 2.0 * np.sqrt(np.pi * len(inside) / 3.0)
 
-    def sigma(change: np.ndarray) -> float:
-        return sigma_of_area(side, change, level, (inside, np.arange(400)), correlation)  # type: ignore[arg-type]
 
-    a_vertex_in_or_out = np.sqrt(2.0 * np.sqrt(np.pi * 100.0))
-    assert sigma(size) == pytest.approx(a_vertex_in_or_out)
-    assert sigma(np.abs(size)) > 5.0 * a_vertex_in_or_out
+def test_the_border_of_a_step_is_known_to_a_spacing_whatever_lies_around() -> None:
+    found, spacing = border_of(lambda x: np.where(x < 30.0, 5.0, 0.6))  # beyond it half a level, as errors may lie
+    assert found == pytest.approx(spacing)
+    found, spacing = border_of(lambda x: np.where(x < 30.0, 5.0, -0.8))
+    assert found == pytest.approx(spacing)
+
+
+def test_the_border_of_what_fades_out_moves_with_the_errors_there() -> None:
+    found, spacing = border_of(lambda x: 2.0 - 0.02 * x)  # a sigma, 1 / 1.96 of the level, is 25.5 long, 100 wide
+    assert np.sqrt(found**2 - spacing**2) == pytest.approx(100.0 / 0.02 / Z95, rel=0.04)
+
+
+def test_what_lies_apart_does_not_move_the_border() -> None:
+    found, spacing = border_of(lambda x: np.where(x < 30.0, 5.0, np.where(x > 60.0, 0.9, 0.0)))
+    assert found == pytest.approx(spacing)
 
 
 def test_the_extreme_is_not_where_the_change_is_known_worst(rng: np.random.Generator) -> None:
