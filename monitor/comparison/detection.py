@@ -19,7 +19,7 @@ from numba import jit
 from monitor.apart import stand_apart
 from monitor.comparison.blocks import blocks
 from monitor.comparison.connected import connect_like
-from monitor.comparison.level_of_detection import Z95, level_of_detection
+from monitor.comparison.level_of_detection import Z95, far_levels, level_of_detection
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.patches import (
     Layout,
@@ -58,7 +58,8 @@ class Tested:
 
     `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
     largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
-    first; `n_tested` patches in all; `p_values` (p, s) of them on each side.
+    first; `n_tested` patches in all; `p_values` (p, s) of them on each side; `far`, by how many levels of detection no
+    vertex lies off zero by chance.
     """
 
     units: tuple[Units, Units]
@@ -70,6 +71,7 @@ class Tested:
     errors: tuple[PatchErrors, ...]
     n_tested: int
     p_values: tuple[Floats, Floats]
+    far: float
 
 
 @dataclass(frozen=True)
@@ -201,8 +203,9 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
 
     a, b = map_sides(ask, n_vertices)
     tested = np.concatenate([a[0][first.is_whole], b[0][second.is_whole]])
+    far = far_levels(sum(int(s.is_assessed.sum()) for s in sides), level)
     return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]),
-                  benjamini_hochberg(tested, level), layout.size, errors, len(tested), (a[0], b[0]))  # fmt: skip
+                  benjamini_hochberg(tested, level), layout.size, errors, len(tested), (a[0], b[0]), far)  # fmt: skip
 
 
 def learn_errors(learn: Callable[[Floats], PatchErrors], both: Both) -> tuple[PatchErrors, ...]:
@@ -273,7 +276,8 @@ def _lie_away(number, hit, neighbours):  # type: ignore[no-untyped-def]
 
 
 def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, calm: Bools) -> Detection:
-    """Return which vertices are changed: connected to a significant unit, of its sign, and beyond a level themselves.
+    """Return which vertices are changed: connected to a significant unit, of its sign, or to a vertex so far off zero
+    that it needs no unit, and beyond a level themselves.
 
     Beyond a level is a vertex whose own change exceeds its lod95, or whose smoothed change exceeds what that of calm
     vertices does in 5 %; `own` is the side without the motion of the whole, the same where none is left.
@@ -290,8 +294,9 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
     own = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
     beyond = side.is_assessed & (own | (np.abs(smooth) > smooth_lod95))
     number = test.units[which].number
-    is_seed = beyond & np.where(sign > 0, np.append(test.p_gained[which] <= test.limit, False)[number],
-                                np.append(test.p_lost[which] <= test.limit, False)[number])  # fmt: skip
+    is_seed = own & (np.abs(side.distances) > test.far * lod95)
+    is_seed |= beyond & np.where(sign > 0, np.append(test.p_gained[which] <= test.limit, False)[number],
+                                 np.append(test.p_lost[which] <= test.limit, False)[number])  # fmt: skip
     is_changed = _grow(is_seed, beyond, sign, side.neighbours)
     mean = keep_on_disk(smooth_distances(side, reach))
     return Detection(lod95, mean, smooth, smooth_lod95, is_changed)

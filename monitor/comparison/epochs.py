@@ -25,6 +25,7 @@ from monitor.comparison.regions import Regions, area_looked_through, find_region
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
+from monitor.comparison.chips import drop_unexplained
 from monitor.comparison.stood_there import drop_where_it_stood
 from monitor.comparison.summary import summarize
 from monitor.comparison.views import look_from
@@ -151,6 +152,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
         own = judged_points(points(), compared, layer)
         regions, sides = keep_borne_out(regions, sides, in_one_frame(own, T), limits, gone)
+    sides = drop_unexplained(sides, found, regions.whole)
     told = finish_sides(sides, found, regions, beyond)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
     statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes}

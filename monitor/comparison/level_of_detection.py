@@ -40,6 +40,12 @@ def lague_lod95(spread_reference: Floats, n_reference: Floats | Ints, spread_com
     return 1.96 * (np.sqrt(sampling2) + registration_error)
 
 
+def far_levels(n_vertices: int, level: float) -> float:
+    """Return how many levels of detection the farthest of so many vertices lies off zero by chance, in a share `level`
+    of all surfaces, however their errors agree (Bonferroni)."""
+    return float(norm.isf(0.5 * level / max(n_vertices, 1)) / Z95)
+
+
 def estimate_floor(distances: Floats, sigma: Floats, share: float = 0.95) -> float:
     """Return the floor [m] with which `share` of the stable distances lie where a normal error would put them.
 

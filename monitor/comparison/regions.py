@@ -3,7 +3,8 @@
 A region joins changed vertices of one sign that are neighbours on a surface or each other's foot. It must hold as a
 whole: it makes a patch that is significant among all patches tested (Bonferroni), so the chance that an unchanged
 object shows any region is at most the level. Specks smaller than the area over which errors agree (one independent
-witness) are no regions. What is no region is not called changed, nor is the skirt of a step (`trim_skirts`).
+witness) are regions only where they are as deep as no error is (`chips`). What is no region is not called changed, nor
+is the skirt of a step (`trim_skirts`).
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from monitor.comparison.region_figures import (
 )
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
+from monitor.comparison.chips import HANDFUL, stand_alone
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration, Surface
 
 SWING = 0.8  # of a fit's radius, within which nine tenths of what it swings to the other side beside a step lie
@@ -83,10 +85,10 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
         area = np.maximum(area, own)
     least = least_area(sides, found)
     gone = area_looked_through(sides, beyond, parts, len(area))
-    candidates = np.flatnonzero(area >= least)
     stands = hold_patches(sides, found.test, parts, len(area), level)
     stands &= bear_out_parts(sides, found.noise, parts, len(area))
-    kept = candidates[(stands | (gone >= least))[candidates]]
+    alone = stand_alone(sides, found, parts, len(area))
+    kept = np.flatnonzero((stands | (gone >= least)) & (area >= least) | alone)
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     before, after = (trim_skirts(side, number[part], f.smooth)  # part -1 is the last entry: 0
@@ -226,7 +228,7 @@ def hold_patches(sides: Sequence[Side], test: Tested, parts: Sequence[Ints], n_p
 def least_area(sides: Sequence[Side], found: Detected) -> float:
     """Return the area [m2] below which a speck is no region: one witness, at least a handful of vertices."""
     spacing2 = max(float(np.median(s.areas)) for s in sides)
-    return max(min(found.noise.correlation.area, found.test.size**2), 7.0 * spacing2)
+    return max(min(found.noise.correlation.area, found.test.size**2), HANDFUL * spacing2)
 
 
 def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], beyond: Beyond) -> tuple[Ints, Ints]:

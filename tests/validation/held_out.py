@@ -17,7 +17,7 @@ from monitor.comparison.evidence import Sights
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.side import Side
 from monitor.comparison.views import look_from
-from projects.model import Assessment, Bools, Comparison, Floats
+from projects.model import Assessment, Bools, Comparison, Floats, NotAssessed
 
 MAX_NORMAL_ANGLE = math.radians(60.0)  # as `CompareSettings` has it
 
@@ -49,10 +49,13 @@ def measure_again(comparison: Comparison) -> tuple[Side, Side]:
     limit, registration = float(comparison.statistics["search_limit_m"]), comparison.registration
     sides = measure_sides(make_shells(reference, moved, (limit, MAX_NORMAL_ANGLE)), registration)
     kept = leave_out(sides, limit, CompareSettings().max_stray_share)
-    for side, told in zip(kept, (comparison.on_reference, comparison.on_compared), strict=True):
-        if not np.array_equal(side.is_assessed, told.assessment != Assessment.NOT_ASSESSABLE):
+    told = comparison.on_reference, comparison.on_compared
+    first, second = (s.without(t.reasons == NotAssessed.UNEXPLAINED, NotAssessed.UNEXPLAINED)
+                     for s, t in zip(kept, told, strict=True))  # fmt: skip
+    for side, t in zip((first, second), told, strict=True):
+        if not np.array_equal(side.is_assessed, t.assessment != Assessment.NOT_ASSESSABLE):
             raise AssertionError("measured again, other vertices are assessed than in the comparison")
-    return kept
+    return first, second
 
 
 def half_of(sides: tuple[Side, Side], along: list[Floats], middle: float, before: bool) -> Masks:

@@ -1,0 +1,51 @@
+"""Small and deep: changes smaller than the area over which errors agree, and far beyond what errors explain.
+
+In: both sides, what was found on them, and the parts that are to be regions. Out: which parts are so deep that one
+witness is enough, and the sides without what is far off zero and in no region. Averages over patches say nothing of a
+chip as small as one of them; its depth does, where both surfaces show it and not one of them alone, as at an edge that
+one epoch rounds: there the vertices of the other have their feet where it stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from monitor.comparison.detection import Detected, Detection
+from monitor.comparison.side import Side
+from projects.model import Bools, Floats, Ints, NotAssessed
+
+HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
+AT_RIM = 0.5  # of a speck's area: errors beside a free edge have tails that no level describes
+
+
+def stand_alone(sides: Sequence[Side], found: Detected, parts: tuple[Ints, Ints], n_parts: int) -> Bools:
+    """Return which parts (n_parts,) are as deep as no error is, taken for one witness each.
+
+    Both sides must show it: over at least a handful of vertices beyond their levels, away from free edges, and by so
+    many levels in the mean as the farthest of all vertices is off zero by chance.
+    """
+    stands = np.ones(n_parts, dtype=np.bool_)
+    least = HANDFUL * max(float(np.median(side.areas)) for side in sides)
+    for k, (side, part) in enumerate(zip(sides, parts, strict=True)):
+        levels, at = levels_off(side, found.sides[k]), np.flatnonzero(part >= 0)
+        at = at[levels[at] > 1.0]
+        weight = side.areas[at]
+        rim = weight * found.noise.is_at_rim(side, at)
+        area, at_rim, deep = (np.bincount(part[at], w, minlength=n_parts) for w in (weight, rim, weight * levels[at]))
+        stands &= (area >= least) & (at_rim < AT_RIM * area) & (deep >= found.test.far * area)
+    return stands
+
+
+def levels_off(side: Side, found: Detection) -> Floats:
+    """Return how many levels of detection each vertex (n,) lies off zero; 0 where it is not assessed."""
+    return np.asarray(np.where(side.is_assessed, np.abs(np.nan_to_num(side.distances)) / found.lod95, 0.0))
+
+
+def drop_unexplained(sides: tuple[Side, Side], found: Detected, regions: tuple[Ints, Ints]) -> tuple[Side, Side]:
+    """Return the sides without the vertices in none of the `regions` that no error explains: nobody knows what they
+    show (a chip as small as the spacing, an edge that fits round, a stray sheet), and "unchanged" would be wrong."""
+    first, second = (s.without((r == 0) & (levels_off(s, f) > found.test.far), NotAssessed.UNEXPLAINED)
+                     for s, f, r in zip(sides, found.sides, regions, strict=True))  # fmt: skip
+    return first, second

@@ -1,0 +1,84 @@
+"""Chips as small as one witness of errors are told where both surfaces show them; what one alone shows is not known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from monitor.comparison import compare
+from monitor.comparison.level_of_detection import far_levels
+from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
+
+N, EDGE, NOISE = 121, 2e-3, 5e-5  # of the sheets; m
+WAVE = 0.05  # m, over which their errors agree: the area of one witness is 20 cm2
+MIDDLE = 0.5 * (N - 1) * EDGE
+
+
+def errors(rng: np.random.Generator) -> np.ndarray:
+    """Return errors (N, N) [m] that agree over `WAVE`, as large as the noise of the vertices, and this noise."""
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(N, EDGE), np.fft.fftfreq(N, EDGE)))
+    smooth = np.fft.ifft2(np.fft.fft2(rng.normal(size=(N, N))) * np.exp(-((np.pi * WAVE * frequency) ** 2) / 2.0)).real
+    return NOISE * (smooth / smooth.std() + rng.normal(size=(N, N)))
+
+
+def sheet(heights: np.ndarray) -> Surface:
+    i = np.arange((N - 1) * N).reshape(N - 1, N)[:, :-1].ravel()
+    faces = np.vstack([np.c_[i, i + N, i + 1], np.c_[i + 1, i + N, i + N + 1]])
+    x, y = np.divmod(np.arange(N * N), N)
+    return Surface(np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=np.full(N * N, NOISE))
+
+
+def pit(depth: float, width: float) -> np.ndarray:
+    """Return a pit (N, N) [m] with a flat bottom and walls two edges wide, in the middle of the sheet."""
+    x, y = np.meshgrid(EDGE * np.arange(N), EDGE * np.arange(N))
+    inside = 0.5 * width - np.hypot(x - MIDDLE, y - MIDDLE)
+    return -depth * np.clip(inside / (2.0 * EDGE) + 0.5, 0.0, 1.0)
+
+
+def compared(before: np.ndarray, after: np.ndarray) -> Comparison:
+    fixed = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                         is_stable=np.ones(N * N, dtype=bool))  # fmt: skip
+    return compare(sheet(before), sheet(after), fixed)
+
+
+def test_a_chip_smaller_than_one_witness_is_a_region(rng: np.random.Generator) -> None:
+    found = compared(errors(rng), errors(rng) + pit(2e-3, 0.014))
+    assert found.statistics["correlation_length_m"] > 0.014
+    assert list(found.regions["kind"]) == ["lost"]
+    region = found.regions.iloc[0]
+    assert region.extreme_m == pytest.approx(-2e-3, abs=3.0 * region.sigma_extreme_m)
+    assert region.area_m2 == pytest.approx(0.25 * np.pi * 0.014**2, abs=2.0 * region.sigma_area_m2)
+    assert region.sigma_area_m2 < 0.5 * region.area_m2
+    assert np.hypot(region.x - MIDDLE, region.y - MIDDLE) < EDGE
+
+
+def test_a_faint_spot_as_small_is_none_and_stays_unchanged(rng: np.random.Generator) -> None:
+    found = compared(errors(rng), errors(rng) + pit(2.5e-4, 0.014))
+    assert not len(found.regions)
+    assert found.statistics["not_assessed"]["unexplained"] == 0
+
+
+def test_no_unchanged_sheet_shows_a_chip(rng: np.random.Generator) -> None:
+    for _ in range(8):
+        found = compared(errors(rng), errors(rng))
+        assert not len(found.regions)
+        assert found.statistics["not_assessed"]["unexplained"] <= 1
+
+
+def test_a_spike_of_few_vertices_is_neither_changed_nor_unchanged(rng: np.random.Generator) -> None:
+    after = errors(rng)
+    after[60, 60:62] += 3e-3  # fewer than a handful
+    found = compared(errors(rng), after)
+    assert not len(found.regions)
+    side = found.on_compared
+    spike = np.flatnonzero(side.reasons == NotAssessed.UNEXPLAINED)
+    assert set(spike) >= {60 * N + 60, 60 * N + 61}
+    assert (side.assessment[spike] == Assessment.NOT_ASSESSABLE).all()
+    assert np.isnan(side.distances[spike]).all()
+    assert found.statistics["not_assessed"]["unexplained"] == len(spike) < 20
+
+
+def test_the_farthest_of_many_is_no_farther_than_bonferroni_allows(rng: np.random.Generator) -> None:
+    n = 2000
+    farthest = np.abs(rng.normal(size=(4000, n))).max(axis=1) / 1.959964
+    assert np.mean(farthest > far_levels(n, 0.05)) == pytest.approx(0.05, abs=0.012)
