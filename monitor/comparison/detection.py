@@ -291,10 +291,10 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, 
     del error
     smooth_lod95 = keep_on_disk(np.maximum(kept * lod95, Z95 * side.sigma_common))
     sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int8)
-    own = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
-    beyond = side.is_assessed & (own | (np.abs(smooth) > smooth_lod95))
+    alone = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
+    beyond = side.is_assessed & (alone | (np.abs(smooth) > smooth_lod95))
     number = test.units[which].number
-    is_seed = own & (np.abs(side.distances) > test.far * lod95)
+    is_seed = alone & (np.abs(side.distances) > test.far * lod95)
     is_seed |= beyond & np.where(sign > 0, np.append(test.p_gained[which] <= test.limit, False)[number],
                                  np.append(test.p_lost[which] <= test.limit, False)[number])  # fmt: skip
     is_changed = _grow(is_seed, beyond, sign, side.neighbours)

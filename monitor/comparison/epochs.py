@@ -15,6 +15,7 @@ import numpy as np
 from monitor.boxes import box_of
 from monitor.comparison.beside_layer import lay_back, level_beside, name_beside, peel, peel_points, thickness_of
 from monitor.comparison.borne_out import Points, keep_borne_out
+from monitor.comparison.chips import drop_unexplained
 from monitor.comparison.comparable import require_common, require_comparable, settle_motion
 from monitor.comparison.detection import Detected, Detection, detect
 from monitor.comparison.distances import search_limit
@@ -25,7 +26,6 @@ from monitor.comparison.regions import Regions, area_looked_through, find_region
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
-from monitor.comparison.chips import drop_unexplained
 from monitor.comparison.stood_there import drop_where_it_stood
 from monitor.comparison.summary import summarize
 from monitor.comparison.views import look_from

@@ -17,6 +17,7 @@ import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.stats import norm
 
+from monitor.comparison.chips import HANDFUL, stand_alone
 from monitor.comparison.connected import connect_like
 from monitor.comparison.detection import Detected, Detection, Tested
 from monitor.comparison.enclosure import (
@@ -41,7 +42,6 @@ from monitor.comparison.region_figures import (
 )
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
-from monitor.comparison.chips import HANDFUL, stand_alone
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration, Surface
 
 SWING = 0.8  # of a fit's radius, within which nine tenths of what it swings to the other side beside a step lie
