@@ -204,12 +204,12 @@ def _edges_from(side: Side, vertices: Ints) -> Ints:
     return np.column_stack([np.repeat(vertices, degrees), side.neighbours.vertices[first + np.arange(len(first))]])
 
 
-def spread_over_assessed(side: Side, region: Ints, width: float) -> Ints:
-    """Return the regions with their margin of `width` [m] along the surface, where the surface is assessed."""
+def spread_over_assessed(side: Side, region: Ints, widths: Floats) -> Ints:
+    """Return the regions with their margin along the surface, where it is assessed; `widths` [m] by their numbers."""
     inside = np.flatnonzero(region > 0)
     if not len(inside):
         return region.copy()
-    source = spread_along(side, inside, side.is_assessed | (region > 0), width)
+    source = spread_along(side, inside, side.is_assessed | (region > 0), widths[region[inside]])
     return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.comparison.borders import sigma_of_area, spread_margin
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.detection import Detected
 from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
-from monitor.comparison.skirts import trim_skirts
-from monitor.comparison.spreading import spread_along
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 
 Pair = tuple[Side, Side]
@@ -28,19 +27,6 @@ UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean
 MOST_UNKNOWN = 0.2  # of a region's area: with more of its margin not assessable, its volume is not known
 WHOLE = ("lost", "added")  # without any perpendicular: gone or come as a whole
 WIDE = 20.0  # a layer: as wide as this many times its thickness
-
-
-def spread_margin(side: Side, region: Ints, width: float) -> Ints:
-    """Return the region whose margin of `width` [m] along the surface each vertex lies in (n,), 0 for none.
-
-    The flanks of a change lie below the level of detection and still hold volume; the margin takes them in whatever
-    they measure, so it adds no bias. Vertices that are not assessable are of the margin too: see `is_volume_known`.
-    """
-    inside = np.flatnonzero(region > 0)
-    if not len(inside):
-        return np.zeros(len(region), dtype=region.dtype)
-    source = spread_along(side, inside, np.ones(len(region), dtype=np.bool_), width)
-    return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 
 def is_volume_known(sides: Pair, regions: tuple[Ints, Ints], beyond: Beyond, width: float, n_regions: int) -> Bools:
@@ -294,28 +280,3 @@ def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
     """Return one sigma (k,) [m] of the change of some vertices; what their scans disagree by is taken as stated."""
     common = np.hypot(side.sigma_shared[vertices], side.sigma_motion[vertices])
     return np.sqrt(found.noise.variance_of(side, vertices) + common**2)
-
-
-def sigma_of_area(side: Side, size: Floats, level: Floats, parts: tuple[Ints, Bools], correlation: Correlation,
-                  ) -> float:  # fmt: skip
-    """Return one sigma [m2] of the area: how far the border moves when the change there is a sigma more or less, and
-    how well it is told where vertices are a spacing apart.
-
-    `size` (n,) [m] is the smoothed change in the direction of the region's, `level` (n,) [m] that from which it counts;
-    `parts` are the vertices of the region and, as a mask (n,), those of it with its margin, of which what hangs
-    together with the region counts, less the skirts of its steps. The slope at the border, from half a sigma below the
-    level to half of one above, tells how far it moves. Errors along it agree over a correlation length only, so the
-    whole of it moves less than a part. What fits make of a border, wider or narrower by up to a spacing, they do
-    everywhere.
-    """
-    vertices, margin = parts
-    allowed = margin & (size > level * (1.0 - 0.5 / Z95))
-    allowed[vertices] = True
-    joined = (spread_along(side, vertices, allowed, np.inf) >= 0).astype(np.int32)
-    around = np.flatnonzero(trim_skirts(side, joined, size))
-    size, level, weight = size[around], level[around], side.areas[around]
-    moved = float(weight[np.abs(size - level) < 0.5 * level / Z95].sum())  # by a sigma, half up and half down
-    perimeter = 2.0 * np.sqrt(np.pi * float(side.areas[vertices].sum()))
-    share = min(np.sqrt(2.0 * correlation.length / perimeter), 1.0)
-    step = perimeter * float(np.sqrt(np.median(side.areas[vertices]) / 3.0))  # uniform up to a spacing on either side
-    return float(np.hypot(moved * share, step))

@@ -17,6 +17,7 @@ import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.stats import norm
 
+from monitor.comparison.borders import margin_widths, spread_margin
 from monitor.comparison.chips import HANDFUL, stand_alone
 from monitor.comparison.connected import connect_like
 from monitor.comparison.detection import Detected, Detection, Tested
@@ -36,16 +37,12 @@ from monitor.comparison.region_figures import (
     describe_region,
     is_volume_known,
     settle_kind,
-    spread_margin,
     stands_out,
     view_sides,
 )
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
-from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration, Surface
-
-SWING = 0.8  # of a fit's radius, within which nine tenths of what it swings to the other side beside a step lie
-NEAREST_SAMPLE = 0.43  # median way to the nearest, in spacings: 0.40 of points on a grid, 0.47 at random
+from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
 
 @dataclass(frozen=True)
@@ -99,11 +96,12 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     one = join_grown(sides, whole, signs)
     seen, whole = (one[seen[0]], one[seen[1]]), (one[whole[0]], one[whole[1]])
     gone = np.asarray(np.bincount(one[1:] - 1, gone[kept]), dtype=np.float64)
-    width = margin_width(sides, found)
-    margins = [spread_margin(s, r, width) for s, r in zip(sides, seen, strict=True)]
+    signs = signs[np.unique(one, return_index=True)[1]]
+    widths = margin_widths(sides, found, seen, signs)
+    margins = [spread_margin(s, r, widths) for s, r in zip(sides, seen, strict=True)]
     views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(gone) + 1)]
     table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
-    table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, found, beyond, registration)
+    table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, widths, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
@@ -147,14 +145,14 @@ def least_beyond(sides: tuple[Side, Side], found: Detected) -> float:
                if s.is_assessed.any())  # fmt: skip
 
 
-def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[Ints, Ints], found: Detected,
-                    beyond: Beyond, registration: Registration) -> Floats:  # fmt: skip
+def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[Ints, Ints], widths: Floats,
+                    found: Detected, beyond: Beyond, registration: Registration) -> Floats:  # fmt: skip
     """Return volume and sigma [m3] of each region (r, 2): of the body between the surfaces, NaN where it is not known.
 
-    Where a body has too long a border to be closed, the sum of its prisms in the table stays.
+    `widths` (r + 1,) [m] are those of the margins. Where a body has too long a border to be closed, the sum of its
+    prisms in the table stays.
     """
-    width = margin_width(sides, found)
-    spread = [spread_over_assessed(s, g, width) for s, g in zip(sides, grown, strict=True)]
+    spread = [spread_over_assessed(s, g, widths) for s, g in zip(sides, grown, strict=True)]
     margins = over_each_other(sides, (spread[0], spread[1]))
     known = is_volume_known(sides, grown, beyond, found.test.size, len(table))
     volumes = table[["volume_m3", "sigma_volume_m3"]].to_numpy(dtype=float, copy=True)
@@ -164,26 +162,6 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
             volumes[k] = body.volume, body.sigma
     volumes[~known] = np.nan
     return volumes
-
-
-def margin_width(sides: tuple[Side, Side], found: Detected) -> float:
-    """Return how far [m] around a region its volume is looked for: over one unit, and as far as fits reach.
-
-    The flanks of a change that fades out lie below the level of detection, and a step ends between its last vertex and
-    the next: a margin narrower than an edge, as where errors hardly agree from vertex to vertex, would hold neither.
-    Beside a step a surface of quadric fits swings to the other side, and keeps the volume only over the reach of its
-    fits: weighted by 1 - t^2, t the distance over the radius, they act as the kernel (1 - 2 t^2) (1 - t^2), whose
-    response to a step is below zero from t = 0.42.
-    """
-    return max(found.test.size, *(SWING * reach_of_fits(side.surface) for side in sides))
-
-
-def reach_of_fits(surface: Surface) -> float:
-    """Return the radius [m] of the median fit, by how many samples it has and how densely they lie; 0 where unknown."""
-    if surface.n_support is None or surface.sample_distance is None:
-        return 0.0
-    area = (np.nanmedian(surface.sample_distance) / NEAREST_SAMPLE) ** 2
-    return float(np.sqrt(np.median(surface.n_support) * area / np.pi))
 
 
 def bear_out_parts(sides: Sequence[Side], noise: Noise, parts: Sequence[Ints], n_parts: int) -> Bools:

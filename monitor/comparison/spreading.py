@@ -8,25 +8,27 @@ import numpy as np
 from numba import jit
 
 from monitor.comparison.side import Side
-from projects.model import Bools, Ints
+from projects.model import Bools, Floats, Ints
 
 
-def spread_along(side: Side, seeds: Ints, allowed: Bools, limit: float) -> Ints:
+def spread_along(side: Side, seeds: Ints, allowed: Bools, limit: float | Floats) -> Ints:
     """Return the seed (n,) that each vertex is nearest to within `limit` [m] along the surface; -1 where to none.
 
     Ways lead over the vertices in `allowed` (n,), the `seeds` (k,), rising, among them. Of seeds equally near it is the
-    one whose way was found first, lower numbers first.
+    one whose way was found first, lower numbers first. The limit may be one for each seed (k,).
     """
     source = np.full(len(allowed), -1, dtype=np.int32)
     if len(seeds):
-        _spread(side.surface.vertices, side.neighbours, np.asarray(seeds), allowed, limit, source)
+        limits = np.broadcast_to(np.asarray(limit, dtype=np.float64), len(seeds))
+        _spread(side.surface.vertices, side.neighbours, np.asarray(seeds), allowed, limits.copy(), source)
     return source
 
 
 @jit(nopython=True, cache=True)
-def _spread(points, neighbours, seeds, allowed, limit, source):  # type: ignore[no-untyped-def]
-    """Write to `source` (n,) the seed that is nearest along edges, as Dijkstra finds it, within `limit` [m]."""
-    distance = np.full(len(source), np.inf)
+def _spread(points, neighbours, seeds, allowed, limits, source):  # type: ignore[no-untyped-def]
+    """Write to `source` (n,) the seed that is nearest along edges, as Dijkstra finds it, within its of `limits` [m]."""
+    distance, limit = np.full(len(source), np.inf), np.zeros(len(source))
+    limit[seeds] = limits
     ahead = [(0.0, np.int64(seed)) for seed in seeds]  # equal and rising: a heap
     for seed in seeds:
         distance[seed], source[seed] = 0.0, seed
@@ -40,6 +42,6 @@ def _spread(points, neighbours, seeds, allowed, limit, source):  # type: ignore[
                 continue
             x, y, z = points[v, 0] - points[w, 0], points[v, 1] - points[w, 1], points[v, 2] - points[w, 2]
             further = so_far + max(np.sqrt(x * x + y * y + z * z), 1e-300)
-            if further <= limit and further < distance[w]:
+            if further <= limit[source[v]] and further < distance[w]:
                 distance[w], source[w] = further, source[v]
                 heappush(ahead, (further, np.int64(w)))

@@ -13,10 +13,11 @@ from scipy.signal import fftconvolve
 from scipy.stats import norm
 
 from monitor.comparison import compare, lague_lod95, level_of_detection
+from monitor.comparison.borders import sigma_of_area
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.level_of_detection import Z95, estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
-from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, sigma_of_area, stands_out
+from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, stands_out
 from monitor.comparison.shell import make_shell
 from projects.model import Registration, Surface
 
