@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.detection import Detected, Detection
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.spreading import spread_along
+from monitor.comparison.tested import Detected, Detection
 from projects.model import Bools, Floats, Ints, Surface
 
 SWING = 0.8  # of a fit's radius, within which nine tenths of what it swings to the other side beside a step lie

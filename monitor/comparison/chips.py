@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from monitor.comparison.detection import Detected, Detection
 from monitor.comparison.side import Side
+from monitor.comparison.tested import Detected, Detection
 from projects.model import Bools, Floats, Ints, NotAssessed
 
 HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it

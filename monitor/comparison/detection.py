@@ -10,16 +10,14 @@ Where in the end nothing is significant, what was suspect is the tail of the err
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numba import jit
 
 from monitor.apart import stand_apart
-from monitor.comparison.blocks import blocks
-from monitor.comparison.connected import connect_like
-from monitor.comparison.level_of_detection import Z95, far_levels, level_of_detection
+from monitor.comparison.level_of_detection import far_levels
+from monitor.comparison.marking import find_deep, level_at, mark_changed
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.patches import (
     Layout,
@@ -30,18 +28,15 @@ from monitor.comparison.patches import (
     first_errors,
     lay_out_again,
     lay_out_patches,
+    lay_out_without,
     measure_patches,
 )
-from monitor.comparison.quantile import quantile
-from monitor.comparison.reaches import Reaches, least_of_patches
-from monitor.comparison.scratch import keep_on_disk
+from monitor.comparison.reaches import least_of_patches
 from monitor.comparison.side import Side, larger_of, map_sides
-from monitor.comparison.smoothing import smooth_distances
-from monitor.comparison.stars import Neighbours
-from monitor.comparison.strata import stratum_of
+from monitor.comparison.tested import Detected, Tested
 from monitor.comparison.units import Units, judge_noise, unit_size
 from monitor.threads import map_threads
-from projects.model import Bools, Floats, Ints, Registration
+from projects.model import Bools, Floats, Registration
 
 Both = tuple[Patches, Patches]  # of the reference and the compared side
 
@@ -50,52 +45,6 @@ BESIDE = 3.0  # sigmas: what lies within them belongs to the rest
 BESIDE_WIDE = 0.25  # of what is assessed, at least: the majority less what patches at the border of the rest hold
 N_ROUNDS = 2  # of learning from what the last test left unchanged
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
-
-
-@dataclass(frozen=True)
-class Tested:
-    """The units of both sides, the `reaches` of their patches, what these say of each unit, and by what measure.
-
-    `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
-    largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
-    first; `n_tested` patches in all; `p_values` (p, s) of them on each side; `far`, by how many levels of detection no
-    vertex lies off zero by chance.
-    """
-
-    units: tuple[Units, Units]
-    reaches: tuple[Reaches, Reaches]
-    p_gained: tuple[Floats, Floats]
-    p_lost: tuple[Floats, Floats]
-    limit: float
-    size: float
-    errors: tuple[PatchErrors, ...]
-    n_tested: int
-    p_values: tuple[Floats, Floats]
-    far: float
-
-
-@dataclass(frozen=True)
-class Detection:
-    """One side's answer: `lod95` [m]; `mean` [m] of the change around each vertex; `smooth` [m], the same with its
-    steps kept, and `smooth_lod95` [m] of it; `is_changed`."""
-
-    lod95: Floats
-    mean: Floats
-    smooth: Floats
-    smooth_lod95: Floats
-    is_changed: Bools
-
-
-@dataclass(frozen=True)
-class Detected:
-    """The answer for both sides (reference, compared), the noise, the test that it rests on, its patches, and which
-    vertices the noise was learned from."""
-
-    sides: tuple[Detection, Detection]
-    noise: Noise
-    test: Tested
-    layout: Layout
-    calm: Masks
 
 
 def detect(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
@@ -116,8 +65,7 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     noise, calm = by_itself.noise, by_itself.calm
     layout = lay_out_again(by_itself.layout, sides, registration)
     test = judge_units(layout, sides, calm, noise, level, lambda _: by_itself.test.errors)
-    found = tuple(mark_changed(s, own[k], test, k, noise, calm[k]) for k, s in enumerate(sides))
-    return Detected((found[0], found[1]), noise, test, layout, calm)
+    return conclude(sides, noise, test, layout, calm, registration, own)
 
 
 def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level: float, seed: int) -> Detected:
@@ -138,7 +86,7 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
         calm = (sides[0].is_assessed, sides[1].is_assessed)
         noise = learn_noise(sides, calm, 0.95, rng, noise.correlation)
-    return conclude(sides, noise, test, layout, calm)
+    return conclude(sides, noise, test, layout, calm, registration)
 
 
 def learn_from_given(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
@@ -161,13 +109,22 @@ def learn_from_given(sides: tuple[Side, Side], registration: Registration, level
     noise = learn_noise(sides, calm, 0.95, rng, first.correlation)
     layout = lay_out(sides, noise, registration, None)
     test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, calm_errors))
-    return conclude(sides, noise, test, layout, calm)
+    return conclude(sides, noise, test, layout, calm, registration)
 
 
-def conclude(sides: tuple[Side, Side], noise: Noise, test: Tested, layout: Layout, calm: Masks) -> Detected:
-    """Return the answer for both sides, as the test says."""
-    found = map_sides(lambda k: mark_changed(sides[k], sides[k], test, k, noise, calm[k]), larger_of(sides))
-    return Detected(found, noise, test, layout, calm)
+def conclude(sides: tuple[Side, Side], noise: Noise, test: Tested, layout: Layout, calm: Masks,
+             registration: Registration, own: tuple[Side, Side] | None = None) -> Detected:  # fmt: skip
+    """Return the answer for both sides, as the test says: what is deep, and of the rest, which is tested again without
+    it, what is significant by itself. `own` are the sides without the motion of the whole, where one is left."""
+    n_vertices, own = larger_of(sides), own or sides
+    levels = map_sides(lambda k: level_at(sides[k], noise), n_vertices)
+    deep = map_sides(lambda k: find_deep(sides[k], levels[k], test.far), n_vertices)
+    rest = test
+    if deep[0].any() or deep[1].any():
+        without = lay_out_without(layout, sides, deep, registration)
+        rest = judge_units(without, sides, calm, noise, test.level, lambda _: test.errors)
+    found = map_sides(lambda k: mark_changed(sides[k], own[k], rest, k, levels[k], deep[k], noise, calm[k]), n_vertices)
+    return Detected(found, noise, test, rest, layout, calm)
 
 
 def stable_or_all(side: Side) -> Bools:
@@ -204,8 +161,9 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
     a, b = map_sides(ask, n_vertices)
     tested = np.concatenate([a[0][first.is_whole], b[0][second.is_whole]])
     far = far_levels(sum(int(s.is_assessed.sum()) for s in sides), level)
-    return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]),
-                  benjamini_hochberg(tested, level), layout.size, errors, len(tested), (a[0], b[0]), far)  # fmt: skip
+    limit = benjamini_hochberg(tested, level)
+    return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]), limit, layout.size, errors,
+                  len(tested), (a[0], b[0]), far, level)  # fmt: skip
 
 
 def learn_errors(learn: Callable[[Floats], PatchErrors], both: Both) -> tuple[PatchErrors, ...]:
@@ -273,49 +231,3 @@ def _lie_away(number, hit, neighbours):  # type: ignore[no-untyped-def]
     for v in range(len(number)):
         out[v] = number[v] >= 0 and not touched[number[v]]
     return out
-
-
-def mark_changed(side: Side, own: Side, test: Tested, which: int, noise: Noise, calm: Bools) -> Detection:
-    """Return which vertices are changed: connected to a significant unit, of its sign, or to a vertex so far off zero
-    that it needs no unit, and beyond a level themselves.
-
-    Beyond a level is a vertex whose own change exceeds its lod95, or whose smoothed change exceeds what that of calm
-    vertices does in 5 %; `own` is the side without the motion of the whole, the same where none is left.
-    """
-    lod95 = level_at(side, noise)
-    reach = 0.5 * min(noise.correlation.length, test.size)
-    smooth = keep_on_disk(smooth_distances(side, reach, lod95))
-    error = smooth if own is side else smooth_distances(own, reach, lod95)
-    ratio = np.abs(error[calm]) / lod95[calm]
-    kept = min(quantile(ratio, 0.95), 1.0) if len(ratio) else 1.0
-    del error
-    smooth_lod95 = keep_on_disk(np.maximum(kept * lod95, Z95 * side.sigma_common))
-    sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int8)
-    alone = (np.abs(side.distances) > lod95) & (np.sign(side.distances) == sign)
-    beyond = side.is_assessed & (alone | (np.abs(smooth) > smooth_lod95))
-    number = test.units[which].number
-    is_seed = alone & (np.abs(side.distances) > test.far * lod95)
-    is_seed |= beyond & np.where(sign > 0, np.append(test.p_gained[which] <= test.limit, False)[number],
-                                 np.append(test.p_lost[which] <= test.limit, False)[number])  # fmt: skip
-    is_changed = _grow(is_seed, beyond, sign, side.neighbours)
-    mean = keep_on_disk(smooth_distances(side, reach))
-    return Detection(lod95, mean, smooth, smooth_lod95, is_changed)
-
-
-def level_at(side: Side, noise: Noise) -> Floats:
-    """Return lod95 (n,) [m] of each vertex."""
-    out = np.empty(len(side.distances))
-    for block in blocks(len(out)):
-        stratum = stratum_of(side, noise.spacing, block)
-        own = np.hypot(noise.scales[stratum] * side.sigma_surfaces[block],
-                       noise.discord_scales[stratum] * side.sigma_discord[block])  # fmt: skip
-        out[block] = level_of_detection(own, noise.common_of(side, block), noise.floors[stratum])
-    return keep_on_disk(out)
-
-
-def _grow(seeds: Bools, beyond: Bools, sign: Ints, neighbours: Neighbours) -> Bools:
-    """Return the vertices of `beyond` that hang together with a seed of their sign."""
-    part = connect_like(np.where(beyond, sign + np.int8(1), np.int8(-1)), [neighbours])
-    has_seed = np.zeros(int(part.max(initial=-1)) + 2, dtype=np.bool_)
-    has_seed[part[seeds]] = True
-    return beyond & has_seed[part]

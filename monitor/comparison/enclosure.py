@@ -18,7 +18,6 @@ from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.closing import Closing, border_edges, close_gap, cone_volume
 from monitor.comparison.correlation import kept_variance
-from monitor.comparison.detection import Detected
 from monitor.comparison.noise import Noise
 from monitor.comparison.offsets import Offsets
 from monitor.comparison.portions import search_offsets
@@ -28,6 +27,7 @@ from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
 from monitor.comparison.side import EXTRAPOLATED, Side
 from monitor.comparison.spreading import spread_along
+from monitor.comparison.tested import Detected
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 
 SIGNS = (-1.0, 1.0)  # of (reference, compared): outside of the other surface is lost there, gained here

@@ -17,7 +17,7 @@ from monitor.comparison.beside_layer import lay_back, level_beside, name_beside,
 from monitor.comparison.borne_out import Points, keep_borne_out
 from monitor.comparison.chips import drop_unexplained
 from monitor.comparison.comparable import require_common, require_comparable, settle_motion
-from monitor.comparison.detection import Detected, Detection, detect
+from monitor.comparison.detection import detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import Beyond, look_beyond
 from monitor.comparison.evidence import Sights, look_through
@@ -28,6 +28,7 @@ from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
 from monitor.comparison.stood_there import drop_where_it_stood
 from monitor.comparison.summary import summarize
+from monitor.comparison.tested import Detected, Detection
 from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
 from projects.model import (

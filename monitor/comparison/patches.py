@@ -99,7 +99,16 @@ def lay_out_patches(sides: tuple[Side, Side], size: float, registration: Registr
 
 def lay_out_again(layout: Layout, sides: tuple[Side, Side], registration: Registration) -> Layout:
     """Return the same patches of the same surfaces with other distances."""
-    units = [summarize_units(s, u.number, registration) for s, u in zip(sides, layout.units, strict=True)]
+    return lay_out_without(layout, sides, (np.zeros(0, dtype=np.bool_),) * 2, registration)
+
+
+def lay_out_without(layout: Layout, sides: tuple[Side, Side], left_out: tuple[Bools, Bools],
+                    registration: Registration) -> Layout:  # fmt: skip
+    """Return the same patches without the vertices in `left_out` (n,) of each side; empty: none."""
+    numbers = [np.where(out, np.int32(-1), u.number) if len(out) else u.number
+               for u, out in zip(layout.units, left_out, strict=True)]  # fmt: skip
+    units = [summarize_units(s, number, registration, len(u.areas))
+             for s, number, u in zip(sides, numbers, layout.units, strict=True)]  # fmt: skip
     n_sizes = layout.outlines[0].areas.shape[1]
     outlines = [outline_patches(u, r, n_sizes, registration) for u, r in zip(units, layout.reaches, strict=True)]
     return replace(layout, units=(units[0], units[1]), outlines=(outlines[0], outlines[1]))

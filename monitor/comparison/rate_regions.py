@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 from monitor.comparison.connected import connect_like
 from monitor.comparison.correlation import Correlation, estimate_correlation
 from monitor.comparison.detection import (
-    Detected,
     away_from_both,
     can_teach,
     detect,
     judge_units,
     lay_out,
     learn_errors,
-    mark_changed,
 )
+from monitor.comparison.marking import level_at, mark_changed
 from monitor.comparison.patches import PatchErrors, Patches, calm_errors, lay_out_again
 from monitor.comparison.rate_side import RateSide
 from monitor.comparison.region_figures import sigma_of_mean
 from monitor.comparison.regions import Regions, bear_out_parts, hold_patches, keep_significant, least_area
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
+from monitor.comparison.tested import Detected
 from projects.model import Assessment, Bools, Floats, Ints
 
 LEVEL = 0.05  # expected share of false ones among the patches whose rate is called significant
@@ -88,8 +88,10 @@ def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
     rest = away_from_both(sides, test)
     if can_teach(rest, sides, test):
         test = judge_units(layout, sides, rest, noise, level, partial(as_wide_as, errors))
-    found = mark_changed(rates.side, rates.still, test, 0, noise, calm[0])
-    return Detected((found, found), noise, test, layout, calm)
+    lod95 = level_at(rates.side, noise)
+    none_deep = np.zeros(len(lod95), dtype=np.bool_)  # rates have one side, and no other bears out what is deep
+    found = mark_changed(rates.side, rates.still, test, 0, lod95, none_deep, noise, calm[0])
+    return Detected((found, found), noise, test, test, layout, calm)
 
 
 def pool_correlations(rates: RateSide, learned: Detected, seed: int) -> Correlation:

@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 
 from monitor.comparison.borders import sigma_of_area, spread_margin
 from monitor.comparison.correlation import Correlation, kept_variance
-from monitor.comparison.detection import Detected
 from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
+from monitor.comparison.tested import Detected
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 
 Pair = tuple[Side, Side]

@@ -20,7 +20,6 @@ from scipy.stats import norm
 from monitor.comparison.borders import margin_widths, spread_margin
 from monitor.comparison.chips import HANDFUL, stand_alone
 from monitor.comparison.connected import connect_like
-from monitor.comparison.detection import Detected, Detection, Tested
 from monitor.comparison.enclosure import (
     SIGNS,
     Beyond,
@@ -42,6 +41,7 @@ from monitor.comparison.region_figures import (
 )
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
+from monitor.comparison.tested import Detected, Detection, Tested
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
 
@@ -83,6 +83,8 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     least = least_area(sides, found)
     gone = area_looked_through(sides, beyond, parts, len(area))
     stands = hold_patches(sides, found.test, parts, len(area), level)
+    if found.rest is not found.test:
+        stands |= hold_patches(sides, found.rest, parts, len(area), level)
     stands &= bear_out_parts(sides, found.noise, parts, len(area))
     alone = stand_alone(sides, found, parts, len(area))
     kept = np.flatnonzero((stands | (gone >= least)) & (area >= least) | alone)

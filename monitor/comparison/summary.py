@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from monitor.comparison.detection import Detected
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
+from monitor.comparison.tested import Detected
 from monitor.comparison.whole_offset import measure_offset
 from monitor.registration.significance import motion_significance
 from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints, NotAssessed, Registration

@@ -109,9 +109,11 @@ def _border_pairs(number, neighbours, area, least):  # type: ignore[no-untyped-d
     return out[:n].copy()
 
 
-def summarize_units(side: Side, number: Ints, registration: Registration) -> Units:
-    """Return the figures of each unit, area-weighted over its vertices; what the noise says is not known yet."""
-    areas, n_vertices = _sum_areas(number, side.areas, int(number.max(initial=-1)) + 1)
+def summarize_units(side: Side, number: Ints, registration: Registration, n_units: int | None = None) -> Units:
+    """Return the figures of each unit, area-weighted over its vertices; what the noise says is not known yet. Some of
+    `n_units` may have no vertex."""
+    n_units = int(number.max(initial=-1)) + 1 if n_units is None else n_units
+    areas, n_vertices = _sum_areas(number, side.areas, n_units)
     areas = np.maximum(areas, 1e-300)
     centres = _average(number, side.areas, areas, np.ascontiguousarray(side.surface.vertices))
     rows = _average_rows(number, side.areas, areas, side.surface.vertices, side.normals, registration.centre)

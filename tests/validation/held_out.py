@@ -11,9 +11,10 @@ import math
 import numpy as np
 
 from monitor.comparison.beside_layer import peel, thickness_of
-from monitor.comparison.detection import CORE_SHARE, level_at
+from monitor.comparison.detection import CORE_SHARE
 from monitor.comparison.epochs import CompareSettings, leave_out, make_shells, measure_sides
 from monitor.comparison.evidence import Sights
+from monitor.comparison.marking import level_at
 from monitor.comparison.noise import Masks, Noise, learn_noise
 from monitor.comparison.side import Side
 from monitor.comparison.views import look_from
