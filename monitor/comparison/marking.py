@@ -27,7 +27,7 @@ HALF = 0.5  # of what needs no patch: the border of what is deep lies where it i
 def find_deep(side: Side, lod95: Floats, far: float) -> Bools:
     """Return which vertices (n,) are so far off zero that they need no patch, by `far` levels of detection, and those
     around them, of their sign, that are by half of it."""
-    ratio = np.where(side.is_assessed, np.nan_to_num(side.distances), 0.0) / lod95
+    ratio = np.nan_to_num(np.where(side.is_assessed, side.distances, 0.0) / lod95)
     return _grow(np.abs(ratio) > far, np.abs(ratio) > HALF * far, np.sign(ratio).astype(np.int8), side.neighbours)
 
 
