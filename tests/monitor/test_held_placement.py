@@ -1,0 +1,99 @@
+"""What neighbourhoods share in error, stated anew against what the registration of two epochs holds to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+
+from monitor import held_placement
+from monitor.held_placement import place_against_held
+from monitor.registration.placement import lay_out_placement, placement_sigma
+from projects.model import Floats, PointCloud, Registration, Surface
+
+EDGE, LONG, HIGH = 0.02, 151, 51  # of the walls: m, vertices along y and z
+REST = 3e-4  # m, what the scans of either epoch disagree by
+T = np.array([[1.0, 0.0, 0.0, 0.2], [0.0, 1.0, 0.0, -5.0], [0.0, 0.0, 1.0, 0.1], [0.0, 0.0, 0.0, 1.0]])
+
+
+def wall_of_three_scans(rng: np.random.Generator) -> tuple[Surface, Any]:
+    """Return a wall 3 m long across x, and where its three scans stand, side by side, each to 1 mm along x."""
+    y, z = (g.ravel() for g in np.meshgrid(EDGE * np.arange(LONG) - 1.5, EDGE * np.arange(HIGH) - 0.5, indexing="ij"))
+    i = np.arange((LONG - 1) * HIGH).reshape(LONG - 1, HIGH)[:, :-1].ravel()
+    faces = np.vstack([np.c_[i, i + HIGH, i + 1], np.c_[i + 1, i + HIGH, i + HIGH + 1]])
+    clouds = []
+    for low in (-1.5, -0.5, 0.5):
+        points = np.c_[np.zeros(4000), rng.uniform(low, low + 1.0, 4000), rng.uniform(-0.5, 0.5, 4000)]
+        clouds.append(PointCloud(points, normals=np.tile([1.0, 0.0, 0.0], (4000, 1))))
+    along_x = np.zeros((6, 6))
+    along_x[3, 3] = 1e-6
+    placement = lay_out_placement(clouds, 0.01, block_diag(*[along_x] * 3), np.zeros((3, 3)))
+    surface = Surface(np.c_[np.zeros(len(y)), y, z], faces)
+    shared = np.hypot(placement_sigma(surface.vertices, placement), REST)
+    return Surface(surface.vertices, faces, sigma=np.full(len(y), 1e-4), sigma_shared=shared), placement
+
+
+def registration(held: Floats) -> Registration:
+    return Registration(T, np.zeros((6, 6)), np.zeros(3), True, stable_share=float(np.mean(held)), is_stable=held)
+
+
+@pytest.fixture
+def epochs(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> tuple[Surface, Surface]:
+    """The wall in two epochs, the later one elsewhere."""
+    reference, placement = wall_of_three_scans(rng)
+    monkeypatch.setattr(held_placement, "_placement", lambda place: placement)
+    return reference, reference
+
+
+def test_a_part_left_out_is_as_sure_as_its_scan_against_the_others(
+    epochs: tuple[Surface, Surface], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reference, same = epochs
+    moved = Surface(same.vertices - T[:3, 3], same.faces, sigma=same.sigma, sigma_shared=same.sigma_shared)
+    here = held_placement._placement(None)  # type: ignore[arg-type]
+    assert here is not None
+    there = replace(here, middles=here.middles - T[:3, 3])
+    monkeypatch.setattr(held_placement, "_placement", lambda place: here if place == "before" else there)
+    held = same.vertices[:, 1] < 0.5
+    told = place_against_held(("before", "after"), (reference, moved), registration(held))  # type: ignore[arg-type]
+    for surface in told:
+        assert surface.sigma_shared is not None
+        middle = np.abs(same.vertices[:, 1] - 1.0) < 0.1
+        third = np.sqrt((1.0 + 1.625**2 + 0.625**2) * 1e-6 + REST**2)  # as in test_placement
+        assert np.median(surface.sigma_shared[middle]) == pytest.approx(third, rel=0.05)
+        assert (surface.sigma_shared >= 0.95 * REST).all()
+        first = np.abs(same.vertices[:, 1] + 1.0) < 0.1
+        assert np.median(surface.sigma_shared[first]) < 0.6e-3
+
+
+def test_what_nobody_knows_stays_unknown(epochs: tuple[Surface, Surface]) -> None:
+    reference, compared = epochs
+    assert reference.sigma_shared is not None
+    unknown = np.where(np.arange(len(reference.vertices)) % 2, reference.sigma_shared, np.nan)
+    reference = Surface(reference.vertices, reference.faces, sigma=reference.sigma, sigma_shared=unknown)
+    held = np.arange(len(unknown)) % 7 > 0
+    told, _ = place_against_held(("a", "b"), (reference, compared), registration(held))  # type: ignore[arg-type]
+    assert told.sigma_shared is not None
+    assert np.array_equal(np.isnan(told.sigma_shared), np.isnan(unknown))
+
+
+@pytest.mark.parametrize("held", [None, True, False])
+def test_nothing_is_told_anew_where_all_is_held_or_nothing(epochs: tuple[Surface, Surface], held: bool | None) -> None:
+    stable = None if held is None else np.full(len(epochs[1].vertices), held)
+    known = Registration(T, np.zeros((6, 6)), np.zeros(3), True, is_stable=stable)
+    told = place_against_held(("a", "b"), epochs, known)  # type: ignore[arg-type]
+    assert told[0] is epochs[0]
+    assert told[1] is epochs[1]
+
+
+def test_an_epoch_without_an_adjustment_stays_as_it_is(
+    epochs: tuple[Surface, Surface], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(held_placement, "_placement", lambda place: None)
+    held = epochs[1].vertices[:, 1] < 0.5
+    told = place_against_held(("a", "b"), epochs, registration(held))  # type: ignore[arg-type]
+    assert told[0] is epochs[0]
+    assert told[1] is epochs[1]
