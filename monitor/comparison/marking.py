@@ -62,7 +62,7 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, lod95: Floats,
 def _skirt_of(deep: Bools, beyond: Bools, sign: Ints, neighbours: Neighbours) -> Bools:
     """Return what is deep and the vertices of `beyond` within a skirt's width of it, of its sign."""
     around = deep
-    for _ in range(WIDTH):
+    for _ in range(WIDTH if deep.any() else 0):
         degrees = np.diff(neighbours.starts)
         from_deep = np.repeat(np.where(around, sign, np.int8(0)), degrees)
         reached = np.zeros(len(deep), dtype=np.bool_)
@@ -84,6 +84,8 @@ def level_at(side: Side, noise: Noise) -> Floats:
 
 def _grow(seeds: Bools, beyond: Bools, sign: Ints, neighbours: Neighbours) -> Bools:
     """Return the vertices of `beyond` that hang together with a seed of their sign."""
+    if not seeds.any():
+        return np.zeros(len(seeds), dtype=np.bool_)
     part = connect_like(np.where(beyond, sign + np.int8(1), np.int8(-1)), [neighbours])
     has_seed = np.zeros(int(part.max(initial=-1)) + 2, dtype=np.bool_)
     has_seed[part[seeds]] = True
