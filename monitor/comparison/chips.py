@@ -23,18 +23,17 @@ AT_RIM = 0.5  # of a speck's area: errors beside a free edge have tails that no 
 def stand_alone(sides: Sequence[Side], found: Detected, parts: tuple[Ints, Ints], n_parts: int) -> Bools:
     """Return which parts (n_parts,) are as deep as no error is, taken for one witness each.
 
-    Both sides must show it: over at least a handful of vertices beyond their levels, away from free edges, and by so
-    many levels in the mean as the farthest of all vertices is off zero by chance.
+    Both sides must show it: a handful of vertices, most of them away from free edges, are farther off zero than the
+    farthest of all vertices is by chance.
     """
     stands = np.ones(n_parts, dtype=np.bool_)
     least = HANDFUL * max(float(np.median(side.areas)) for side in sides)
     for k, (side, part) in enumerate(zip(sides, parts, strict=True)):
-        levels, at = levels_off(side, found.sides[k]), np.flatnonzero(part >= 0)
-        at = at[levels[at] > 1.0]
+        at = np.flatnonzero((part >= 0) & (levels_off(side, found.sides[k]) > found.test.far))
         weight = side.areas[at]
-        rim = weight * found.noise.is_at_rim(side, at)
-        area, at_rim, deep = (np.bincount(part[at], w, minlength=n_parts) for w in (weight, rim, weight * levels[at]))
-        stands &= (area >= least) & (at_rim < AT_RIM * area) & (deep >= found.test.far * area)
+        area, at_rim = (np.bincount(part[at], w, minlength=n_parts)
+                        for w in (weight, weight * found.noise.is_at_rim(side, at)))  # fmt: skip
+        stands &= (area >= least) & (at_rim < AT_RIM * area)
     return stands
 
 
