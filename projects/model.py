@@ -44,7 +44,7 @@ class NotAssessed(IntEnum):
     BEYOND_SEARCH = 6  # no face of the other surface at all within the search limit
     LOOKED_THROUGH = 7  # changed: a scan of the other epoch looked through it; no perpendicular
     NO_ONE_SURFACE = 8  # in both epochs' mean most of what was measured there lies off the surface
-    UNEXPLAINED = 9  # it differs by far more than errors do, over too little of the surface, or as one surface has it
+    UNEXPLAINED = 9  # surfaces or points differ by more than errors do, over too little to be told, or on one side
 
 
 class Roughness(IntEnum):

@@ -41,7 +41,7 @@ WHY_NOT = {
     NotAssessed.BEYOND_SEARCH: "the other epoch has no surface near by",
     NotAssessed.LOOKED_THROUGH: "the other epoch’s scanner looked through it, over less than a region’s area",
     NotAssessed.NO_ONE_SURFACE: "most of what was measured there lies off any one surface (plants, spray, joints)",
-    NotAssessed.UNEXPLAINED: "it differs by more than errors do, in too small a spot to call it a change: look there",
+    NotAssessed.UNEXPLAINED: "what was measured there differs by more than errors do, in spots too small to be told",
 }
 
 

@@ -17,6 +17,7 @@ from monitor.comparison.tested import Detected, Detection
 from projects.model import Bools, Floats, Ints, NotAssessed
 
 HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
+STREWN = 1.0 / 3.0  # of what was measured around a vertex; along sharp edges the shares of two epochs differ by less
 AT_RIM = 0.5  # of a speck's area: errors beside a free edge have tails that no level describes
 
 
@@ -43,8 +44,22 @@ def levels_off(side: Side, found: Detection) -> Floats:
 
 
 def drop_unexplained(sides: tuple[Side, Side], found: Detected, regions: tuple[Ints, Ints]) -> tuple[Side, Side]:
-    """Return the sides without the vertices in none of the `regions` that no error explains: nobody knows what they
-    show (a chip as small as the spacing, an edge that fits round, a stray sheet), and "unchanged" would be wrong."""
-    first, second = (s.without((r == 0) & (levels_off(s, f) > found.test.far), NotAssessed.UNEXPLAINED)
-                     for s, f, r in zip(sides, found.sides, regions, strict=True))  # fmt: skip
+    """Return the sides without the vertices in none of the `regions` of which nobody knows what they show, and where
+    "unchanged" would be wrong: what is farther off zero than any error (a chip as small as the spacing, an edge that
+    fits round, a stray sheet), and where the points of one epoch lie off its surface and those of the other do not (a
+    pit that the surface passes over)."""
+    first, second = (
+        s.without(s.is_assessed & (r == 0) & ((levels_off(s, f) > found.test.far) | is_strewn_once(s)),
+                  NotAssessed.UNEXPLAINED)
+        for s, f, r in zip(sides, found.sides, regions, strict=True)
+    )  # fmt: skip
     return first, second
+
+
+def is_strewn_once(side: Side) -> Bools:
+    """Return where (n,) more of what was measured around lies off the surface in one epoch than in the other, by
+    `STREWN` of it; nowhere where an epoch does not know."""
+    own, other = side.surface.stray_share, side.other.stray_share
+    if own is None or other is None:
+        return np.zeros(len(side.areas), dtype=np.bool_)
+    return np.asarray((side.foot_vertices >= 0) & (np.abs(own - other[side.foot_vertices]) > STREWN))

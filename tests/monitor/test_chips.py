@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,24 @@ def test_a_spike_of_few_vertices_is_neither_changed_nor_unchanged(rng: np.random
     assert (side.assessment[spike] == Assessment.NOT_ASSESSABLE).all()
     assert np.isnan(side.distances[spike]).all()
     assert found.statistics["not_assessed"]["unexplained"] == len(spike) < 20
+
+
+@pytest.mark.parametrize(("before", "after", "is_told"), [
+    (0.0, 0.4, True), (0.4, 0.0, True), (0.4, 0.4, False), (0.2, 0.4, False), (0.0, 0.3, False),
+])  # fmt: skip
+def test_where_points_lie_off_the_surface_of_one_epoch_alone_it_is_not_called_unchanged(
+    rng: np.random.Generator, before: float, after: float, is_told: bool
+) -> None:
+    """A pit that the surface passes over shows so; what is strewn alike in both is what edges are like."""
+    here = (np.abs(pit(1.0, 0.02)) > 0.5).ravel()
+    first, second = (replace(sheet(errors(rng)), stray_share=np.where(here, share, 0.0).astype(np.float32))
+                     for share in (before, after))  # fmt: skip
+    fixed = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0)
+    found = compare(first, second, fixed)
+    for side in (found.on_reference, found.on_compared):
+        strewn = side.reasons == NotAssessed.UNEXPLAINED
+        assert strewn[here].mean() == (1.0 if is_told else 0.0)
+        assert strewn[~here].sum() <= 3
 
 
 def test_the_farthest_of_many_is_no_farther_than_bonferroni_allows(rng: np.random.Generator) -> None:

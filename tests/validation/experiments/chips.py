@@ -29,7 +29,7 @@ from monitor.simulation.solid import Field, Solid, contour
 from monitor.simulation.stations import Station
 from monitor.simulation.true_change import TrueChange, measure_change
 from monitor.simulation.truth import truth_of
-from projects.model import Comparison, Floats
+from projects.model import Assessment, Comparison, Floats
 
 TITLE = "The smallest chips told: pits and chipped edges of a pedestal"
 LIMIT = 3000.0
@@ -150,11 +150,20 @@ def strangers(comparison: Comparison) -> list[int]:
     return [k for k, chip in enumerate(nearest_chip(comparison)) if chip < 0]
 
 
+def is_called_unchanged(comparison: Comparison, chip: Chip) -> bool:
+    """Return whether the vertex of the later surface next to the middle of a chip is called unchanged."""
+    side = comparison.on_compared
+    nearest = int(np.linalg.norm(side.surface.vertices - chip.place, axis=1).argmin())
+    return bool(side.assessment[nearest] == Assessment.UNCHANGED)
+
+
 def row_of(number: int, chip: Chip, truth: TrueChange, found: Sequence[Comparison]) -> Row:
     """Return how often a chip is told, and its figures where it is, against the truth."""
     told = [c.regions.iloc[nearest_chip(c).index(number)] for c in found if number in nearest_chip(c)]
+    unchanged = sum(is_called_unchanged(c, chip) for c in found)
     others = {"deepest, mm": f"{1e3 * truth.extreme:+.1f}", "told": "", "volume, mm3": f"{1e9 * truth.volume:+.0f}",
-              "told, mm3": "", "within 1.96 sigma: deepest, area, volume": ""}  # fmt: skip
+              "told, mm3": "", "within 1.96 sigma: deepest, area, volume": "",
+              "its middle called unchanged": f"{unchanged} of {len(found)}"}  # fmt: skip
     if told:
         deepest, volume = (np.mean([t[name] for t in told]) for name in ("extreme_m", "volume_m3"))
         others |= {"told": f"{1e3 * deepest:+.1f}", "told, mm3": f"{1e9 * volume:+.0f}"}
