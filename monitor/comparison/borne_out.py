@@ -49,7 +49,8 @@ def keep_borne_out(
     ----------
     regions : r of them, as `find_regions` returns them.
     points : (n, 3) m of the reference and of the compared epoch, in the reference's coordinates. An epoch that has
-        none, as a finished mesh, is not asked.
+        none, as a finished mesh, is not asked; chips (`Regions.is_chip`) need both: surfaces alone differ as much
+        beside steps, where fits swing, and along edges that two meshes hold in other places.
     limits : m and rad, the search limit and the largest angle between normals.
     is_gone : (r,) what was looked through, which needs no surface to be told.
     """
@@ -61,6 +62,8 @@ def keep_borne_out(
             shown, variance = shown + share - 1.0, variance + error2
     is_borne_out = shown >= np.maximum(LEAST_SHOWN, SURE * np.sqrt(variance))
     is_borne_out[1:] |= is_gone
+    if any(own is None for own in points) and len(regions.is_chip):
+        is_borne_out[1:] &= ~regions.is_chip
     if is_borne_out.all():
         return regions, sides
     a, b = (s.without(s.is_assessed & ~is_borne_out[r], NotAssessed.TOO_UNCERTAIN)

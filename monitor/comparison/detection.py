@@ -124,7 +124,7 @@ def conclude(sides: tuple[Side, Side], noise: Noise, test: Tested, layout: Layou
         without = lay_out_without(layout, sides, deep, registration)
         rest = judge_units(without, sides, calm, noise, test.level, lambda _: test.errors)
     found = map_sides(lambda k: mark_changed(sides[k], own[k], rest, k, levels[k], deep[k], noise, calm[k]), n_vertices)
-    return Detected(found, noise, test, rest, layout, calm)
+    return Detected(found, noise, test, layout, calm)
 
 
 def stable_or_all(side: Side) -> Bools:

@@ -153,6 +153,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
         own = judged_points(points(), compared, layer)
         regions, sides = keep_borne_out(regions, sides, in_one_frame(own, T), limits, gone)
+    if points is None:
+        regions = regions.without_chips()
     sides = drop_unexplained(sides, found, regions.whole)
     told = finish_sides(sides, found, regions, beyond)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)

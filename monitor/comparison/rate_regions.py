@@ -91,7 +91,7 @@ def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
     lod95 = level_at(rates.side, noise)
     none_deep = np.zeros(len(lod95), dtype=np.bool_)  # rates have one side, and no other bears out what is deep
     found = mark_changed(rates.side, rates.still, test, 0, lod95, none_deep, noise, calm[0])
-    return Detected((found, found), noise, test, test, layout, calm)
+    return Detected((found, found), noise, test, layout, calm)
 
 
 def pool_correlations(rates: RateSide, learned: Detected, seed: int) -> Correlation:

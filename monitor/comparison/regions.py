@@ -10,7 +10,7 @@ is the skirt of a step (`trim_skirts`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -51,11 +51,13 @@ class Regions:
 
     `seen` are the vertices that are changed; `whole` also those that lie outside or inside of the other surface without
     a perpendicular and hang together with them: what broke off, and its fracture. Area, centroid and extent are of it.
+    `is_chip` (r,) are those that stand by their depth alone (`chips`); empty: none.
     """
 
     table: pd.DataFrame
     seen: tuple[Ints, Ints]
     whole: tuple[Ints, Ints]
+    is_chip: Bools = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
     def keep(self, kept: Ints) -> Regions:
         """Return the rows `kept` of the table in their order, all numbered anew."""
@@ -65,7 +67,12 @@ class Regions:
         table["region"] = np.arange(1, len(kept) + 1)
         a, b = self.seen
         c, d = self.whole
-        return Regions(table, (number[a], number[b]), (number[c], number[d]))
+        chips = self.is_chip[kept] if len(self.is_chip) else self.is_chip
+        return Regions(table, (number[a], number[b]), (number[c], number[d]), chips)
+
+    def without_chips(self) -> Regions:
+        """Return those that need no points to bear them out."""
+        return self.keep(np.flatnonzero(~self.is_chip)) if self.is_chip.any() else self
 
 
 def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, registration: Registration, level: float,
@@ -83,11 +90,10 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     least = least_area(sides, found)
     gone = area_looked_through(sides, beyond, parts, len(area))
     stands = hold_patches(sides, found.test, parts, len(area), level)
-    if found.rest is not found.test:
-        stands |= hold_patches(sides, found.rest, parts, len(area), level)
     stands &= bear_out_parts(sides, found.noise, parts, len(area))
     alone = stand_alone(sides, found, parts, len(area))
-    kept = np.flatnonzero((stands | (gone >= least)) & (area >= least) | alone)
+    stands = (stands | (gone >= least)) & (area >= least)
+    kept = np.flatnonzero(stands | alone)
     number = np.zeros(len(area) + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     before, after = (trim_skirts(side, number[part], f.smooth)  # part -1 is the last entry: 0
@@ -97,7 +103,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     whole = grow_regions(sides, beyond, seen, signs, least_beyond(sides, found))
     one = join_grown(sides, whole, signs)
     seen, whole = (one[seen[0]], one[seen[1]]), (one[whole[0]], one[whole[1]])
-    gone = np.asarray(np.bincount(one[1:] - 1, gone[kept]), dtype=np.float64)
+    gone, n_stand = (np.bincount(one[1:] - 1, v[kept]).astype(np.float64) for v in (gone, stands))
     signs = signs[np.unique(one, return_index=True)[1]]
     widths = margin_widths(sides, found, seen, signs)
     margins = [spread_margin(s, r, widths) for s, r in zip(sides, seen, strict=True)]
@@ -108,7 +114,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     z = np.array([stands_out(v) for v in views])[order]
-    ordered = Regions(table, seen, whole).keep(order)
+    ordered = Regions(table, seen, whole, n_stand == 0.0).keep(order)
     return keep_significant(ordered, sides, z, gone[order] >= least, level)
 
 

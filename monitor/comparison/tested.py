@@ -48,12 +48,11 @@ class Detection:
 
 @dataclass(frozen=True)
 class Detected:
-    """The answer for both sides (reference, compared), the noise, the test that it rests on and that of the `rest`,
-    without what is deep, its patches, and which vertices the noise was learned from."""
+    """The answer for both sides (reference, compared), the noise, the test that it rests on, its patches, and which
+    vertices the noise was learned from."""
 
     sides: tuple[Detection, Detection]
     noise: Noise
     test: Tested
-    rest: Tested
     layout: Layout
     calm: Masks
