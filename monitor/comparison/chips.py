@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from monitor.comparison.marking import grow
 from monitor.comparison.side import Side
 from monitor.comparison.tested import Detected, Detection
 from projects.model import Bools, Floats, Ints, NotAssessed
@@ -47,13 +48,19 @@ def drop_unexplained(sides: tuple[Side, Side], found: Detected, regions: tuple[I
     """Return the sides without the vertices in none of the `regions` of which nobody knows what they show, and where
     "unchanged" would be wrong: what is farther off zero than any error (a chip as small as the spacing, an edge that
     fits round, a stray sheet), and where the points of one epoch lie off its surface and those of the other do not (a
-    pit that the surface passes over)."""
+    pit that the surface passes over). The skirt of a step is explained by the region that it hangs together with."""
     first, second = (
-        s.without(s.is_assessed & (r == 0) & ((levels_off(s, f) > found.test.far) | is_strewn_once(s)),
+        s.without(s.is_assessed & ~hang_on(s, f, r) & ((levels_off(s, f) > found.test.far) | is_strewn_once(s)),
                   NotAssessed.UNEXPLAINED)
         for s, f, r in zip(sides, found.sides, regions, strict=True)
     )  # fmt: skip
     return first, second
+
+
+def hang_on(side: Side, found: Detection, region: Ints) -> Bools:
+    """Return which vertices (n,) are in a region, or were cut off one as the skirt of a step (`skirts`)."""
+    sign = np.sign(np.where(side.is_assessed, found.smooth, 0.0)).astype(np.int8)
+    return np.asarray((region > 0) | grow(region > 0, found.is_changed, sign, side.neighbours))
 
 
 def is_strewn_once(side: Side) -> Bools:

@@ -28,7 +28,7 @@ def find_deep(side: Side, lod95: Floats, far: float) -> Bools:
     """Return which vertices (n,) are so far off zero that they need no patch, by `far` levels of detection, and those
     around them, of their sign, that are by half of it."""
     ratio = np.nan_to_num(np.where(side.is_assessed, side.distances, 0.0) / lod95)
-    return _grow(np.abs(ratio) > far, np.abs(ratio) > HALF * far, np.sign(ratio).astype(np.int8), side.neighbours)
+    return grow(np.abs(ratio) > far, np.abs(ratio) > HALF * far, np.sign(ratio).astype(np.int8), side.neighbours)
 
 
 def mark_changed(side: Side, own: Side, test: Tested, which: int, lod95: Floats, deep: Bools,
@@ -54,7 +54,7 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, lod95: Floats,
     number = test.units[which].number
     is_seed = np.where(sign > 0, np.append(test.p_gained[which] <= test.limit, False)[number],
                        np.append(test.p_lost[which] <= test.limit, False)[number])  # fmt: skip
-    is_changed = deep | _grow(beyond & ~deep & is_seed, beyond & ~deep, sign, side.neighbours)
+    is_changed = deep | grow(beyond & ~deep & is_seed, beyond & ~deep, sign, side.neighbours)
     mean = keep_on_disk(smooth_distances(side, reach))
     return Detection(lod95, mean, smooth, smooth_lod95, is_changed)
 
@@ -82,7 +82,7 @@ def level_at(side: Side, noise: Noise) -> Floats:
     return keep_on_disk(out)
 
 
-def _grow(seeds: Bools, beyond: Bools, sign: Ints, neighbours: Neighbours) -> Bools:
+def grow(seeds: Bools, beyond: Bools, sign: Ints, neighbours: Neighbours) -> Bools:
     """Return the vertices of `beyond` that hang together with a seed of their sign."""
     if not seeds.any():
         return np.zeros(len(seeds), dtype=np.bool_)

@@ -95,6 +95,15 @@ def test_a_spike_of_few_vertices_is_neither_changed_nor_unchanged(rng: np.random
     assert found.statistics["not_assessed"]["unexplained"] == len(spike) < 20
 
 
+def test_beside_a_region_the_skirt_of_its_step_is_not_unexplained(rng: np.random.Generator) -> None:
+    found = compared(errors(rng), errors(rng) + pit(2e-3, 0.06))
+    assert len(found.regions) == 1
+    for side in (found.on_reference, found.on_compared):
+        off = np.abs(np.hypot(*(side.surface.vertices[:, :2] - MIDDLE).T) - 0.03)
+        assert (side.reasons[off < 2.0 * EDGE] == NotAssessed.ASSESSED).all()
+    assert found.statistics["not_assessed"]["unexplained"] <= 1
+
+
 @pytest.mark.parametrize(("before", "after", "is_told"), [
     (0.0, 0.4, True), (0.4, 0.0, True), (0.4, 0.4, False), (0.2, 0.4, False), (0.0, 0.3, False),
 ])  # fmt: skip
