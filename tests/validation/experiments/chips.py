@@ -151,8 +151,8 @@ def strangers(comparison: Comparison) -> list[int]:
 
 
 def is_called_unchanged(comparison: Comparison, chip: Chip) -> bool:
-    """Return whether the vertex of the later surface next to the middle of a chip is called unchanged."""
-    side = comparison.on_compared
+    """Return whether the vertex of the earlier surface next to the middle of a chip is called unchanged."""
+    side = comparison.on_reference
     nearest = int(np.linalg.norm(side.surface.vertices - chip.place, axis=1).argmin())
     return bool(side.assessment[nearest] == Assessment.UNCHANGED)
 
