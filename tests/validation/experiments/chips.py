@@ -17,6 +17,7 @@ from pathlib import Path
 
 import front_door
 import numpy as np
+import pandas as pd
 from rows import Row, Size
 
 from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, stand_at
@@ -165,12 +166,24 @@ def row_of(number: int, chip: Chip, truth: TrueChange, found: Sequence[Compariso
               "told, mm3": "", "within 1.96 sigma: deepest, area, volume": "",
               "its middle called unchanged": f"{unchanged} of {len(found)}"}  # fmt: skip
     if told:
-        deepest, volume = (np.mean([t[name] for t in told]) for name in ("extreme_m", "volume_m3"))
-        others |= {"told": f"{1e3 * deepest:+.1f}", "told, mm3": f"{1e9 * volume:+.0f}"}
+        deepest, volume = (mean_known([t[name] for t in told]) for name in ("extreme_m", "volume_m3"))
+        volume_told = f"{1e9 * volume:+.0f}" if np.isfinite(volume) else "not known"
+        others |= {"told": f"{1e3 * deepest:+.1f}", "told, mm3": volume_told}
         pairs = (("extreme_m", truth.extreme), ("area_m2", truth.area), ("volume_m3", truth.volume))
-        inside = [sum(abs(t[name] - true) < 1.96 * t[f"sigma_{name}"] for t in told) for name, true in pairs]
-        others["within 1.96 sigma: deepest, area, volume"] = ", ".join(f"{n} of {len(told)}" for n in inside)
+        others["within 1.96 sigma: deepest, area, volume"] = ", ".join(within(told, *pair) for pair in pairs)
     return Row(f"{chip.name}: told", f"{len(told)} of {len(found)}", others=others, value=float(len(told)))
+
+
+def mean_known(figures: Sequence[float]) -> float:
+    """Return the mean of the figures that are known, NaN where none is."""
+    known = [f for f in figures if np.isfinite(f)]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def within(told: Sequence[pd.Series], name: str, true: float) -> str:
+    """Return how many of the regions that know a figure hold its truth within 1.96 sigma."""
+    known = [t for t in told if np.isfinite(t[name])]
+    return f"{sum(abs(t[name] - true) < 1.96 * t[f'sigma_{name}'] for t in known)} of {len(known)}"
 
 
 NOTES = (
