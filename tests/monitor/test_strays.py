@@ -115,20 +115,27 @@ def at(vertex: int, share: float) -> Floats:
     return out
 
 
-@pytest.mark.parametrize(("own", "other", "most", "is_left_out"), [
-    (0.9, 0.12, 0.5, True), (0.12, 0.9, 0.5, True), (0.9, 0.08, 0.5, False), (0.08, 0.9, 0.5, False),
-    (0.9, 0.9, 1.0, False), (0.9, None, 0.5, False), (None, 0.9, 0.5, False), (0.9, np.nan, 0.5, False),
+@pytest.mark.parametrize(("own", "other", "most", "reason"), [
+    (0.9, 0.12, 0.5, NotAssessed.NO_ONE_SURFACE), (0.12, 0.9, 0.5, NotAssessed.NO_ONE_SURFACE),
+    (0.9, 0.08, 0.5, NotAssessed.UNEXPLAINED), (0.08, 0.9, 0.5, NotAssessed.UNEXPLAINED),
+    (0.5, 0.2, 0.5, NotAssessed.ASSESSED), (0.9, 0.9, 1.0, NotAssessed.ASSESSED),
+    (0.9, None, 0.5, NotAssessed.ASSESSED), (None, 0.9, 0.5, NotAssessed.ASSESSED),
+    (0.9, np.nan, 0.5, NotAssessed.ASSESSED),
 ])  # fmt: skip
 def test_where_most_lies_off_both_surfaces_neither_side_is_assessed(
-    own: float | None, other: float | None, most: float, is_left_out: bool
+    own: float | None, other: float | None, most: float, reason: NotAssessed
 ) -> None:
-    vertex = MIDDLE + 3
+    """Where it lies off one of them alone, and nothing is told to have changed, nobody knows what it shows."""
+    vertex, is_left_out = MIDDLE + 3, reason != NotAssessed.ASSESSED
     found = compared(*(None if share is None else at(vertex, share) for share in (own, other)), most)
     for side in (found.on_reference, found.on_compared):
-        assert np.flatnonzero(side.reasons == NotAssessed.NO_ONE_SURFACE).tolist() == [vertex] * is_left_out
+        told = (NotAssessed.NO_ONE_SURFACE, NotAssessed.UNEXPLAINED)
+        assert np.flatnonzero(np.isin(side.reasons, told)).tolist() == [vertex] * is_left_out
+        assert side.reasons[vertex] == reason
         assert np.isnan(side.distances[vertex]) == is_left_out
         assert (side.assessment[vertex] == 0) == is_left_out
-    assert found.statistics["not_assessed"]["no_one_surface"] == is_left_out
+    assert found.statistics["not_assessed"]["no_one_surface"] == (reason == NotAssessed.NO_ONE_SURFACE)
+    assert found.statistics["not_assessed"]["unexplained"] == (reason == NotAssessed.UNEXPLAINED)
 
 
 def test_where_nothing_is_of_one_surface_the_refusal_says_so() -> None:
