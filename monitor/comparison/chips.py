@@ -19,7 +19,7 @@ from projects.model import Bools, Floats, Ints, NotAssessed
 
 HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 STREWN = 1.0 / 3.0  # of what was measured around a vertex; along sharp edges the shares of two epochs differ by less
-AT_RIM = 0.5  # of a speck's area: errors beside a free edge have tails that no level describes
+AT_RIM = 0.5  # of a chip's area: errors beside a free edge have tails that no level describes
 
 
 def stand_alone(sides: Sequence[Side], found: Detected, parts: tuple[Ints, Ints], n_parts: int) -> Bools:
