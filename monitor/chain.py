@@ -7,18 +7,18 @@ Steps are numbered as in docs/method.md, and follow the papers named there.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from monitor.adjusted import adjusted_clouds
+from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.comparison import compare
 from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
-from monitor.filtering import Calibration, FilterSettings, estimate_normals, filter_scan_with_record, merge_scans
+from monitor.filtered_scans import FilteredScans, filter_scans
+from monitor.filtering import estimate_normals, merge_scans
 from monitor.held_placement import place_against_held
 from monitor.measured import measured_points, raw_scans
 from monitor.mesh_extent import cut_to_extent
@@ -32,15 +32,14 @@ from monitor.quality import (
 )
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
-from monitor.record import Asked, Made, Place, comparison_product, find_step, latest_step, once_step, put_step
+from monitor.record import Asked, Made, Place, comparison_product, latest_step, once_step
 from monitor.registration.epochs import held_by_frames, register_epochs
 from monitor.registration.held import Frames
 from monitor.registration.parts import find_parts
 from monitor.registration.placement import placement_sigma
-from monitor.repeats import filter_repeats, is_averaged
+from monitor.repeats import is_averaged
 from monitor.same_survey import require_own_scans
 from monitor.scan_network import adjust_epoch, frames_between
-from monitor.scans import read_within
 from monitor.second_opinion import ask_m3c2, filtered, gather_sights
 from monitor.settings import Settings, as_mapping
 from monitor.strays import share_of_strays
@@ -48,21 +47,11 @@ from monitor.target_search import search_targets
 from monitor.winding import wind_outward
 from projects.errors import ParameterError
 from projects.extent import Extent, inside
-from projects.model import Floats, PointCloud, Scan, Step, Surface
+from projects.model import Floats, PointCloud, Step, Surface
 from projects.store import Project
 
 Notify = Callable[[str], None]
 SLACK_SIGMAS = 3.0  # of the misfit of the scans: nearly all points lie no farther off those of another scan
-
-
-@dataclass(frozen=True)
-class ScanTask:
-    """One scan within the object's extent, ready to be filtered anywhere."""
-
-    scan: Scan
-    settings: FilterSettings
-    counts: Mapping[str, int]
-    calibration: Calibration | None = None
 
 
 def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Notify) -> list[Step]:
@@ -70,13 +59,13 @@ def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Noti
     if place.project.epoch(place.object_id, place.epoch_id).is_mesh:
         return [_adopt_mesh(place, notify)]
     calibrations = calibrate_scans(place, settings.filter.calibration, engine, notify)
-    scans = _filter_scans(place, settings, calibrations, engine, notify)
+    scans, doubtful = filter_scans(place, settings, calibrations, engine, notify)
     targets = search_targets(place, settings.targets, calibrations, engine, notify)
     network = adjust_epoch(place, settings.adjust, scans, targets, notify)
-    filtered = _merge(place, settings, scans, network, notify)
+    filtered = _merge(place, settings, FilteredScans(scans, doubtful), network, notify)
     surface = _reconstruct(place, settings, (*scans, network), filtered, calibrations, notify)
     quality = _assess_quality(place, (*scans, network), surface, notify)
-    return [*scans, *targets, network, filtered, surface, quality]
+    return [*scans, *doubtful, *targets, network, filtered, surface, quality]
 
 
 def compare_epochs(
@@ -165,62 +154,18 @@ def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:
     return pairs
 
 
-def _filter_scans(
-    place: Place, settings: Settings, calibrations: list[Step | None], engine: Engine, notify: Notify
-) -> list[Step]:
-    """Filter each scan by itself (steps 0 to 6), repeated ones their mean; return one step each."""
-    headers = place.project.scan_headers(place.object_id, place.epoch_id)
-    if is_averaged(place, settings.filter):
-        return [filter_repeats(place, settings.filter, calibrations, engine, notify)]
-    asked = _ask_scans(place, settings, [header.name for header in headers], calibrations)
-    steps = [find_step(place, a) for a in asked]
-    missing = [k for k, step in enumerate(steps) if step is None]
-
-    def tasks() -> Iterator[ScanTask]:
-        """Yield the scans that are missing one by one, so that no more are read than workers take."""
-        for k in missing:
-            notify(f"{place.epoch_id}: filtering scan {k + 1} of {len(headers)} ({headers[k].name})")
-            scan, counts = read_within(place.project, place.object_id, place.epoch_id, k)
-            yield ScanTask(scan, settings.filter, counts, calibration_of(place, calibrations[k]))
-
-    started = time.perf_counter()
-    for k, made in zip(missing, engine.map(filter_task, tasks()), strict=True):
-        cloud = replace(made.noun, scan_index=np.full(len(made.noun), k, dtype=np.int32))
-        finished = time.perf_counter()
-        steps[k] = put_step(place, asked[k], replace(made, noun=cloud), finished - started)
-        started = finished
-    return [step for step in steps if step is not None]
-
-
-def _ask_scans(place: Place, settings: Settings, names: list[str], calibrations: list[Step | None]) -> list[Asked]:
-    """Return what is asked of each scan."""
-    raw = latest_step(place, "raw")
-    extent = place.project.object(place.object_id).extent
-    given = {"filter": as_mapping(settings.filter), "extent": extent}
-    inputs = [(raw,) if step is None else (raw, step) for step in calibrations]
-    return [
-        Asked(f"scan{k:03d}", "scan", {**given, "scan": k, "name": name}, inputs[k]) for k, name in enumerate(names)
-    ]
-
-
-def filter_task(task: ScanTask) -> Made:
-    """Filter one scan (runs on any worker); a scan that saw nothing of the object is skipped, and said to be."""
-    if len(task.scan.cloud) == 0:
-        return Made(PointCloud(np.empty((0, 3))), {"skipped": "no point within the extent"}, task.counts)
-    result = filter_scan_with_record(task.scan, task.settings, task.calibration)
-    return Made(result.cloud, result.automatic, {**task.counts, **result.counts})
-
-
-def _merge(place: Place, settings: Settings, scans: list[Step], network: Step, notify: Notify) -> Step:
+def _merge(place: Place, settings: Settings, made: FilteredScans, network: Step, notify: Notify) -> Step:
     """Merge the scans and filter the merged cloud once more (step 8; Dorninger & Nothegger 2009)."""
+    scans, doubtful = made
 
     def make() -> Made:
-        """Merge the clouds of the set-ups where the adjustment put them."""
+        """Merge the clouds of the set-ups where the adjustment put them, with what they bear out of each other's."""
         notify(f"{place.epoch_id}: merging {len(scans)} scan{'s' if len(scans) > 1 else ''}")
-        result = merge_scans(adjusted_clouds(place, scans, network), settings.filter, _slack(network))
+        clouds, beside = (adjusted_clouds(place, scans, network), adjusted_doubtful(place, made, network))
+        result = merge_scans(clouds, settings.filter, _slack(network), beside)
         return Made(result.cloud, result.automatic, result.counts)
 
-    asked = Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, (*scans, network))
+    asked = Asked("filtered", "filtered", {"filter": as_mapping(settings.filter)}, (*scans, *doubtful, network))
     return once_step(place, asked, make)
 
 

@@ -20,14 +20,14 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 5,
-    "scan": 7,
+    "scan": 8,
     "targets": 1,
     "network": 16,
-    "filtered": 9,
+    "filtered": 10,
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 34,
+    "comparison": 35,
     "series": 6,
 }
 

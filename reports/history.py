@@ -36,7 +36,7 @@ MERGING = {
     "rejected": "too far from the median of their voxel in the merged cloud",
     "merged": "merged by the second thinning", "out": "left after merging",
 }  # fmt: skip
-NOT_DROPPED = ("read", "in")
+NOT_DROPPED = ("read", "in", "borne_out")
 BARE_CELLS = 8.0  # cells along and across: as much area without a surface in one piece is told
 UNCOVERED = 0.15  # of the area between the points: more without a surface is said with what an epoch became
 ON_READING = "not_measured_"  # counted with each scan, too, though none of them is among what was read
@@ -161,6 +161,8 @@ def _flow(epoch: EpochHistory) -> dict[tuple[str, str], int]:
             _add(flow, kind, counts, FILTERING)
         elif kind == "filtered":
             _add(flow, kind, counts, MERGING)
+            for words, n in (("outliers", -1), ("left after filtering each scan", 1)):  # what another scan bears out
+                flow[("scan", words)] = flow.get(("scan", words), 0) + n * int(counts.get("borne_out", 0))
         elif kind == "surface":
             names = {"vertices": "vertices of the surface", "faces": "triangles of the surface",
                      "faces_invented": "triangles of them that close holes, invented",

@@ -17,7 +17,7 @@ from monitor.comparison.side import Side
 from monitor.comparison.tested import Detected, Detection
 from projects.model import Bools, Floats, Ints, NotAssessed
 
-HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
+HANDFUL = 3.0  # squares of the spacing of the vertices: one of them may be a bad fit, and the points decide in the end
 STREWN = 1.0 / 3.0  # of what was measured around a vertex; along sharp edges the shares of two epochs differ by less
 AT_RIM = 0.5  # of a chip's area: errors beside a free edge have tails that no level describes
 

@@ -15,25 +15,30 @@ from scipy.spatial import cKDTree
 
 from monitor.filtering.copies import find_copies
 from monitor.filtering.diffusion import diffuse_with_record
+from monitor.filtering.doubtful import find_borne_out
 from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import fit_planes, known_directions
 from monitor.filtering.scan import FilterResult, FilterSettings, count_thinned, thin_cloud
 from monitor.filtering.seen_through import find_seen_through
 from monitor.filtering.soundness import MIN_POINTS, require_finite
 from projects.errors import ParameterError
-from projects.model import Floats, PointCloud
+from projects.model import Bools, Floats, PointCloud
 
 
 def merge_scans(
-    clouds: Sequence[PointCloud], settings: FilterSettings | None = None, slack: float = 0.0
-) -> FilterResult:
-    """Merge the filtered clouds of several scans into one: what another looked through, normals, outliers, thinning.
+    clouds: Sequence[PointCloud], settings: FilterSettings | None = None, slack: float = 0.0,
+    doubtful: Sequence[PointCloud] = (),
+) -> FilterResult:  # fmt: skip
+    """Merge the filtered clouds of several scans into one: what another bears out or looked through, normals, outliers,
+    thinning.
 
     Parameters
     ----------
     clouds : as of `filter_scan`, in the project's frame and registered; `scan_index` is set to their place here.
     settings : found from the merged cloud where not given.
     slack : m, by which the scans may still lie off each other (`find_seen_through`).
+    doubtful : for each cloud what its scan left out as doubtful (`FilterResult.doubtful`), likewise in the project's
+        frame; what another station bears out (`find_borne_out`) is merged with the rest. None of it where left out.
 
     Returns
     -------
@@ -42,28 +47,30 @@ def merge_scans(
         between the scans it was merged from.
     """
     settings = settings or FilterSettings()
-    n_before = sum(map(len, clouds))
     _require_mergeable(clouds, slack)
+    clouds, borne_out = _with_borne_out(clouds, doubtful, slack)
+    n_before, n_borne_out = sum(map(len, clouds)), sum(int(b.sum()) for b in borne_out)
     if settings.silhouettes.drop_seen_through:
-        clouds = [c.take(~seen) for c, seen in zip(clouds, find_seen_through(clouds, slack), strict=True)]
+        seen = find_seen_through(clouds, slack)
+        clouds = [c.take(~s) for c, s in zip(clouds, seen, strict=True)]
+        borne_out = [b[~s] for b, s in zip(borne_out, seen, strict=True)]
     merged, left_out = concatenate_clouds(turn_alike(clouds)), _left_out(clouds, settings, slack)
     if len(merged) < MIN_POINTS:
         raise ParameterError(
             f"{n_before} points were given to merge, of which {n_before - len(merged)} lie where another scan looked "
             f"through; at least {MIN_POINTS} must be left: check the poses, and what the extent leaves of the scans"
         )
-    n_merged = len(merged)
-    merged = merged.take(canonical_order(merged.points))
-    copies = find_copies(merged.points)
-    merged = merged.take(~copies) if copies.any() else merged
+    n_merged, order = len(merged), canonical_order(merged.points)
+    order = order[~find_copies(merged.points[order])]
+    merged, is_sure = merged.take(order), np.concatenate(borne_out)[order]
     index = build_index(merged.points)
     towards = orientation_of(merged)
     planes = fit_planes(index, towards, settings.normals, towards if towards is merged.normals else None)
-    keep = ~planes.is_outlier
+    keep = ~planes.is_outlier | is_sure
     cloud, thinned, automatic = thin_cloud(merged, index, planes, keep, settings.thinning)
     automatic |= left_out
     counts = {
-        "in": n_before, "seen_through": n_before - n_merged,
+        "in": n_before, **({"borne_out": n_borne_out} if n_borne_out else {}), "seen_through": n_before - n_merged,
         **({"copy": n_merged - len(merged)} if len(merged) < n_merged else {}), "outlier": int((~keep).sum()),
         **count_thinned(int(keep.sum()), thinned),
     }  # fmt: skip
@@ -71,6 +78,21 @@ def merge_scans(
         diffused = diffuse_with_record(cloud, settings.diffusion)
         return FilterResult(diffused.cloud, counts, {**automatic, "diffusion": diffused.automatic})
     return FilterResult(cloud, counts, automatic)
+
+
+def _with_borne_out(
+    clouds: Sequence[PointCloud], doubtful: Sequence[PointCloud], slack: float
+) -> tuple[list[PointCloud], list[Bools]]:
+    """Return the clouds with those of their doubtful points that others bear out, and the mask of these in each."""
+    beside = doubtful or [PointCloud(np.empty((0, 3)))] * len(clouds)
+    found = [those.take(kept) for those, kept in zip(beside, find_borne_out(clouds, beside, slack), strict=True)]
+    joined = [
+        dataclasses.replace(concatenate_clouds(_numbered((cloud, own), k)), origins=cloud.origins)
+        if len(own)
+        else cloud
+        for k, (cloud, own) in enumerate(zip(clouds, found, strict=True))
+    ]
+    return joined, [np.arange(len(both)) >= len(cloud) for both, cloud in zip(joined, clouds, strict=True)]
 
 
 def _require_mergeable(clouds: Sequence[PointCloud], slack: float) -> None:
@@ -137,15 +159,20 @@ def orientation_of(cloud: PointCloud) -> Floats | None:
     return cloud.normals if is_known else known_directions(cloud)
 
 
+def _numbered(clouds: Sequence[PointCloud], number: int) -> list[PointCloud]:
+    """Return the clouds with a number as the scan that their points come from, where they do not say it."""
+    return [
+        c if c.scan_index is not None else dataclasses.replace(c, scan_index=np.full(len(c), number, dtype=np.int32))
+        for c in clouds
+    ]
+
+
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
     """Return all points in one cloud, without what one of the clouds lacks; `scan_index` is kept, else their place.
 
     Intensity that some clouds lack is NaN there.
     """
-    numbered = [
-        c if c.scan_index is not None else dataclasses.replace(c, scan_index=np.full(len(c), i, dtype=np.int32))
-        for i, c in enumerate(clouds)
-    ]
+    numbered = [c for i, cloud in enumerate(clouds) for c in _numbered([cloud], i)]
     joined: dict[str, Any] = {}
     for f in dataclasses.fields(PointCloud):
         values = [getattr(c, f.name) for c in numbered if len(c)]

@@ -34,6 +34,8 @@ from monitor.filtering.voxel_median import take_medians
 from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan, require_noun
 from projects.transforms import apply, rotate
 
+FAR = 5.0  # sigma off the plane: what lies nearer may be noise of that surface
+
 
 @dataclass(frozen=True, kw_only=True)
 class FilterSettings:
@@ -52,12 +54,14 @@ class FilterResult:
     """A filtered cloud with what each step did.
 
     `counts`: points in, dropped by reason, merged, out; each point that came in is counted once. `automatic`: the
-    values found from the data, lengths in metres.
+    values found from the data, lengths in metres. `doubtful`: points that were dropped as outliers, far off the plane
+    of their neighbours, and for no other reason, as they were measured: another station may bear them out.
     """
 
     cloud: PointCloud
     counts: Mapping[str, int]
     automatic: Mapping[str, Any]
+    doubtful: PointCloud | None = None
 
 
 def filter_scan(scan: Scan, settings: FilterSettings | None = None) -> PointCloud:
@@ -99,13 +103,15 @@ def filter_scan_with_record(
     if len(measured.cloud) < len(scan.cloud):
         given["at_scanner"] = len(scan.cloud) - len(measured.cloud)
     found = _thin_scan(measured, settings, calibration)
-    cloud = dataclasses.replace(
-        found.cloud,
-        points=apply(scan.pose, found.cloud.points),
-        normals=None if found.cloud.normals is None else rotate(scan.pose, found.cloud.normals),
-        origins=apply(scan.pose, origin),
-    )
-    return dataclasses.replace(found, cloud=cloud, counts={**given, **found.counts})
+    cloud = _placed(found.cloud, scan.pose, origin)
+    doubtful = None if found.doubtful is None else _placed(found.doubtful, scan.pose, origin)
+    return dataclasses.replace(found, cloud=cloud, counts={**given, **found.counts}, doubtful=doubtful)
+
+
+def _placed(cloud: PointCloud, pose: Floats, origin: Floats) -> PointCloud:
+    """Return a cloud in the scanner's frame in the project's, with where the scanner stood."""
+    normals = None if cloud.normals is None else rotate(pose, cloud.normals)
+    return dataclasses.replace(cloud, points=apply(pose, cloud.points), normals=normals, origins=apply(pose, origin))
 
 
 def _thin_scan(scan: Scan, settings: FilterSettings, calibration: Calibration | None) -> FilterResult:
@@ -123,17 +129,19 @@ def _thin_scan(scan: Scan, settings: FilterSettings, calibration: Calibration | 
         return _nothing_left(scan, counts)
     index = build_index(scan.cloud.points)
     planes = fit_planes(index, scan.origin if np.isfinite(scan.origin).all() else None, settings.normals)
+    is_far = planes.is_outlier & (np.abs(planes.heights) > FAR * np.maximum(planes.sigma, planes.noise))
     planes = planes.without("lambda3", "heights", "sigma_normal")
     mixed = _mixed(scan, planes, settings.silhouettes)
     scan = dataclasses.replace(scan, rows=None, columns=None)  # the rims need much memory of their own
-    dropped, keep = _sort_out(scan, planes, mixed, settings.silhouettes)
+    dropped, keep, only_outlier = _sort_out(scan, planes, mixed, settings.silhouettes)
     planes = planes.without("reach", "is_outlier")
+    doubtful = _as_measured(scan.cloud, planes, np.flatnonzero(only_outlier & is_far))
     cloud, thinned, automatic = thin_cloud(scan.cloud, index, planes, keep, settings.thinning)
     if step > 0.0:
         cloud, automatic = _as_rounded(cloud, step), {**automatic, "coordinate_step": step}
     if not np.isfinite(scan.origin).all():
         automatic = {**automatic, "silhouettes_left_out": "it is not known where the scanner stood"}
-    return FilterResult(cloud, {**counts, **dropped, **count_thinned(int(keep.sum()), thinned)}, automatic)
+    return FilterResult(cloud, {**counts, **dropped, **count_thinned(int(keep.sum()), thinned)}, automatic, doubtful)
 
 
 def _in_order(scan: Scan, step: float) -> Scan:
@@ -168,10 +176,21 @@ def _mixed(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> d
 
 def _sort_out(
     scan: Scan, planes: TangentPlanes, mixed: Mapping[str, Bools], settings: SilhouetteSettings
-) -> tuple[dict[str, int], Bools]:
-    """Return how many points go for each reason, and the mask of those that stay."""
+) -> tuple[dict[str, int], Bools, Bools]:
+    """Return how many points go for each reason, the mask of those that stay, and of those that are only outliers."""
     reasons = _reasons(scan, planes, mixed, settings)
-    return _count_first(reasons), ~np.any(list(reasons.values()), axis=0)
+    others = np.any([holds for reason, holds in reasons.items() if reason != "outlier"], axis=0)
+    return _count_first(reasons), ~(others | planes.is_outlier), planes.is_outlier & ~others
+
+
+def _as_measured(cloud: PointCloud, planes: TangentPlanes, which: Ints) -> PointCloud:
+    """Return points of a scan as they were measured, with the noise and the plane of their neighbours."""
+    noise = planes.noise[which]
+    return dataclasses.replace(
+        cloud.take(which), normals=planes.normals[which], sigma=noise, spread=noise,
+        n_merged=np.ones(len(which), dtype=np.int32), surface_variation=planes.surface_variation[which],
+        roughness=np.zeros(len(which), dtype=np.uint8), spacing=planes.spacing[which],
+    )  # fmt: skip
 
 
 def _nothing_left(scan: Scan, counts: Mapping[str, int]) -> FilterResult:

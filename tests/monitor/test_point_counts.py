@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from monitor.chain import ScanTask, filter_task
+from monitor.filtered_scans import ScanTask, filter_task
 from monitor.filtering import FilterSettings, ThinningSettings, merge_scans
 from monitor.repeats import RepeatsTask, repeats_task
 from projects.model import EpochRecord, PointCloud, Scan, Step
@@ -32,7 +32,7 @@ def steps_of(rng, settings, is_repeated):
         made = [repeats_task(RepeatsTask(tuple(scans), settings, {"read": 2 * n, "not_measured_not_finite": 80},
                                          (None, None)))]  # fmt: skip
     else:
-        made = [filter_task(ScanTask(scan, settings, {"read": n, "outside_extent": 0, **unread})) for scan in scans]
+        made = [filter_task(ScanTask(scan, settings, {"read": n, "outside_extent": 0, **unread}))[0] for scan in scans]
     merged = merge_scans([m.noun for m in made], settings)
     raw = Step("r" * 16, "raw", counts={"n_points": 2 * n, "dropped": {"not finite": 80}})
     own = [Step("f" * 16, f"scan{k:03d}", counts=m.counts) for k, m in enumerate(made)]
