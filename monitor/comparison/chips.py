@@ -17,7 +17,7 @@ from monitor.comparison.side import Side
 from monitor.comparison.tested import Detected, Detection
 from projects.model import Bools, Floats, Ints, NotAssessed
 
-HANDFUL = 3.0  # squares of the spacing of the vertices: one of them may be a bad fit, and the points decide in the end
+FEW = 3.0  # squares of the spacing of the vertices: one of them may be a bad fit, and the points decide in the end
 STREWN = 1.0 / 3.0  # of what was measured around a vertex; along sharp edges the shares of two epochs differ by less
 AT_RIM = 0.5  # of a chip's area: errors beside a free edge have tails that no level describes
 
@@ -25,11 +25,11 @@ AT_RIM = 0.5  # of a chip's area: errors beside a free edge have tails that no l
 def stand_alone(sides: Sequence[Side], found: Detected, parts: tuple[Ints, Ints], n_parts: int) -> Bools:
     """Return which parts (n_parts,) are as deep as no error is, taken for one witness each.
 
-    Both sides must show it: a handful of vertices, most of them away from free edges, are farther off zero than the
+    Both sides must show it: a few vertices, most of them away from free edges, are farther off zero than the
     farthest of all vertices is by chance.
     """
     stands = np.ones(n_parts, dtype=np.bool_)
-    least = HANDFUL * max(float(np.median(side.areas)) for side in sides)
+    least = FEW * max(float(np.median(side.areas)) for side in sides)
     for k, (side, part) in enumerate(zip(sides, parts, strict=True)):
         at = np.flatnonzero((part >= 0) & (levels_off(side, found.sides[k]) > found.test.far))
         weight = side.areas[at]

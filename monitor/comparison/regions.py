@@ -18,7 +18,7 @@ from scipy.sparse import coo_matrix
 from scipy.stats import norm
 
 from monitor.comparison.borders import margin_widths, spread_margin
-from monitor.comparison.chips import HANDFUL, stand_alone
+from monitor.comparison.chips import stand_alone
 from monitor.comparison.connected import connect_like
 from monitor.comparison.enclosure import (
     SIGNS,
@@ -44,6 +44,7 @@ from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected, Detection, Tested
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
+HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 
 @dataclass(frozen=True)
 class Regions:
