@@ -46,6 +46,7 @@ from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
 HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 
+
 @dataclass(frozen=True)
 class Regions:
     """Regions 1 to r: their table (`REGION_COLUMNS`) and, of both sides, the region of each vertex (n,), 0 for none.
