@@ -23,6 +23,7 @@ from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 
 Pair = tuple[Side, Side]
 N_AROUND = 7  # vertices, the place itself among them, that tell how large the largest change is
+LEAST_AROUND, SHARE_AROUND = 3, 0.25  # of a region's vertices: of a chip seven are most, and their median its mean
 UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
 MOST_UNKNOWN = 0.2  # of a region's area: with more of its margin not assessable, its volume is not known
 WHOLE = ("lost", "added")  # without any perpendicular: gone or come as a whole
@@ -229,7 +230,8 @@ def _variance_of_sum(side: Side, vertices: Ints, weight: Floats, own2: Floats, c
 
 def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Ints], change_beyond: Floats,
                  ) -> tuple[float, float]:  # fmt: skip
-    """Return the largest change [m] and its sigma: the median of seven vertices about the place where it is largest.
+    """Return the largest change [m] and its sigma: the median of seven vertices about the place where it is largest, of
+    three in the smallest regions.
 
     The place is where the mean change less 1.96 of the sigma there is largest: the largest of many is else the noisiest
     of them. No single vertex decides; the sigma holds how the seven scatter, since the place itself is known to a
@@ -254,7 +256,8 @@ def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Int
     _, around = cKDTree(points).query(points, k=[*range(1, min(N_AROUND, len(points)) + 1)])
     sigma = np.hypot(np.median(own[around], axis=1), np.std(value[around], axis=1))
     peak = int(np.argmax(np.abs(mean) - Z95 * np.nan_to_num(sigma)))
-    return float(np.median(value[around[peak]])), float(sigma[peak])
+    nearest = around[peak, : max(LEAST_AROUND, int(SHARE_AROUND * len(points)))]
+    return float(np.median(value[nearest])), float(sigma[peak])
 
 
 def find_gap(side: Side, found: Detected, parts: tuple[Ints, Ints], change_beyond: Floats) -> tuple[float, float]:
