@@ -14,19 +14,20 @@ from projects.model import Floats, PointCloud, Scan
 SPACING, NOISE, SLACK = 2.7e-3, 2e-4, 3e-4  # m
 PLACES = (np.array([-1.5, 0.0, 2.0]), np.array([1.5, 0.2, 2.0]))
 RADIUS, DEEP = 4.3e-3, 3e-3  # m, of the pit
+WIDE, STEEP = 6.5e-3, 9e-3  # m, of one that no plane fits
 
 
-def bowl(points: Floats, high: float) -> Floats:
+def bowl(points: Floats, high: float, radius: float = RADIUS) -> Floats:
     """Return the heights of a pit (`high` is negative) or a knob amid a plane."""
-    return high * np.clip(1.0 - (points[:, :2] ** 2).sum(axis=1) / RADIUS**2, 0.0, None)
+    return high * np.clip(1.0 - (points[:, :2] ** 2).sum(axis=1) / radius**2, 0.0, None)
 
 
-def measure(rng: np.random.Generator, high: float = -DEEP, half: float = 0.06) -> Floats:
+def measure(rng: np.random.Generator, high: float = -DEEP, radius: float = RADIUS) -> Floats:
     """Return a plane with a pit in it, as one station measures it."""
-    x = np.arange(-half, half, SPACING)
+    x = np.arange(-0.06, 0.06, SPACING)
     points = np.column_stack([np.repeat(x, len(x)), np.tile(x, len(x)), np.zeros(len(x) ** 2)])
     points[:, :2] += rng.uniform(-0.3, 0.3, 2) * SPACING + rng.normal(0, 0.1 * SPACING, (len(points), 2))
-    points[:, 2] = bowl(points, high) + rng.normal(0, NOISE, len(points))
+    points[:, 2] = bowl(points, high, radius) + rng.normal(0, NOISE, len(points))
     return points
 
 
@@ -46,10 +47,12 @@ def judge(seen: list[Floats], places: tuple[Floats, ...] = PLACES, slack: float 
                  for kept in (True, False))  # type: ignore[return-value]  # fmt: skip
 
 
-def test_a_pit_of_few_points_that_two_stations_see_stays(rng):
-    kept, lost = judge([measure(rng) for _ in PLACES])
+@pytest.mark.parametrize(("high", "radius"), [(-DEEP, RADIUS), (-STEEP, WIDE)])
+def test_a_pit_of_few_points_that_two_stations_see_stays(rng, high, radius):
+    """Flat at its bottom, or a bowl that no plane fits."""
+    kept, lost = judge([measure(rng, high, radius) for _ in PLACES])
     assert len(kept) >= 6
-    assert (np.abs(kept[:, 2] - bowl(kept, -DEEP)) < 5.0 * NOISE).all()
+    assert (np.abs(kept[:, 2] - bowl(kept, high, radius)) < 5.0 * NOISE).all()
     assert len(lost) <= 2
 
 
@@ -59,17 +62,25 @@ def test_stations_at_one_place_bear_nothing_out(rng, aside):
 
 
 def test_strays_of_one_scan_go_though_they_lie_in_a_bowl(rng):
-    kept, lost = judge([measure(rng), measure(rng, high=0.0)])
+    kept, lost = judge([measure(rng, -STEEP, WIDE), measure(rng, high=0.0)])
     assert not len(kept)
-    assert len(lost) >= 3
+    assert len(lost) >= 6
+
+
+def test_fewer_than_a_surface_has_go(rng):
+    kept, lost = judge([measure(rng, radius=2.4e-3) for _ in PLACES])
+    assert not len(kept)
+    assert len(lost) >= 2
 
 
 def test_strays_of_two_scans_that_lie_on_no_surface_go(rng):
     seen = [measure(rng, high=0.0) for _ in PLACES]
     for points in seen:
-        near = np.flatnonzero((points[:, :2] ** 2).sum(axis=1) < (0.6 * RADIUS) ** 2)
-        points[near, 2] -= rng.uniform(2e-3, 12e-3, len(near))
-    assert len(judge(seen)[0]) <= 1
+        near = np.flatnonzero((points[:, :2] ** 2).sum(axis=1) < WIDE**2)
+        points[near, 2] -= rng.uniform(2e-3, 14e-3, len(near))
+    kept, lost = judge(seen)
+    assert len(kept) <= 2
+    assert len(lost) >= 16
 
 
 def test_what_hangs_before_a_surface_goes(rng):

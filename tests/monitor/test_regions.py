@@ -159,17 +159,18 @@ def test_the_extreme_is_not_where_the_change_is_known_worst(rng: np.random.Gener
     assert 1e-5 < region.sigma_extreme_m < 1e-4  # of its own place
 
 
-def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma_is_not_known() -> None:
-    n, unknown = 9, np.full(9, np.nan)
+@pytest.mark.parametrize(("n", "n_told"), [(9, 3), (20, 5), (40, 7)])
+def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma_is_not_known(n, n_told) -> None:
+    unknown = np.full(n, np.nan)
     place = np.column_stack([np.arange(n, dtype=float), np.zeros((n, 2))])
     side = SimpleNamespace(areas=np.ones(n), is_assessed=np.zeros(n, dtype=bool), distances=unknown,
                            sigma_shared=unknown, sigma_motion=unknown,
                            surface=SimpleNamespace(vertices=place))  # fmt: skip
     noise = SimpleNamespace(variance_of=lambda side, which: np.zeros(len(which)))
     found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise)
-    gaps = -1e-3 * np.arange(1.0, 10.0)
+    gaps = -1e-3 * np.arange(1.0, n + 1.0)
     extreme, sigma = find_extreme(side, found, 0, (np.zeros(0, dtype=int), np.arange(n)), gaps)  # type: ignore[arg-type]
-    assert extreme == pytest.approx(-6e-3)  # the median of the seven nearest to the last
+    assert extreme == pytest.approx(-1e-3 * (n - (n_told - 1) / 2))  # the median of so many nearest to the last
     assert np.isnan(sigma)
 
 
