@@ -23,15 +23,15 @@ def adjusted_clouds(place: Place, scans: Sequence[Step], network: Step) -> list[
     return join_setups(clouds, setups)
 
 
-def adjusted_doubtful(place: Place, made: FilteredScans, network: Step) -> list[PointCloud]:
+def adjusted_doubtful(place: Place, filtered_scans: FilteredScans, network: Step) -> list[PointCloud]:
     """Return the doubtful points of each set-up that has points: one cloud beside each of `adjusted_clouds`."""
     found = place.get(network)
-    motions, setups = found["T_project_given"], found.get("setups", np.arange(len(made.scans)))
-    has_points = np.array([step.counts.get("out", 0) > 0 for step in made.scans])
+    motions, setups = found["T_project_given"], found.get("setups", np.arange(len(filtered_scans.scans)))
+    has_points = np.array([step.counts.get("out", 0) > 0 for step in filtered_scans.scans])
     none = PointCloud(np.empty((0, 3)))
-    if not made.doubtful:
+    if not filtered_scans.doubtful:
         return [none] * len(np.unique(setups[has_points]))
-    clouds = [move_cloud(place.get(step), T) for step, T in zip(made.doubtful, motions, strict=True)]
+    clouds = [move_cloud(place.get(step), T) for step, T in zip(filtered_scans.doubtful, motions, strict=True)]
     joined = []
     for number in np.unique(setups[has_points]):
         own = [cloud for cloud, setup in zip(clouds, setups, strict=True) if setup == number]

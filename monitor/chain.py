@@ -59,10 +59,11 @@ def process_epoch(place: Place, settings: Settings, engine: Engine, notify: Noti
     if place.project.epoch(place.object_id, place.epoch_id).is_mesh:
         return [_adopt_mesh(place, notify)]
     calibrations = calibrate_scans(place, settings.filter.calibration, engine, notify)
-    scans, doubtful = filter_scans(place, settings, calibrations, engine, notify)
+    filtered_scans = filter_scans(place, settings, calibrations, engine, notify)
+    scans, doubtful = filtered_scans
     targets = search_targets(place, settings.targets, calibrations, engine, notify)
     network = adjust_epoch(place, settings.adjust, scans, targets, notify)
-    filtered = _merge(place, settings, FilteredScans(scans, doubtful), network, notify)
+    filtered = _merge(place, settings, filtered_scans, network, notify)
     surface = _reconstruct(place, settings, (*scans, network), filtered, calibrations, notify)
     quality = _assess_quality(place, (*scans, network), surface, notify)
     return [*scans, *doubtful, *targets, network, filtered, surface, quality]
@@ -154,14 +155,14 @@ def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:
     return pairs
 
 
-def _merge(place: Place, settings: Settings, made: FilteredScans, network: Step, notify: Notify) -> Step:
+def _merge(place: Place, settings: Settings, filtered_scans: FilteredScans, network: Step, notify: Notify) -> Step:
     """Merge the scans and filter the merged cloud once more (step 8; Dorninger & Nothegger 2009)."""
-    scans, doubtful = made
+    scans, doubtful = filtered_scans
 
     def make() -> Made:
         """Merge the clouds of the set-ups where the adjustment put them, with what they bear out of each other's."""
         notify(f"{place.epoch_id}: merging {len(scans)} scan{'s' if len(scans) > 1 else ''}")
-        clouds, beside = (adjusted_clouds(place, scans, network), adjusted_doubtful(place, made, network))
+        clouds, beside = adjusted_clouds(place, scans, network), adjusted_doubtful(place, filtered_scans, network)
         result = merge_scans(clouds, settings.filter, _slack(network), beside)
         return Made(result.cloud, result.automatic, result.counts)
 

@@ -61,7 +61,7 @@ def filter_scans(
     started = time.perf_counter()
     for k, (made, doubtful) in zip(missing, engine.map(filter_task, tasks()), strict=True):
         finished = time.perf_counter()
-        beside = put_step(place, asked[k][1], _numbered(doubtful, k), 0.0)
+        beside = put_step(place, asked[k][1], _numbered(doubtful, k), 0.0)  # its time is that of the scan
         found[k] = put_step(place, asked[k][0], _numbered(made, k), finished - started), beside
         started = finished
     scans, left_out = zip(*found, strict=True)

@@ -21,7 +21,8 @@ STEP_TITLES = {
     "mesh": "Finished mesh", "comparison": "Registration and comparison of the epochs",
 }  # fmt: skip
 FILTERING = {
-    "outside_extent": "outside the object’s extent", "speck": "specks in the air", "outlier": "outliers",
+    "outside_extent": "outside the object’s extent", "speck": "specks in the air",
+    "outlier": "outliers that no other station bears out",
     "mixed_pixel": "mixed pixels at silhouettes", "rim": "at the rims of surfaces",
     "grazing": "seen at a grazing angle", "rejected": "too far from the median of their voxel",
     "at_scanner": "where the scanner stood", "copy": "copies of other points",
@@ -161,8 +162,8 @@ def _flow(epoch: EpochHistory) -> dict[tuple[str, str], int]:
             _add(flow, kind, counts, FILTERING)
         elif kind == "filtered":
             _add(flow, kind, counts, MERGING)
-            for words, n in (("outliers", -1), ("left after filtering each scan", 1)):  # what another scan bears out
-                flow[("scan", words)] = flow.get(("scan", words), 0) + n * int(counts.get("borne_out", 0))
+            n = counts.get("borne_out", 0)  # of what each scan dropped for outliers
+            _add(flow, "scan", {"outlier": -n, "out": n} if n else {}, FILTERING)
         elif kind == "surface":
             names = {"vertices": "vertices of the surface", "faces": "triangles of the surface",
                      "faces_invented": "triangles of them that close holes, invented",

@@ -19,6 +19,7 @@ from projects.model import Bools, Floats, Ints, NotAssessed
 
 FEW = 3.0  # squares of the spacing of the vertices: one of them may be a bad fit, and the points decide in the end
 STREWN = 1.0 / 3.0  # of what was measured around a vertex; along sharp edges the shares of two epochs differ by less
+SHARP = np.cos(np.radians(30.0))  # from a vertex to the next: the cells of the surface do not follow such a shape
 AT_RIM = 0.5  # of a chip's area: errors beside a free edge have tails that no level describes
 
 
@@ -37,6 +38,22 @@ def stand_alone(sides: Sequence[Side], found: Detected, parts: tuple[Ints, Ints]
                         for w in (weight, weight * found.noise.is_at_rim(side, at)))  # fmt: skip
         stands &= (area >= least) & (at_rim < AT_RIM * area)
     return stands
+
+
+def turn_sharply(sides: Sequence[Side], regions: tuple[Ints, Ints], n_regions: int) -> Bools:
+    """Return which regions 1 to n (n,) hold neighbouring vertices whose normals differ by more than `SHARP`.
+
+    The surface of an edge, or of a pit few cells wide, is rounder and shallower than what was measured, by more than
+    its vertices know: how deep a chip is there has no margin.
+    """
+    least = np.ones(n_regions + 1)
+    for side, region in zip(sides, regions, strict=True):
+        own = np.repeat(np.arange(len(region)), np.diff(side.neighbours.starts))
+        other = side.neighbours.vertices
+        inside = (region[own] > 0) & (region[own] == region[other])
+        own, other = own[inside], other[inside]
+        np.minimum.at(least, region[own], np.einsum("ij,ij->i", side.normals[own], side.normals[other]))
+    return least[1:] < SHARP
 
 
 def levels_off(side: Side, found: Detection) -> Floats:

@@ -230,11 +230,11 @@ def _variance_of_sum(side: Side, vertices: Ints, weight: Floats, own2: Floats, c
 
 def find_extreme(side: Side, found: Detected, which: int, parts: tuple[Ints, Ints], change_beyond: Floats,
                  ) -> tuple[float, float]:  # fmt: skip
-    """Return the largest change [m] and its sigma: the median of seven vertices about the place where it is largest, of
-    three in the smallest regions.
+    """Return the largest change [m] and its sigma: the median of seven vertices about the place where it is largest, or
+    of a quarter of the region's, at least three, where these are fewer.
 
     The place is where the mean change less 1.96 of the sigma there is largest: the largest of many is else the noisiest
-    of them. No single vertex decides; the sigma holds how the seven scatter, since the place itself is known to a
+    of them. No single vertex decides; the sigma holds how seven there scatter, since the place itself is known to a
     vertex only. `parts` are the assessed vertices of the region and all of it: those without a perpendicular count
     where they are more than `MOST_UNKNOWN` of the region, a piece that is gone; there it is the distance to the nearest
     point of the other surface, as sure as the assessed ones are in the median. Beside a worn patch they are folds and

@@ -18,7 +18,7 @@ from scipy.sparse import coo_matrix
 from scipy.stats import norm
 
 from monitor.comparison.borders import margin_widths, spread_margin
-from monitor.comparison.chips import stand_alone
+from monitor.comparison.chips import stand_alone, turn_sharply
 from monitor.comparison.connected import connect_like
 from monitor.comparison.enclosure import (
     SIGNS,
@@ -111,6 +111,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     margins = [spread_margin(s, r, widths) for s, r in zip(sides, seen, strict=True)]
     views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(gone) + 1)]
     table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
+    table.loc[(n_stand == 0.0) & turn_sharply(sides, seen, len(gone)), "sigma_extreme_m"] = np.nan
     table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, widths, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     table["kind"] = name_moved(table, sides, seen)

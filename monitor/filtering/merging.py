@@ -47,14 +47,15 @@ def merge_scans(
         between the scans it was merged from.
     """
     settings = settings or FilterSettings()
-    _require_mergeable(clouds, slack)
+    _require_mergeable(clouds, slack, doubtful)
+    had_doubtful = any(map(len, doubtful))
     clouds, borne_out = _with_borne_out(clouds, doubtful, slack)
     n_before, n_borne_out = sum(map(len, clouds)), sum(int(b.sum()) for b in borne_out)
     if settings.silhouettes.drop_seen_through:
         seen = find_seen_through(clouds, slack)
         clouds = [c.take(~s) for c, s in zip(clouds, seen, strict=True)]
         borne_out = [b[~s] for b, s in zip(borne_out, seen, strict=True)]
-    merged, left_out = concatenate_clouds(turn_alike(clouds)), _left_out(clouds, settings, slack)
+    merged, left_out = concatenate_clouds(turn_alike(clouds)), _left_out(clouds, settings, slack, had_doubtful)
     if len(merged) < MIN_POINTS:
         raise ParameterError(
             f"{n_before} points were given to merge, of which {n_before - len(merged)} lie where another scan looked "
@@ -70,7 +71,7 @@ def merge_scans(
     cloud, thinned, automatic = thin_cloud(merged, index, planes, keep, settings.thinning)
     automatic |= left_out
     counts = {
-        "in": n_before, **({"borne_out": n_borne_out} if n_borne_out else {}), "seen_through": n_before - n_merged,
+        "in": n_before, **({"borne_out": n_borne_out} if had_doubtful else {}), "seen_through": n_before - n_merged,
         **({"copy": n_merged - len(merged)} if len(merged) < n_merged else {}), "outlier": int((~keep).sum()),
         **count_thinned(int(keep.sum()), thinned),
     }  # fmt: skip
@@ -84,7 +85,7 @@ def _with_borne_out(
     clouds: Sequence[PointCloud], doubtful: Sequence[PointCloud], slack: float
 ) -> tuple[list[PointCloud], list[Bools]]:
     """Return the clouds with those of their doubtful points that others bear out, and the mask of these in each."""
-    beside = doubtful or [PointCloud(np.empty((0, 3)))] * len(clouds)
+    beside = doubtful if len(doubtful) else [PointCloud(np.empty((0, 3)))] * len(clouds)
     found = [those.take(kept) for those, kept in zip(beside, find_borne_out(clouds, beside, slack), strict=True)]
     joined = [
         dataclasses.replace(concatenate_clouds(_numbered((cloud, own), k)), origins=cloud.origins)
@@ -95,19 +96,25 @@ def _with_borne_out(
     return joined, [np.arange(len(both)) >= len(cloud) for both, cloud in zip(joined, clouds, strict=True)]
 
 
-def _require_mergeable(clouds: Sequence[PointCloud], slack: float) -> None:
+def _require_mergeable(clouds: Sequence[PointCloud], slack: float, doubtful: Sequence[PointCloud]) -> None:
     """Raise `ParameterError` where a cloud, or how far they lie off each other, cannot be."""
     if not any(len(c) for c in clouds):
         raise ParameterError("no points were given to merge; at least one cloud must have some")
     if slack < 0.0:
         raise ParameterError(f"slack = {slack:g} m; by how much scans lie off each other is 0 or more, NaN if unknown")
-    for i, cloud in enumerate(clouds):
+    if len(doubtful) not in (0, len(clouds)):
+        raise ParameterError(
+            f"{len(doubtful)} clouds of doubtful points were given with {len(clouds)} clouds; one for each, or none"
+        )
+    for i, cloud in enumerate((*clouds, *doubtful)):
         require_finite(cloud.points, f"cloud {i}")
         if cloud.n_merged is not None and (cloud.n_merged < 1).any():
             raise ParameterError(f"cloud {i}: a point stands for {cloud.n_merged.min()} measurements; it is 1 or more")
 
 
-def _left_out(clouds: Sequence[PointCloud], settings: FilterSettings, slack: float) -> dict[str, str]:
+def _left_out(
+    clouds: Sequence[PointCloud], settings: FilterSettings, slack: float, had_doubtful: bool
+) -> dict[str, str]:
     """Return, for the record, what the merged cloud lacks because some of the clouds have none of it, and what was not
     looked for."""
     full = [c for c in clouds if len(c)]
@@ -119,8 +126,10 @@ def _left_out(clouds: Sequence[PointCloud], settings: FilterSettings, slack: flo
         unseen = "it is not known how far the scans lie off each other"
     elif n_lost:
         unseen = f"of {n_lost} of {len(full)} scans it is not known where the scanner stood"
-    looks = settings.silhouettes.drop_seen_through and len(full) > 1
-    return {**colors, "seen_through_left_out": unseen} if looks and unseen else colors
+    if not unseen or len(full) < 2:
+        return colors
+    through = {"seen_through_left_out": unseen} if settings.silhouettes.drop_seen_through else {}
+    return {**colors, **through, **({"borne_out_left_out": unseen} if had_doubtful else {})}
 
 
 def turn_alike(clouds: Sequence[PointCloud]) -> Sequence[PointCloud]:

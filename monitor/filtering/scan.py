@@ -34,7 +34,7 @@ from monitor.filtering.voxel_median import take_medians
 from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan, require_noun
 from projects.transforms import apply, rotate
 
-FAR = 5.0  # sigma off the plane: what lies nearer may be noise of that surface
+FAR_OFF = 5.0  # sigma off the plane: an outlier nearer to it may be noise of that surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +53,10 @@ class FilterSettings:
 class FilterResult:
     """A filtered cloud with what each step did.
 
-    `counts`: points in, dropped by reason, merged, out; each point that came in is counted once. `automatic`: the
-    values found from the data, lengths in metres. `doubtful`: points that were dropped as outliers, far off the plane
-    of their neighbours, and for no other reason, as they were measured: another station may bear them out.
+    `counts`: points in, dropped by reason, merged, out; each point that came in is counted once (`borne_out` of a merge
+    is a part of those that came in). `automatic`: the values found from the data, lengths in metres. `doubtful`, of one
+    scan, in the frame of `cloud`: single points that it dropped as outliers, far off the plane of their neighbours,
+    whose normal they have; another station may bear them out (`merge_scans`).
     """
 
     cloud: PointCloud
@@ -129,7 +130,7 @@ def _thin_scan(scan: Scan, settings: FilterSettings, calibration: Calibration | 
         return _nothing_left(scan, counts)
     index = build_index(scan.cloud.points)
     planes = fit_planes(index, scan.origin if np.isfinite(scan.origin).all() else None, settings.normals)
-    is_far = planes.is_outlier & (np.abs(planes.heights) > FAR * np.maximum(planes.sigma, planes.noise))
+    is_far = planes.is_outlier & (np.abs(planes.heights) > FAR_OFF * np.maximum(planes.sigma, planes.noise))
     planes = planes.without("lambda3", "heights", "sigma_normal")
     mixed = _mixed(scan, planes, settings.silhouettes)
     scan = dataclasses.replace(scan, rows=None, columns=None)  # the rims need much memory of their own
@@ -184,7 +185,8 @@ def _sort_out(
 
 
 def _as_measured(cloud: PointCloud, planes: TangentPlanes, which: Ints) -> PointCloud:
-    """Return points of a scan as they were measured, with the noise and the plane of their neighbours."""
+    """Return single points with the noise and the plane of their neighbours, and what else a thinned cloud has:
+    their roughness, of which nothing is known, is told as the least."""
     noise = planes.noise[which]
     return dataclasses.replace(
         cloud.take(which), normals=planes.normals[which], sigma=noise, spread=noise,

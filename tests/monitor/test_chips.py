@@ -69,6 +69,16 @@ def test_a_chip_smaller_than_one_witness_is_a_region(rng: np.random.Generator) -
     assert np.hypot(region.x - MIDDLE, region.y - MIDDLE) < EDGE
 
 
+def test_how_deep_a_chip_off_an_edge_is_has_no_margin(rng: np.random.Generator) -> None:
+    roof = -np.abs(EDGE * np.arange(N) - MIDDLE)[:, None] * np.ones(N)  # a right angle from one row to the next
+    found = compared(errors(rng) + roof, errors(rng) + roof + pit(2e-3, 0.010))
+    assert len(found.regions) == 1
+    region = found.regions.iloc[0]
+    assert region.extreme_m < -1e-3
+    assert np.isnan(region.sigma_extreme_m)
+    assert np.isfinite(region.sigma_area_m2)
+
+
 def test_a_faint_spot_as_small_is_none_and_stays_unchanged(rng: np.random.Generator) -> None:
     found = compared(errors(rng), errors(rng) + pit(2.5e-4, 0.010))
     assert not len(found.regions)

@@ -9,6 +9,7 @@ import pytest
 
 from monitor.filtering import filter_scan_with_record, merge_scans
 from monitor.filtering.doubtful import find_borne_out
+from projects.errors import ParameterError
 from projects.model import Floats, PointCloud, Scan
 
 SPACING, NOISE, SLACK = 2.7e-3, 2e-4, 3e-4  # m
@@ -104,6 +105,30 @@ def test_nothing_is_borne_out_where_scans_may_lie_anywhere_or_a_scanner_stood_an
     seen = [measure(rng) for _ in PLACES]
     assert not len(judge(seen, slack=np.nan)[0])
     assert not len(judge(seen, (PLACES[0], np.full(3, np.nan)))[0])
+
+
+@pytest.mark.parametrize("sides", [(1.0, 1.0), (1.0, -1.0)])
+def test_stations_behind_a_plate_bear_nothing_out_of_its_front(rng, sides):
+    """The back of a plate lies behind its front, as a pit does, and another station sees it."""
+    front, back = measure(rng), measure(rng, high=0.0)
+    if sides[1] > 0.0:
+        back = measure(rng)
+    else:
+        back[:, 2] -= DEEP
+    places = (PLACES[0], PLACES[1] * [1.0, 1.0, sides[1]])
+    kept = judge([front, back], places)[0]
+    assert (len(kept) > 0) == (sides[1] > 0.0)
+
+
+def test_where_nothing_could_be_borne_out_the_merge_says_why(rng):
+    pairs = [filtered(measure(rng), place) for place in PLACES]
+    clouds, doubtful = [p[0] for p in pairs], [p[1] for p in pairs]
+    unknown = merge_scans(clouds, slack=np.nan, doubtful=doubtful)
+    assert unknown.counts["borne_out"] == 0
+    assert unknown.automatic["borne_out_left_out"] == "it is not known how far the scans lie off each other"
+    assert "borne_out_left_out" not in merge_scans(clouds, slack=SLACK, doubtful=doubtful).automatic
+    with pytest.raises(ParameterError, match="1 clouds of doubtful points were given with 2 clouds"):
+        merge_scans(clouds, doubtful=doubtful[:1])
 
 
 def test_the_merged_cloud_holds_the_pit_and_counts_it(rng):

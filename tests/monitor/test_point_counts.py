@@ -16,26 +16,32 @@ LEFT = ("measured points in the files", "left after filtering each scan", "left 
 METHODS = [("mode", False), ("voxel_median", False), ("mode", True)]
 
 
-def scan_of(rng, xy):
-    """Return a wall seen from 3 m with 0.3 mm noise, 25 points of it twice and one stray in the air."""
+def scan_of(rng, xy, aside=0.0):
+    """Return a wall seen from 3 m with 0.3 mm noise, five points in a pit, 25 points twice and one stray in the air."""
+    xy = np.where(np.linalg.norm(xy, axis=1)[:, None] < 0.004, xy + 0.01, xy)
+    xy[25:30] = 0.0018 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]) + rng.normal(0, 1e-4, (5, 2))
     points = np.column_stack([xy, rng.normal(0, 0.0003, len(xy))])
+    points[25:30, 2] -= 0.003
     points = np.concatenate([points, points[:25], [[0.0, 0.0, 0.3]]])
-    return Scan(name="wall", cloud=PointCloud(points), pose=np.eye(4), origin=np.array([0.0, 0.0, 3.0]))
+    return Scan(name="wall", cloud=PointCloud(points), pose=np.eye(4), origin=np.array([aside, 0.0, 3.0]))
 
 
 def steps_of(rng, settings, is_repeated):
     """Return the steps that the chain leaves of two scans, each of which had 40 lines without a number."""
     xy = rng.uniform(-0.12, 0.12, (9000, 2))
-    scans = [scan_of(rng, xy if is_repeated else rng.uniform(-0.12, 0.12, (9000, 2))) for _ in range(2)]
+    scans = [scan_of(rng, xy) if is_repeated else scan_of(rng, rng.uniform(-0.12, 0.12, (9000, 2)), aside)
+             for aside in (0.0, 1.0)]  # fmt: skip
     n, unread = len(scans[0].cloud), {"not_measured_not_finite": 40}
     if is_repeated:
-        made = [repeats_task(RepeatsTask(tuple(scans), settings, {"read": 2 * n, "not_measured_not_finite": 80},
-                                         (None, None)))]  # fmt: skip
+        made = [(repeats_task(RepeatsTask(tuple(scans), settings, {"read": 2 * n, "not_measured_not_finite": 80},
+                                         (None, None))), None)]  # fmt: skip
     else:
-        made = [filter_task(ScanTask(scan, settings, {"read": n, "outside_extent": 0, **unread}))[0] for scan in scans]
-    merged = merge_scans([m.noun for m in made], settings)
+        made = [filter_task(ScanTask(scan, settings, {"read": n, "outside_extent": 0, **unread})) for scan in scans]
+    doubtful = [] if is_repeated else [d.noun for _, d in made]
+    merged = merge_scans([m.noun for m, _ in made], settings, doubtful=doubtful)
+    assert is_repeated or merged.counts["borne_out"] > 0
     raw = Step("r" * 16, "raw", counts={"n_points": 2 * n, "dropped": {"not finite": 80}})
-    own = [Step("f" * 16, f"scan{k:03d}", counts=m.counts) for k, m in enumerate(made)]
+    own = [Step("f" * 16, f"scan{k:03d}", counts=m.counts) for k, (m, _) in enumerate(made)]
     return (raw, *own, Step("m" * 16, "filtered", counts=merged.counts))
 
 

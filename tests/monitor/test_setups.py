@@ -1,10 +1,13 @@
 """Scans of one set-up: told by their pose, joined as one body, with their targets once each."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from monitor.adjusted import adjusted_clouds, adjusted_doubtful
+from monitor.filtered_scans import FilteredScans
 from monitor.range_calibration import largest_of_setups
 from monitor.registration.adjustment import Adjustment
 from monitor.scan_network import _as_arrays, _why_nothing_is_left
@@ -67,3 +70,28 @@ def test_an_epoch_of_which_nothing_is_left_tells_what_became_of_its_points() -> 
     steps = [Step("s", "scan000", counts=c) for c in counts]
     told = _why_nothing_is_left(steps)
     assert told.startswith("no point is left of 904 in 2 scans (outside extent 897, too few 7); check")
+
+
+def test_doubtful_points_go_with_the_cloud_of_their_set_up_where_the_adjustment_put_it() -> None:
+    """Scans 0 and 2 stand at one place; scan 1 saw nothing; of scan 3 nothing is doubtful."""
+    counts, n_doubtful = (5, 0, 4, 6), (2, 0, 3, 0)
+    scans = [Step(f"s{k}", f"scan{k:03d}", counts={"out": n} if n else {}) for k, n in enumerate(counts)]
+    doubtful = [Step(f"d{k}", f"doubtful{k:03d}") for k in range(4)]
+    motions = np.tile(np.eye(4), (4, 1, 1))
+    motions[:, 0, 3] = [10.0, 20.0, 10.0, 40.0]
+    held = {"n": {"T_project_given": motions, "setups": np.array([0, 1, 0, 2])}}
+    held |= {s.step_id: cloud_at(n, k) for k, (s, n) in enumerate(zip(scans, counts, strict=True))}
+    held |= {s.step_id: cloud_at(n, k) for k, (s, n) in enumerate(zip(doubtful, n_doubtful, strict=True))}
+    place, network = SimpleNamespace(get=lambda step: held[step.step_id]), Step("n", "network")
+    clouds = adjusted_clouds(place, scans, network)
+    beside = adjusted_doubtful(place, FilteredScans(scans, doubtful), network)
+    assert [len(c) for c in clouds] == [9, 6]
+    assert [len(c) for c in beside] == [5, 0]
+    assert beside[0].points[:, 0].tolist() == [10.0, 10.0, 12.0, 12.0, 12.0]
+    assert [len(c) for c in adjusted_doubtful(place, FilteredScans(scans, []), network)] == [0, 0]
+
+
+def cloud_at(n: int, k: int) -> PointCloud:
+    """Return n points at x = k m, seen from there."""
+    points = np.tile([float(k), 0.0, 0.0], (n, 1))
+    return PointCloud(points, origins=np.zeros(3), scan_index=np.full(n, k, dtype=np.int32))

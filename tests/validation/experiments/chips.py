@@ -181,8 +181,8 @@ def mean_known(figures: Sequence[float]) -> float:
 
 
 def within(told: Sequence[pd.Series], name: str, true: float) -> str:
-    """Return how many of the regions that know a figure hold its truth within 1.96 sigma."""
-    known = [t for t in told if np.isfinite(t[name])]
+    """Return how many of the regions that know a figure and its margin hold its truth within 1.96 sigma."""
+    known = [t for t in told if np.isfinite(t[name]) and np.isfinite(t[f"sigma_{name}"])]
     return f"{sum(abs(t[name] - true) < 1.96 * t[f'sigma_{name}'] for t in known)} of {len(known)}"
 
 
