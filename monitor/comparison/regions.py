@@ -93,7 +93,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     gone = area_looked_through(sides, beyond, parts, len(area))
     stands = hold_patches(sides, found.test, parts, len(area), level)
     stands &= bear_out_parts(sides, found.noise, parts, len(area))
-    alone = stand_alone(sides, found, parts, len(area))
+    alone = stand_alone(sides, found, parts, len(area)) & (area < least)  # what is larger has patches of its own
     stands = (stands | (gone >= least)) & (area >= least)
     kept = np.flatnonzero(stands | alone)
     number = np.zeros(len(area) + 1, dtype=np.int32)
