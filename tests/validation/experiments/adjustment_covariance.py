@@ -3,8 +3,7 @@
 Four scans of a bumpy ball, whose noise neighbours share over 30 mm, fitted by their shape alone and with targets and
 control points; and bodies 0.3 m wide under the simulated scanner, seen from four stations all around that are
 registered with 0.1 to 0.3 mm, filtered as the chain does it. There all scans can move outward together and still fit,
-so this common motion is told apart. Then a pedestal of flat faces, each of which two of four stations see: how thick it
-comes out, from a face to the opposite one, is held by edges alone.
+so this common motion is told apart.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import chips
 import numpy as np
 from registration_covariance import share_row
 from rows import Row, Size, judge
@@ -28,14 +26,12 @@ from monitor.filtering import filter_scan
 from monitor.registration.adjustment import Adjustment, adjust_scans
 from monitor.simulation import INSTRUMENTS, simulate_scan, window_around
 from projects.model import Floats
-from projects.transforms import apply, invert
+from projects.transforms import invert
 
 TITLE = "Scans of one adjustment: true poses within the 95 % ellipsoid"
 LIMIT = 3600.0
 N_SIMULATED = {"small": 6, "full": 200}
 N_RINGS = {"small": 2, "full": 64}
-N_PEDESTALS = {"small": 1, "full": 16}
-FACES = ((0, (0, 1), (2, 3)), (1, (1, 2), (3, 0)))  # axis, the stations that see the face there, and the opposite one
 REACH = 0.03  # m, over which neighbouring points of a scan err together
 NOTES = (
     "Inside: share of scans whose true pose lies in the 95 % ellipsoid that is stated of it, with the 95 % interval of "
@@ -63,63 +59,7 @@ def run(size: Size) -> list[Row]:
     for is_absolute, what in ((False, "shape alone"), (True, "shape, targets and control")):
         squared = np.concatenate([simulate_network(seed, REACH, is_absolute=is_absolute)[0] for seed in range(n)])
         rows.append(share_row(f"bumpy ball, {what}", squared, n))
-    rows += ring_rows([adjust_ring(seed) for seed in range(N_RINGS[size])])
-    return [*rows, *thickness_rows([adjust_pedestal(seed) for seed in range(N_PEDESTALS[size])])]
-
-
-class Thickness(NamedTuple):
-    """How far [m] a die is too thick along both axes (2,), as given and as adjusted, and one sigma of the latter."""
-
-    given: Floats
-    left: Floats
-    sigma: Floats
-
-
-def adjust_pedestal(seed: int) -> Thickness:
-    """Return how thick a pedestal comes out whose faces two of four stations each see."""
-    scene, clouds, errors = chips.scene_of(0), [], []
-    for k, station in enumerate(chips.stations_of(seed)):
-        pose, registered = station.T_project_scanner, station.registered
-        assert registered is not None
-        scan = simulate_scan(scene, INSTRUMENTS["phase-2020"], pose, window_around(chips.BOX, pose, margin=0.01),
-                             step=station.step, seed=1000 * seed + k, registered=registered)  # fmt: skip
-        places = apply(registered, scan.cloud.points)
-        clouds.append(filter_scan(scan.take(((places > chips.BOX[0]) & (places < chips.BOX[1])).all(axis=1))))
-        errors.append(registered @ invert(pose))
-    found = adjust_scans(clouds)
-    rows, left = rows_of_thickness(found.centres), [M @ E for M, E in zip(found.motions, errors, strict=True)]
-    given, adjusted = (
-        rows @ np.concatenate([small_motion(E, centre) for E, centre in zip(those, found.centres, strict=True)])
-        for those in (errors, left)
-    )
-    sigma = np.sqrt(np.einsum("ij,jk,ik->i", rows, found.joint_covariance, rows))
-    return Thickness(given, adjusted, sigma)
-
-
-def rows_of_thickness(centres: Floats) -> Floats:
-    """Return what (w, t) of each scan about its centre (4, 3) adds to the thickness along both axes (2, 24)."""
-    rows = np.zeros((2, 4, 6))
-    for axis, before, behind in FACES:
-        normal = np.eye(3)[axis]
-        for sign, stations in ((1.0, before), (-1.0, behind)):
-            place = sign * chips.DIE_HALF_WIDTH * normal + [0.0, 0.0, 0.5 * sum(chips.DIE)]
-            for k in stations:
-                rows[axis, k] += 0.5 * sign * np.hstack([np.cross(place - centres[k], normal), normal])
-    return rows.reshape(2, 24)
-
-
-def thickness_rows(found: Sequence[Thickness]) -> list[Row]:
-    """Return how far dies are too thick or too thin, and how well that is known."""
-    given, left, z = (
-        float(np.sqrt(np.mean(np.square(v))))
-        for v in ([f.given for f in found], [f.left for f in found], [f.left / f.sigma for f in found])
-    )
-    what = "pedestal of 0.3 m, four stations, each face seen by two"
-    return [
-        Row(f"{what}: thickness, mm rms", f"{1e3 * left:.3f}", judge(left <= given),
-            asked=f"no more than as given, {1e3 * given:.3f}", value=1e3 * left),
-        Row(f"{what}: thickness over its stated sigma, rms of {2 * len(found)}", f"{z:.2f}", value=z),
-    ]  # fmt: skip
+    return [*rows, *ring_rows([adjust_ring(seed) for seed in range(N_RINGS[size])])]
 
 
 def adjust_ring(seed: int) -> Ring:
