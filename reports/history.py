@@ -22,7 +22,7 @@ STEP_TITLES = {
 }  # fmt: skip
 FILTERING = {
     "outside_extent": "outside the object’s extent", "speck": "specks in the air",
-    "outlier": "outliers that no other station bears out",
+    "outlier": "outliers of one scan alone",
     "mixed_pixel": "mixed pixels at silhouettes", "rim": "at the rims of surfaces",
     "grazing": "seen at a grazing angle", "rejected": "too far from the median of their voxel",
     "at_scanner": "where the scanner stood", "copy": "copies of other points",

@@ -350,7 +350,7 @@ def test_what_could_not_be_assessed_is_counted_by_its_reason():
 def test_the_points_of_all_scans_are_summed_by_reason():
     rows = rows_of(facts_of(), TRACE)
     assert rows["dropped on reading: no return"] == ["4 321", "4 321"]
-    assert rows["outliers that no other station bears out"] == ["1 000", "1 400"]
+    assert rows["outliers of one scan alone"] == ["1 000", "1 400"]
     assert rows["left after filtering each scan"] == ["136 000", "136 000"]
     assert rows["left after merging"] == ["126 988", "126 988"]
 
