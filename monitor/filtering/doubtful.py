@@ -8,6 +8,7 @@ scan; but strays of two stations, on beams that cross, rarely lie on one surface
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -51,7 +52,7 @@ def find_borne_out(clouds: Sequence[PointCloud], doubtful: Sequence[PointCloud],
         if is_placed[k] and len(cloud) >= N_PLANE:
             tree = cKDTree(cloud.points)
             for block in _blocks(len(those)):
-                pits = _Pits(those.take(block), cloud, tree, slack)
+                pits = _find_pits(those.take(block), cloud, tree, slack)
                 borne_out[k][block[pits.which]] = _borne_out(pits, witnesses, k)
     return borne_out
 
@@ -75,29 +76,37 @@ class _Witnesses:
         return np.asarray(crosses & (_along(towards, normals) > 0.0))  # NaN, of an unknown place, is none
 
 
-class _Pits:
-    """Which of some doubtful points lie behind the plane that their scan shows on all sides of them.
+class _Pits(NamedTuple):
+    """Doubtful points behind the plane that their scan shows on all sides of them.
 
     `which` (m,) of those given; `points`, `normals` (m, 3); m: `depths` (m,) behind the plane, `limits` (m,) of what
     noise and slack explain, `reaches` (m,) of what is near.
     """
 
-    def __init__(self, those: PointCloud, cloud: PointCloud, tree: cKDTree, slack: float) -> None:
-        normals, sigma, spacing = those.normals, those.sigma, those.spacing
-        assert normals is not None
-        assert sigma is not None
-        assert spacing is not None
-        limits = np.sqrt(CUT2 * (sigma**2 + (slack / 3.0) ** 2))
-        nearest = tree.query(those.points, N_PLANE, workers=2)[1]
-        depths = np.median(_along(cloud.points[nearest] - those.points[:, None], normals), axis=1)
-        which = np.flatnonzero(depths > limits)  # most points end here
-        around = tree.query(those.points[which], min(N_AROUND, len(cloud)), workers=2)[1]
-        own = cloud.points[around] - those.points[which, None]
-        in_plane = np.abs(_along(own, normals[which]) - depths[which, None]) <= limits[which, None]
-        gap = widest_gap(normals[which], np.where(in_plane[:, :, None], own, 0.0)) if len(which) else np.zeros(0)
-        self.which = which = which[gap < RIM_GAP]
-        self.points, self.normals = those.points[which], normals[which]
-        self.depths, self.limits, self.reaches = depths[which], limits[which], REACH * spacing[which]
+    which: Ints
+    points: Floats
+    normals: Floats
+    depths: Floats
+    limits: Floats
+    reaches: Floats
+
+
+def _find_pits(those: PointCloud, cloud: PointCloud, tree: cKDTree, slack: float) -> _Pits:
+    """Return which of some doubtful points lie in pits of the cloud that their scan kept."""
+    normals, sigma, spacing = those.normals, those.sigma, those.spacing
+    assert normals is not None
+    assert sigma is not None
+    assert spacing is not None
+    limits = np.sqrt(CUT2 * (sigma**2 + (slack / 3.0) ** 2))
+    nearest = tree.query(those.points, N_PLANE, workers=2)[1]
+    depths = np.median(_along(cloud.points[nearest] - those.points[:, None], normals), axis=1)
+    which = np.flatnonzero(depths > limits)  # most points end here
+    around = tree.query(those.points[which], min(N_AROUND, len(cloud)), workers=2)[1]
+    own = cloud.points[around] - those.points[which, None]
+    in_plane = np.abs(_along(own, normals[which]) - depths[which, None]) <= limits[which, None]
+    gap = widest_gap(normals[which], np.where(in_plane[:, :, None], own, 0.0)) if len(which) else np.zeros(0)
+    which = which[gap < RIM_GAP]
+    return _Pits(which, those.points[which], normals[which], depths[which], limits[which], REACH * spacing[which])
 
 
 def _origin_of(cloud: PointCloud) -> Floats:

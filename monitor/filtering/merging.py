@@ -88,7 +88,7 @@ def _with_borne_out(
     beside = doubtful if len(doubtful) else [PointCloud(np.empty((0, 3)))] * len(clouds)
     found = [those.take(kept) for those, kept in zip(beside, find_borne_out(clouds, beside, slack), strict=True)]
     joined = [
-        dataclasses.replace(concatenate_clouds(_numbered((cloud, own), k)), origins=cloud.origins)
+        dataclasses.replace(concatenate_clouds([_numbered(c, k) for c in (cloud, own)]), origins=cloud.origins)
         if len(own)
         else cloud
         for k, (cloud, own) in enumerate(zip(clouds, found, strict=True))
@@ -168,12 +168,11 @@ def orientation_of(cloud: PointCloud) -> Floats | None:
     return cloud.normals if is_known else known_directions(cloud)
 
 
-def _numbered(clouds: Sequence[PointCloud], number: int) -> list[PointCloud]:
-    """Return the clouds with a number as the scan that their points come from, where they do not say it."""
-    return [
-        c if c.scan_index is not None else dataclasses.replace(c, scan_index=np.full(len(c), number, dtype=np.int32))
-        for c in clouds
-    ]
+def _numbered(cloud: PointCloud, number: int) -> PointCloud:
+    """Return a cloud with a number as the scan that its points come from, where it does not say it."""
+    if cloud.scan_index is not None:
+        return cloud
+    return dataclasses.replace(cloud, scan_index=np.full(len(cloud), number, dtype=np.int32))
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
@@ -181,7 +180,7 @@ def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
 
     Intensity that some clouds lack is NaN there.
     """
-    numbered = [c for i, cloud in enumerate(clouds) for c in _numbered([cloud], i)]
+    numbered = [_numbered(cloud, i) for i, cloud in enumerate(clouds)]
     joined: dict[str, Any] = {}
     for f in dataclasses.fields(PointCloud):
         values = [getattr(c, f.name) for c in numbered if len(c)]

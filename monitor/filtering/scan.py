@@ -136,7 +136,7 @@ def _thin_scan(scan: Scan, settings: FilterSettings, calibration: Calibration | 
     scan = dataclasses.replace(scan, rows=None, columns=None)  # the rims need much memory of their own
     dropped, keep, only_outlier = _sort_out(scan, planes, mixed, settings.silhouettes)
     planes = planes.without("reach", "is_outlier")
-    doubtful = _as_measured(scan.cloud, planes, np.flatnonzero(only_outlier & is_far))
+    doubtful = _single_points(scan.cloud, planes, np.flatnonzero(only_outlier & is_far))
     cloud, thinned, automatic = thin_cloud(scan.cloud, index, planes, keep, settings.thinning)
     if step > 0.0:
         cloud, automatic = _as_rounded(cloud, step), {**automatic, "coordinate_step": step}
@@ -184,14 +184,14 @@ def _sort_out(
     return _count_first(reasons), ~(others | planes.is_outlier), planes.is_outlier & ~others
 
 
-def _as_measured(cloud: PointCloud, planes: TangentPlanes, which: Ints) -> PointCloud:
-    """Return single points with the noise and the plane of their neighbours, and what else a thinned cloud has:
-    their roughness, of which nothing is known, is told as the least."""
+def _single_points(cloud: PointCloud, planes: TangentPlanes, which: Ints) -> PointCloud:
+    """Return points of a scan, each for itself, with what a thinned cloud tells: of the plane of their neighbours."""
     noise = planes.noise[which]
     return dataclasses.replace(
         cloud.take(which), normals=planes.normals[which], sigma=noise, spread=noise,
         n_merged=np.ones(len(which), dtype=np.int32), surface_variation=planes.surface_variation[which],
-        roughness=np.zeros(len(which), dtype=np.uint8), spacing=planes.spacing[which],
+        roughness=classify_roughness(planes.relief2[which], noise, planes.n_neighbours[which]),
+        spacing=planes.spacing[which],
     )  # fmt: skip
 
 
