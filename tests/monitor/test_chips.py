@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.comparison import compare
+from monitor.comparison import compare, regions
 from monitor.comparison.level_of_detection import far_levels
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
@@ -77,6 +77,15 @@ def test_how_deep_a_chip_off_an_edge_is_has_no_margin(rng: np.random.Generator) 
     assert region.extreme_m < -1e-3
     assert np.isnan(region.sigma_extreme_m)
     assert np.isfinite(region.sigma_area_m2)
+
+
+@pytest.mark.parametrize(("width", "n_told"), [(0.010, 1), (0.070, 0)])
+def test_depth_alone_makes_a_region_only_of_what_is_smaller_than_a_witness(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, width: float, n_told: int
+) -> None:
+    """What is larger has patches of its own; here none of them is significant."""
+    monkeypatch.setattr(regions, "hold_patches", lambda sides, test, parts, n, level: np.zeros(n, dtype=np.bool_))
+    assert len(compared(errors(rng), errors(rng) + pit(2e-3, width)).regions) == n_told
 
 
 def test_a_faint_spot_as_small_is_none_and_stays_unchanged(rng: np.random.Generator) -> None:
