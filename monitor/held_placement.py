@@ -1,9 +1,10 @@
 """How sure the scans of two epochs are placed against what their registration holds to.
 
-In: two epochs, their surfaces, and the motion between them with what it held stable. Out: the surfaces, of whose
-vertices is stated anew what neighbourhoods share in error. An epoch alone states it about the mean of the whole; a
-registration that leaves a part out, as one that stands off, moves with the rest, and that part is as sure as its scans
-are placed against the others (the front and the landing of a staircase, each held by control points of its own).
+In: two epochs, their surfaces, and the motion between them with the weights that it rests on. Out: the surfaces, of
+whose vertices is stated anew what neighbourhoods share in error. An epoch alone states it about the mean of the whole;
+a registration moves with what it gives weight, and a part that stands off has less of it, or none: that part is as sure
+as its scans are placed against the others (the front and the landing of a staircase, each held by control points of
+its own; the face of a pedestal that one scan stands before).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.quality import placement_of
 from monitor.record import Place
 from monitor.registration.placement import Placement, placement_sigma
-from projects.model import Bools, Registration, Surface
+from projects.model import Floats, Registration, Surface
 from projects.transforms import apply
 
 REACH = 3.0  # spacings of the vertices, within which one of the other surface is the same place
@@ -27,36 +28,37 @@ REACH = 3.0  # spacings of the vertices, within which one of the other surface i
 def place_against_held(
     places: tuple[Place, Place], surfaces: tuple[Surface, Surface], registration: Registration
 ) -> tuple[Surface, Surface]:
-    """Return the surfaces (reference, compared) with `sigma_shared` as the registration leaves it: of what it held to
-    by how these scans fit, of the rest by how sure its scans are placed against them.
+    """Return the surfaces (reference, compared) with `sigma_shared` as the registration leaves it: about what it holds
+    to, by the weight that it gives each vertex.
 
-    As they are where the registration holds to all of the compared surface, or does not say; an epoch without scans
-    or without an adjustment stays as it is.
+    As they are where the registration does not say, or holds to nothing; an epoch without scans or without an
+    adjustment stays as it is.
     """
     reference, compared = surfaces
-    held = registration.is_stable
-    if held is None or len(held) != len(compared.vertices) or held.all() or not held.any():
+    weights = registration.weights
+    if weights is None or len(weights) != len(compared.vertices) or not weights.any():
         return surfaces
-    on_reference = _held_on(reference, compared, held, registration)
-    return _place_anew(places[0], reference, on_reference), _place_anew(places[1], compared, held)
+    on_reference = _weights_on(reference, compared, weights, registration)
+    return _place_anew(places[0], reference, on_reference), _place_anew(places[1], compared, weights)
 
 
-def _held_on(reference: Surface, compared: Surface, held: Bools, registration: Registration) -> Bools:
-    """Return which vertices (n,) of the reference lie where the registration holds to the compared surface."""
-    area = vertex_areas(make_mesh(reference.vertices, reference.faces))
+def _weights_on(reference: Surface, compared: Surface, weights: Floats, registration: Registration) -> Floats:
+    """Return the weights (n,) of the reference's vertices: by area, as those of the compared surface at the place."""
+    of_compared, of_reference = (vertex_areas(make_mesh(s.vertices, s.faces)) for s in (compared, reference))
     moved = apply(registration.T_target_source, compared.vertices)
-    reach = REACH * float(np.sqrt(np.median(area)))
+    reach = REACH * float(np.sqrt(np.median(of_reference)))
     nearest = cKDTree(moved).query(reference.vertices, distance_upper_bound=reach, workers=-1)[1]
-    return np.append(held, False)[nearest]  # none within reach is the last
+    density = weights / np.maximum(of_compared, 1e-300)
+    return np.asarray(np.append(density, 0.0)[nearest] * of_reference)  # none within reach is the last
 
 
-def _place_anew(place: Place, surface: Surface, held: Bools) -> Surface:
-    """Return the surface with what its neighbourhoods share in error, where its scans were put told against `held`."""
+def _place_anew(place: Place, surface: Surface, weights: Floats) -> Surface:
+    """Return the surface with what its neighbourhoods share in error, its scans' places told about what has weight."""
     placement = None if surface.sigma_shared is None else _placement(place)
-    if placement is None or not held.any():
+    if placement is None or not weights.any():
         return surface
     assert surface.sigma_shared is not None
-    about_all, about_held = (placement_sigma(surface.vertices, placement, which) for which in (None, held))
+    about_all, about_held = (placement_sigma(surface.vertices, placement, by) for by in (None, weights))
     rest2 = np.maximum(surface.sigma_shared**2 - about_all**2, 0.0)
     return replace(surface, sigma_shared=np.sqrt(rest2 + about_held**2))
 

@@ -27,7 +27,7 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 35,
+    "comparison": 36,
     "series": 6,
 }
 

@@ -70,5 +70,5 @@ def held_by_frames(frames: Frames, failed: Registration) -> Registration:
     say nothing; the differences of absolute mode need no more."""
     return replace(
         failed, T_target_source=np.eye(4), covariance=frames.covariance, centre=frames.centre, converged=True,
-        is_stable=None, held_by_frames=f"every motion ({failed.reason})",
+        is_stable=None, weights=None, held_by_frames=f"every motion ({failed.reason})",
     )  # fmt: skip

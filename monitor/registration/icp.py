@@ -28,6 +28,7 @@ from monitor.registration.sampling import sample_source
 from monitor.registration.scale import Scale, find_scale
 from monitor.registration.self_likeness import Fit
 from monitor.registration.sides import Side, prepare_side
+from monitor.registration.source_vertices import spread_to_vertices, spread_weights
 from monitor.registration.stable_areas import StableSamples, doubt_stable, find_stable, keep_stable
 from monitor.threads import with_one_blas_thread
 from projects.errors import ParameterError
@@ -277,6 +278,7 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
         sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
         overlap=len(pairs) / len(samples.points), stable_share=float(still.mean()),
         is_stable=spread_to_vertices(source, grid, np.unique(numbers[pairs.source[still]]), n_source),
+        weights=spread_weights(source, grid, numbers[pairs.source], found.weights / found.sigma**2, n_source),
         held_by_frames="" if held is None else held[0].words,
         doubt=scale.words if scale is not None else layered.doubt if layered is not None
         else doubt_stable(stable, numbers[stable.source], on_faces),
@@ -296,15 +298,6 @@ def doubt_majority(stable_share: float) -> str:
         f"only {100 * stable_share:.0f} % of the surface follows one motion, so that none is the majority's; say where "
         "nothing moved, or give control points"
     )
-
-
-def spread_to_vertices(source: Side, grid: PatchGrid, stable_patches: Ints, n_source: int) -> Bools:
-    """Return for every point of the source, used or not (then False), whether it lies in a stable patch."""
-    is_inside = np.isin(grid.numbers(source.points, source.own_normals), stable_patches)
-    is_stable = np.zeros(n_source, dtype=bool)
-    is_vertex = source.index >= 0
-    is_stable[source.index[is_vertex]] = is_inside[is_vertex]
-    return is_stable
 
 
 def failed(T: Floats, reason: str, n_source: int, found: Alignment | None = None, n_samples: int = 1) -> Registration:

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from monitor.registration.agreement import PATCH_IN_SPACINGS, cut_cubes, spread_to
 from monitor.registration.sampling import motion_rows
-from projects.model import Bools, Floats, Ints, PointCloud
+from projects.model import Floats, Ints, PointCloud
 
 
 @dataclass(frozen=True)
@@ -66,36 +66,35 @@ def lay_out_placement(
     return Placement(middles, rows / count[:, None], common / count[:, None], count, covariance)
 
 
-def placement_sigma(vertices: Floats, placement: Placement | None, is_held: Bools | None = None) -> Floats:
+def placement_sigma(vertices: Floats, placement: Placement | None, weights: Floats | None = None) -> Floats:
     """Return one sigma (n,) [m] along the normal of where the adjustment put the scans that each vertex comes from;
     0 where there is no `placement`.
 
     Parameters
     ----------
     vertices : (n, 3) m.
-    is_held : (n,) vertices that the registration of the epoch holds to; all where left out.
+    weights : (n,) with which the registration of the epoch holds to the vertices; to all points alike where left out.
 
     Notes
     -----
     The surface follows the mean of the scans that see a patch: its row over all motions is the mean of
     n'(w x (x - c) + t). What the scans do in common as one rigid body is taken out, since the registration of the epoch
-    finds that anew and states it (least squares over the patches, each by its points, as far as they are held to); what
-    bends or swells the whole stays. A part that the registration leaves out, as one that stands off, is as sure as
-    scans that see it are placed against those that see the rest.
+    finds that anew and states it (least squares over the patches, by the weights that it gives them); what bends or
+    swells the whole stays. A part that the registration leaves out, or hardly holds to as one that stands off, is as
+    sure as scans that see it are placed against those that see the rest.
     """
     if placement is None:
         return np.zeros(len(vertices))
     p = placement
-    weight = p.n_points * (1.0 if is_held is None else _share_held(p.middles, vertices, is_held))
-    rows = _less_common(p.rows, p.common, weight if np.any(weight) else p.n_points)
+    of_patch = p.n_points if weights is None else _sum_over_patches(p.middles, vertices, weights)
+    rows = _less_common(p.rows, p.common, of_patch if np.any(of_patch) else p.n_points)
     return np.sqrt(spread_to(vertices, p.middles, np.einsum("pi,ij,pj->p", rows, p.covariance, rows, optimize=True)))
 
 
-def _share_held(middles: Floats, vertices: Floats, is_held: Bools) -> Floats:
-    """Return which share of the vertices next to each patch (p,) is held to, 0 where there are none."""
+def _sum_over_patches(middles: Floats, vertices: Floats, weights: Floats) -> Floats:
+    """Return the weight of each patch (p,): that of the vertices next to it."""
     patch = cKDTree(middles).query(vertices, workers=-1)[1]
-    n = np.bincount(patch, minlength=len(middles))
-    return np.asarray(np.bincount(patch, is_held, minlength=len(middles)) / np.maximum(n, 1))
+    return np.bincount(patch, weights, len(middles)).astype(float)
 
 
 def _sum_of_rows(cloud: PointCloud, centre: Floats, member: Ints, n: int) -> Floats:

@@ -10,9 +10,10 @@ import pytest
 from scipy.linalg import block_diag
 
 from monitor import held_placement
+from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.held_placement import place_against_held
 from monitor.registration.placement import lay_out_placement, placement_sigma
-from projects.model import Floats, PointCloud, Registration, Surface
+from projects.model import Floats, Ints, PointCloud, Registration, Surface
 
 EDGE, LONG, HIGH = 0.02, 151, 51  # of the walls: m, vertices along y and z
 REST = 3e-4  # m, what the scans of either epoch disagree by
@@ -36,8 +37,17 @@ def wall_of_three_scans(rng: np.random.Generator) -> tuple[Surface, Any]:
     return Surface(surface.vertices, faces, sigma=np.full(len(y), 1e-4), sigma_shared=shared), placement
 
 
-def registration(held: Floats) -> Registration:
-    return Registration(T, np.zeros((6, 6)), np.zeros(3), True, stable_share=float(np.mean(held)), is_stable=held)
+def registration(weights: Floats | None) -> Registration:
+    return Registration(T, np.zeros((6, 6)), np.zeros(3), True, weights=weights)
+
+
+def split_faces(surface: Surface, which: Ints) -> tuple[Floats, Ints]:
+    """Return vertices and faces with a vertex more in the middle of each face `which`."""
+    corners = surface.faces[which]
+    new = len(surface.vertices) + np.arange(len(which))
+    rest = np.delete(surface.faces, which, axis=0)
+    parts = [np.c_[corners[:, a], corners[:, b], new] for a, b in ((0, 1), (1, 2), (2, 0))]
+    return np.vstack([surface.vertices, surface.vertices[corners].mean(axis=1)]), np.vstack([rest, *parts])
 
 
 @pytest.fixture
@@ -57,7 +67,7 @@ def test_a_part_left_out_is_as_sure_as_its_scan_against_the_others(
     assert here is not None
     there = replace(here, middles=here.middles - T[:3, 3])
     monkeypatch.setattr(held_placement, "_placement", lambda place: here if place == "before" else there)
-    held = same.vertices[:, 1] < 0.5
+    held = np.where(same.vertices[:, 1] < 0.5, 1.0, 0.0)
     told = place_against_held(("before", "after"), (reference, moved), registration(held))  # type: ignore[arg-type]
     for surface in told:
         assert surface.sigma_shared is not None
@@ -74,26 +84,47 @@ def test_what_nobody_knows_stays_unknown(epochs: tuple[Surface, Surface]) -> Non
     assert reference.sigma_shared is not None
     unknown = np.where(np.arange(len(reference.vertices)) % 2, reference.sigma_shared, np.nan)
     reference = Surface(reference.vertices, reference.faces, sigma=reference.sigma, sigma_shared=unknown)
-    held = np.arange(len(unknown)) % 7 > 0
+    held = np.where(np.arange(len(unknown)) % 7 > 0, 1.0, 0.0)
     told, _ = place_against_held(("a", "b"), (reference, compared), registration(held))  # type: ignore[arg-type]
     assert told.sigma_shared is not None
     assert np.array_equal(np.isnan(told.sigma_shared), np.isnan(unknown))
 
 
-@pytest.mark.parametrize("held", [None, True, False])
-def test_nothing_is_told_anew_where_all_is_held_or_nothing(epochs: tuple[Surface, Surface], held: bool | None) -> None:
-    stable = None if held is None else np.full(len(epochs[1].vertices), held)
-    known = Registration(T, np.zeros((6, 6)), np.zeros(3), True, is_stable=stable)
+@pytest.mark.parametrize("weight", [None, 0.0])
+def test_nothing_is_told_anew_where_the_registration_holds_to_nothing(
+    epochs: tuple[Surface, Surface], weight: float | None
+) -> None:
+    known = registration(None if weight is None else np.full(len(epochs[1].vertices), weight))
     told = place_against_held(("a", "b"), epochs, known)  # type: ignore[arg-type]
     assert told[0] is epochs[0]
     assert told[1] is epochs[1]
+
+
+def test_about_all_alike_is_as_the_epoch_alone_states_it(epochs: tuple[Surface, Surface]) -> None:
+    areas = vertex_areas(make_mesh(epochs[1].vertices, epochs[1].faces))
+    for surface in place_against_held(("a", "b"), epochs, registration(areas)):  # type: ignore[arg-type]
+        assert surface.sigma_shared == pytest.approx(epochs[0].sigma_shared, rel=0.02)
+
+
+def test_weights_are_by_area_on_a_reference_of_other_vertices(epochs: tuple[Surface, Surface]) -> None:
+    """The reference has twice as many vertices on one half, which weighs no more for that."""
+    reference, compared = epochs
+    v = reference.vertices
+    half = np.flatnonzero(v[reference.faces].mean(axis=1)[:, 1] > 0.0)
+    more, faces = split_faces(reference, half)
+    finer = Surface(more, faces)
+    areas = vertex_areas(make_mesh(compared.vertices, compared.faces))
+    plain = np.eye(4)
+    on = held_placement._weights_on(finer, compared, areas, replace(registration(areas), T_target_source=plain))
+    assert on.sum() == pytest.approx(areas.sum(), rel=0.01)
+    assert on[more[:, 1] > 0.0].sum() == pytest.approx(0.5 * areas.sum(), rel=0.03)
 
 
 def test_an_epoch_without_an_adjustment_stays_as_it_is(
     epochs: tuple[Surface, Surface], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(held_placement, "_placement", lambda place: None)
-    held = epochs[1].vertices[:, 1] < 0.5
+    held = np.where(epochs[1].vertices[:, 1] < 0.5, 1.0, 0.0)
     told = place_against_held(("a", "b"), epochs, registration(held))  # type: ignore[arg-type]
     assert told[0] is epochs[0]
     assert told[1] is epochs[1]

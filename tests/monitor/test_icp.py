@@ -67,6 +67,23 @@ def test_change_on_one_side_does_not_pull_the_motion(rng: np.random.Generator, c
     assert registration.is_stable is not None
     assert registration.is_stable[changed].mean() < 0.02
     assert registration.is_stable[~changed].mean() > 0.9
+    assert registration.weights is not None
+    assert registration.weights.sum() == pytest.approx(1.0)
+    assert registration.weights[changed].sum() < 0.005
+
+
+def test_what_scatters_more_weighs_less_per_point(rng: np.random.Generator) -> None:
+    def roughen(d: Floats) -> Floats:
+        return np.where(d[:, 2] > 0.0, rng.normal(0.0, math.sqrt(8.0) * NOISE, len(d)), 0.0)
+
+    source, target = noisy_cloud(30_000, rng, roughen), noisy_cloud(30_000, rng)
+    registration = register(source, target)
+    upper = unit(source.points)[:, 2] > 0.0
+    assert registration.is_stable is not None
+    assert registration.is_stable[upper].mean() > 0.95
+    assert registration.weights is not None
+    # alike it would be 0.5; three times the noise is told from the roughness of neighbours, which also has noise
+    assert 0.2 < registration.weights[upper].sum() < 0.4
 
 
 def test_clouds_without_normals_are_registered(rng: np.random.Generator) -> None:
