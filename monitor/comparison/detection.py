@@ -19,13 +19,11 @@ from monitor.apart import stand_apart
 from monitor.comparison.level_of_detection import far_levels
 from monitor.comparison.marking import find_deep, level_at, mark_changed
 from monitor.comparison.noise import Masks, Noise, learn_noise
+from monitor.comparison.patch_errors import PatchErrors, calm_errors, first_errors, tailed_errors
 from monitor.comparison.patches import (
     Layout,
-    PatchErrors,
     Patches,
     benjamini_hochberg,
-    calm_errors,
-    first_errors,
     lay_out_again,
     lay_out_patches,
     lay_out_without,
@@ -36,9 +34,10 @@ from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.tested import Detected, Tested
 from monitor.comparison.units import Units, judge_noise, unit_size
 from monitor.threads import map_threads
-from projects.model import Bools, Floats, Registration
+from projects.model import Bools, Floats, Ints, Registration
 
 Both = tuple[Patches, Patches]  # of the reference and the compared side
+LearnErrors = Callable[[Floats, Ints], PatchErrors]
 
 SUSPECT = 1e-3  # p value up to which a patch does not teach the noise, significant or not
 BESIDE = 3.0  # sigmas: what lies within them belongs to the rest
@@ -81,7 +80,7 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
         if can_teach(rest, sides, test):
             calm, noise = rest, learn_noise(sides, rest, 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, registration, layout)
-            test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, calm_errors))
+            test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, errors_of_calm(sides[0])))
             teaches_all = test.limit == 0.0
     if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
         calm = (sides[0].is_assessed, sides[1].is_assessed)
@@ -108,7 +107,7 @@ def learn_from_given(sides: tuple[Side, Side], registration: Registration, level
         first = learn_noise(sides, calm, 0.95, rng)
     noise = learn_noise(sides, calm, 0.95, rng, first.correlation)
     layout = lay_out(sides, noise, registration, None)
-    test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, calm_errors))
+    test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, errors_of_calm(sides[0])))
     return conclude(sides, noise, test, layout, calm, registration)
 
 
@@ -166,17 +165,22 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
                   len(tested), (a[0], b[0]), far, level)  # fmt: skip
 
 
-def learn_errors(learn: Callable[[Floats], PatchErrors], both: Both) -> tuple[PatchErrors, ...]:
+def errors_of_calm(side: Side) -> LearnErrors:
+    """Return how the scatter of calm patches is learned: with its tails where no points bear out what is told."""
+    return calm_errors if side.states_noise else tailed_errors
+
+
+def learn_errors(learn: LearnErrors, both: Both) -> tuple[PatchErrors, ...]:
     """Return how the patches of each size scatter, learned from the calm ones of both sides."""
-    z = [np.where(p.is_whole & p.is_calm, p.means / p.sigmas, np.nan) for p in both]
-    return tuple(learn(np.concatenate([v[~np.isnan(v)] for v in of_size]))
-                 for of_size in zip(z[0].T, z[1].T, strict=True))  # fmt: skip
+    z = np.concatenate([np.where(p.is_whole & p.is_calm, p.means / p.sigmas, np.nan) for p in both])
+    kinds = np.concatenate([p.kinds for p in both])
+    return tuple(learn(of_size[~np.isnan(of_size)], kinds[~np.isnan(of_size)]) for of_size in z.T)
 
 
 def _test(patches: Patches, errors: tuple[PatchErrors, ...]) -> Floats:
     """Return the p value of each patch (p, s), 1 for scraps."""
     z = patches.means / patches.sigmas
-    columns = map_threads(lambda k: errors[k].p_values(z[:, k]), range(len(errors)))
+    columns = map_threads(lambda k: errors[k].p_values(z[:, k], patches.kinds), range(len(errors)))
     return np.where(patches.is_whole, np.column_stack(columns), 1.0)
 
 
@@ -214,7 +218,8 @@ def lie_apart(test: Tested, which: int) -> Bools:
     errors would make the level so high that none of them is ever found.
     """
     units, errors = test.units[which], test.errors[0]
-    beyond = test.p_values[which][:, 0] <= errors.p_values(np.array([BESIDE * errors.scale]))
+    limits = errors.p_values(BESIDE * errors.scales[units.kinds], units.kinds)
+    beyond = test.p_values[which][:, 0] <= limits
     return stand_apart(units.means, units.areas, ~beyond)
 
 

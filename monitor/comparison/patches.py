@@ -10,9 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtr, stdtr
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.reaches import Reaches, gather_reaches, sum_over
@@ -31,34 +28,19 @@ REACHES = (
 )  # of a unit's edge: radius around a unit within which its patch takes others in
 LARGEST_SHARE = 0.05  # of the surface's area, for a patch: what is larger cannot be told from what is common to all
 SMALLEST_SHARE = 0.25  # of the median patch of its size: smaller ones are scraps at borders and not tested
-FEWEST_PATCHES = 20  # that a scatter is learned from
 AT_ONCE = 1 << 14  # patches whose figures are held at once: 8 MiB
-FIRST_DOF = 4.0  # of Student's t in the first look
-NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distribution
 
 
 @dataclass(frozen=True)
 class Patches:
     """Patches of every size around each unit of one side, (p, s) each: `means`, `sigmas` [m], `is_whole` (not a scrap),
-    `is_calm`."""
+    `is_calm`; and the `kinds` (p,) of the units that they lie around."""
 
     means: Floats
     sigmas: Floats
     is_whole: Bools
     is_calm: Bools
-
-
-@dataclass(frozen=True)
-class PatchErrors:
-    """How the means of calm patches really scatter: `scale` times their sigma, with Student's t of `dof`."""
-
-    scale: float
-    dof: float
-
-    def p_values(self, z: Floats) -> Floats:
-        """Return two-sided p values of standardized means."""
-        away = -np.abs(z) / self.scale
-        return np.asarray(2.0 * (ndtr(away) if self.dof >= NORMAL else stdtr(self.dof, away)))
+    kinds: Ints
 
 
 @dataclass(frozen=True)
@@ -141,7 +123,7 @@ def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlat
     kept = np.column_stack([kept_variance(*of_size, correlation)
                             for of_size in zip(outlines.areas.T, outlines.n_vertices.T, strict=True)])  # fmt: skip
     sigmas = np.sqrt(np.maximum(averages[..., 0] * kept + outlines.common2, 1e-300))
-    return Patches(outlines.means, sigmas, outlines.is_whole, averages[..., 1] > 0.5)
+    return Patches(outlines.means, sigmas, outlines.is_whole, averages[..., 1] > 0.5, units.kinds)
 
 
 def patch_radii(size: float, area: float) -> list[float]:
@@ -163,24 +145,3 @@ def benjamini_hochberg(p: Floats, level: float) -> float:
     rising = np.sort(p[p <= level])  # the others are in no way rejected
     below = np.flatnonzero(rising <= level * np.arange(1, len(rising) + 1) / max(n, 1))
     return float(rising[below[-1]]) if len(below) else 0.0
-
-
-def first_errors(z: Floats) -> PatchErrors:
-    """Return the scatter of standardized means z (p,) for a first look: width of the median, and a heavy tail.
-
-    Errors of real surfaces have such tails; only what stands out of them is kept from teaching the noise.
-    """
-    if len(z) < FEWEST_PATCHES:
-        return PatchErrors(1.0, FIRST_DOF)
-    return PatchErrors(max(float(np.median(np.abs(z)) / student.ppf(0.75, FIRST_DOF)), 1.0), FIRST_DOF)
-
-
-def calm_errors(z: Floats) -> PatchErrors:
-    """Return the scatter of standardized means z (p,) of patches free of gross change.
-
-    A normal distribution as wide as nine tenths of them ask for (an empirical null, Efron 2004, that looks outwards of
-    the middle), and never narrower than what the noise model says.
-    """
-    if len(z) < FEWEST_PATCHES:
-        return PatchErrors(1.0, NORMAL)
-    return PatchErrors(max(float(np.quantile(np.abs(z), 0.9) / norm.ppf(0.95)), 1.0), NORMAL)

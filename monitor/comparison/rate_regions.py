@@ -26,7 +26,8 @@ from monitor.comparison.detection import (
     learn_errors,
 )
 from monitor.comparison.marking import level_at, mark_changed
-from monitor.comparison.patches import PatchErrors, Patches, calm_errors, lay_out_again
+from monitor.comparison.patch_errors import PatchErrors, calm_errors
+from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
 from monitor.comparison.region_figures import sigma_of_mean
 from monitor.comparison.regions import Regions, bear_out_parts, hold_patches, keep_significant, least_area

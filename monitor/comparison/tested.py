@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from monitor.comparison.noise import Masks, Noise
-from monitor.comparison.patches import Layout, PatchErrors
+from monitor.comparison.patch_errors import PatchErrors
+from monitor.comparison.patches import Layout
 from monitor.comparison.reaches import Reaches
 from monitor.comparison.units import Units
 from projects.model import Bools, Floats

@@ -19,9 +19,10 @@ from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
 from monitor.comparison.stars import Neighbours
 from monitor.comparison.triangles import cross
-from projects.model import Bools, Floats, Ints, Registration
+from projects.model import Bools, Floats, Ints, Registration, Roughness
 
 LARGEST_UNIT = 8.0  # vertices along its edge
+ROUGH_FROM = 0.25  # of a unit's area, which is rough: so is the unit then
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,9 @@ class Units:
 
     `number` (n,) is the unit of each vertex, -1 where not assessable; `areas` [m2]; `n_vertices`; `centres` (u, 3) [m];
     `means` [m] of the change; `shared` [m], one sigma of what its scans disagree by; `motion_rows` (u, 6), the mean of
-    n' J, of which the last three are the mean normal, not of unit length. As far as the noise is known: `variances`
-    [m2] of a vertex in it, without the registration's part; `calm_shares`, how much of its area is held unchanged.
+    n' J, of which the last three are the mean normal, not of unit length; `kinds`, 1 where it is rough and noise is not
+    stated, else 0. As far as the noise is known: `variances` [m2] of a vertex in it, without the registration's part;
+    `calm_shares`, how much of its area is held unchanged.
     """
 
     number: Ints
@@ -41,6 +43,7 @@ class Units:
     means: Floats
     shared: Floats
     motion_rows: Floats
+    kinds: Ints
     variances: Floats
     calm_shares: Floats
 
@@ -119,7 +122,17 @@ def summarize_units(side: Side, number: Ints, registration: Registration, n_unit
     rows = _average_rows(number, side.areas, areas, side.surface.vertices, side.normals, registration.centre)
     means, shared = (_average(number, side.areas, areas, f[:, None])[:, 0] for f in (side.distances, side.sigma_shared))
     unknown = np.full(len(areas), np.nan)
-    return Units(number, areas, n_vertices, centres, means, shared, rows, unknown, unknown)
+    return Units(
+        number, areas, n_vertices, centres, means, shared, rows, _kinds_of(side, number, areas), unknown, unknown
+    )
+
+
+def _kinds_of(side: Side, number: Ints, areas: Floats) -> Ints:
+    """Return the kind (u,) of each unit of so much area, by how much of it is rough; 0 where noise is stated."""
+    if side.states_noise or side.surface.roughness is None:
+        return np.zeros(len(areas), dtype=np.int64)
+    is_rough = (side.surface.roughness == Roughness.ROUGH).astype(np.float64)
+    return (_average(number, side.areas, areas, is_rough[:, None])[:, 0] >= ROUGH_FROM).astype(np.int64)
 
 
 def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
