@@ -206,7 +206,7 @@ def errors_of_depth(comparison: Comparison) -> Floats:
 
 
 NOTES = (
-    "Cells of 3 mm, 0.15 mm of noise in each coordinate of a Poisson surface's points, 0.05 mm of a contour's vertices. "
+    "Cells 3 mm, 0.15 mm of noise in each coordinate of a Poisson surface's points, 0.05 mm of a contour's vertices. "
     "Hollows: 30 mm wide and 3 mm deep in a panel, 24 and 4 mm in a face, balls of 10 mm off an arris and a cornice. A "
     "contour is smoothed as often in each epoch: what another smoothing takes off mouldings is told, as another shape."
 )
