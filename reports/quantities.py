@@ -94,13 +94,14 @@ def print_number(value: float, decimals: int, *, signed: bool = False) -> str:
 
 
 def estimate(value: float, sigma: float, scale: float, unit: str, *, signed: bool = False) -> Estimate:
-    """Return `value` (one sigma `sigma`) times `scale` as printed, rounded by its 95 % margin."""
+    """Return `value` (one sigma `sigma`) times `scale` as printed, rounded by its 95 % margin; two digits where that is
+    not known, three where there is none."""
     if not math.isfinite(value):
         return Estimate(NOT_KNOWN)
     margin = Z95 * sigma * scale
     if not math.isfinite(margin) or margin <= 0.0:
-        unknown = "" if margin == 0.0 else NOT_KNOWN
-        return Estimate(print_number(value * scale, significant(value * scale), signed=signed), unknown, unit)
+        unknown, digits = ("", 3) if margin == 0.0 else (NOT_KNOWN, 2)
+        return Estimate(print_number(value * scale, significant(value * scale, digits), signed=signed), unknown, unit)
     decimals = count_decimals(margin)
     told = print_number(margin, decimals)
     if round(margin, decimals) == 0.0:  # a margin is never told as none
