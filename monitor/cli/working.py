@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -165,7 +166,7 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
     comparison: Comparison = place.get(step)
     n, unknown = comparison.statistics["n_vertices"], comparison.statistics["n_not_assessable"]
     count = len(comparison.regions)
-    found = f"{count} region{'s' if count != 1 else ''} of change" if count else "no change found"
+    found = f"{count} region{'s' if count != 1 else ''} of change" if count else _say_none(comparison)
     level = f"level of detection {millimetres(comparison.statistics['lod95_median_m']).replace(NBSP, ' ')}"
     answer = (
         f"{found}; {level}; {_not_assessable(comparison, reference, place.epoch_id)}"
@@ -192,6 +193,12 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
         "n_regions": count,
         "answer": answer,
     }
+
+
+def _say_none(comparison: Comparison) -> str:
+    """Return that there are no regions: beside another scale, or a layer all over, that is no "no change"."""
+    is_other = math.isfinite(comparison.registration.scale) or bool(comparison.statistics.get("offset_is_told"))
+    return "no part changed against the rest" if is_other else "no change found"
 
 
 def _not_assessable(comparison: Comparison, reference: str, compared: str) -> str:
