@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.adjusted import adjusted_clouds
-from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.quality import placement_of
+from monitor.reconstruction.mesh import face_areas_and_normals
 from monitor.record import Place
 from monitor.registration.placement import Placement, placement_sigma
 from projects.model import Floats, Registration, Surface
@@ -43,13 +43,13 @@ def place_against_held(
 
 
 def _weights_on(reference: Surface, compared: Surface, weights: Floats, registration: Registration) -> Floats:
-    """Return the weights (n,) of the reference's vertices: by area, as those of the compared surface at the place."""
-    of_compared, of_reference = (vertex_areas(make_mesh(s.vertices, s.faces)) for s in (compared, reference))
+    """Return the weights (n,) of the reference's vertices: each has those of the compared ones that come next to it."""
+    area = float(face_areas_and_normals(reference.vertices, reference.faces)[0].sum())
+    reach = REACH * float(np.sqrt(area / len(reference.vertices)))
     moved = apply(registration.T_target_source, compared.vertices)
-    reach = REACH * float(np.sqrt(np.median(of_reference)))
-    nearest = cKDTree(moved).query(reference.vertices, distance_upper_bound=reach, workers=-1)[1]
-    density = weights / np.maximum(of_compared, 1e-300)
-    return np.asarray(np.append(density, 0.0)[nearest] * of_reference)  # none within reach is the last
+    nearest = cKDTree(reference.vertices).query(moved, distance_upper_bound=reach, workers=-1)[1]
+    summed = np.bincount(nearest, weights, len(reference.vertices) + 1)
+    return np.asarray(summed[:-1], dtype=float)  # what has none near it is the last
 
 
 def _place_anew(place: Place, surface: Surface, weights: Floats) -> Surface:

@@ -238,8 +238,8 @@ class Registration:
     overlap : share of the samples of the source that found a partner.
     stable_share : share of these that was held to be unmoved.
     is_stable : (n,) bool, which points or vertices of the source were held to be unmoved.
-    weights : (n,) float64, the share of all weight in the adjustment that each of them has, robust weights counted:
-        what the motion rests on. What is held to be unmoved and hardly fits has little.
+    weights : (n,) float64, the share that each of them has of all weight in the adjustment that falls on points or
+        vertices, robust weights counted: what the motion rests on. What is held unmoved and hardly fits has little.
     held_by_frames : names, in words, the motions that the shape does not hold and that stay as the frames of both sides
         say, with the uncertainty of those.
     doubt : says in words what speaks against the stable areas being stable, or against this pose beside others that fit

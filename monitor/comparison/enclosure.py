@@ -298,7 +298,7 @@ def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detect
     Where a vertex is assessed its variance is of the change, so both patches bear the same error, and half of it each
     is taken; elsewhere a patch bears its own, half of the median change's.
     """
-    scale = max(e.scale for e in found.test.errors)
+    scale = max(e.width for e in found.test.errors)
     both, alone, shared = 0.0, 0.0, 0.0
     for side, mask in zip(sides, masks, strict=True):
         matched, own = np.flatnonzero(mask & side.is_assessed), np.flatnonzero(mask & ~side.is_assessed)

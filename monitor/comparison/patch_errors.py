@@ -1,9 +1,10 @@
 """How the means of unchanged patches scatter, over what is stated of them: their width, and their tails.
 
 In: standardized means of patches of one size. Out: `PatchErrors`, which give p values. Where the points of both epochs
-are known what is told of a region is held against them, and a normal distribution does. Of finished meshes there are no
-points, and each was smoothed and triangulated anew: along sharp edges two of an unchanged object lie a good part of a
-cell off each other, here and there, and their tails are learned, of smooth and of rough places apart.
+are known what is told of a region is held against them, and a normal distribution does. Of a finished mesh there are
+none, and it was smoothed and triangulated in its own way: along sharp edges two surfaces of an unchanged object, one of
+them a mesh, lie a good part of a cell off each other, here and there. Their tails are learned then, of smooth and of
+rough places apart.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from projects.model import Floats, Ints
 
 N_KINDS = 2  # of units: smooth, rough
 FEWEST_PATCHES = 20  # that a width is learned from
-FEWEST_OF_TAILS = 200  # that the tails of a kind are learned from: two of them lie beyond what is asked
+FEWEST_OF_TAILS = 500  # that the tails of a kind are learned from: five of them lie beyond what is asked
 FIRST_DOF = 4.0  # of Student's t in the first look
-LEAST_DOF = 2.5  # tails heavier than these have hardly a width
+LEAST_DOF = 3.0  # tails heavier than these have hardly a width
 NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distribution
 MOST_DOF = 200.0  # hardly another than it
 INNER, OUTER = 0.9, 0.99  # shares of the patches within the width, and within where tails show
@@ -37,9 +38,18 @@ class PatchErrors:
     dofs: Floats
 
     @property
-    def scale(self) -> float:
-        """The largest scale of any kind."""
-        return float(self.scales.max())
+    def width(self) -> float:
+        """The largest of all kinds: one sigma of the normal distribution of which as many (`INNER`) lie within."""
+        return float(max(self._reaches(INNER)) / quantile_of(NORMAL, INNER))
+
+    def _reaches(self, share: float) -> Floats:
+        """Return within what a share of the means of each kind (`N_KINDS`,) lies, over their sigma."""
+        return self.scales * [quantile_of(dof, share) for dof in self.dofs]
+
+    def or_wider(self, other: PatchErrors) -> PatchErrors:
+        """Return of each kind the errors, these or the other ones, that reach farther where tails show (`OUTER`)."""
+        is_other = other._reaches(OUTER) > self._reaches(OUTER)
+        return PatchErrors(np.where(is_other, other.scales, self.scales), np.where(is_other, other.dofs, self.dofs))
 
     def p_values(self, z: Floats, kinds: Ints) -> Floats:
         """Return two-sided p values (p,) of standardized means of patches of these kinds (p,)."""
@@ -74,7 +84,7 @@ def tailed_errors(z: Floats, kinds: Ints) -> PatchErrors:
     """Return the scatter of standardized means z (p,) of patches free of gross change, with its tails, of each kind.
 
     Student's t of as many degrees of freedom as what 99 % of them lie within over what 90 % do. Of a kind with too few
-    patches all tell, and where these are too few there is no tail.
+    patches all of both kinds tell, and where these are too few there is no tail.
     """
     errors = calm_errors(z, kinds)
     scales, dofs = errors.scales.copy(), errors.dofs.copy()

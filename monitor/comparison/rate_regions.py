@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 from monitor.comparison.connected import connect_like
 from monitor.comparison.correlation import Correlation, estimate_correlation
 from monitor.comparison.detection import (
+    LearnErrors,
     away_from_both,
     can_teach,
     detect,
+    errors_of_calm,
     judge_units,
     lay_out,
     learn_errors,
 )
 from monitor.comparison.marking import level_at, mark_changed
-from monitor.comparison.patch_errors import PatchErrors, calm_errors
+from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
 from monitor.comparison.region_figures import sigma_of_mean
@@ -83,12 +85,12 @@ def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
     calm = by_itself.calm
     noise = replace(by_itself.noise, correlation=pool_correlations(rates, by_itself, seed))
     layout = lay_out(still, noise, rates.motion, by_itself.layout)
-    errors = judge_units(layout, still, calm, noise, level, partial(learn_errors, calm_errors)).errors
+    errors = judge_units(layout, still, calm, noise, level, partial(learn_errors, errors_of_calm(rates.side))).errors
     layout = lay_out_again(layout, sides, rates.motion)
     test = judge_units(layout, sides, calm, noise, level, lambda _: errors)
     rest = away_from_both(sides, test)
     if can_teach(rest, sides, test):
-        test = judge_units(layout, sides, rest, noise, level, partial(as_wide_as, errors))
+        test = judge_units(layout, sides, rest, noise, level, partial(as_wide_as, errors, errors_of_calm(rates.side)))
     lod95 = level_at(rates.side, noise)
     none_deep = np.zeros(len(lod95), dtype=np.bool_)  # rates have one side, and no other bears out what is deep
     found = mark_changed(rates.side, rates.still, test, 0, lod95, none_deep, noise, calm[0])
@@ -105,9 +107,11 @@ def pool_correlations(rates: RateSide, learned: Detected, seed: int) -> Correlat
     return Correlation(sills, own.ranges)
 
 
-def as_wide_as(errors: tuple[PatchErrors, ...], both: tuple[Patches, Patches]) -> tuple[PatchErrors, ...]:
-    """Return how patches of each size scatter: as `errors` say, or as the calm ones do where these scatter more."""
-    return tuple(max(pair, key=lambda e: e.scale) for pair in zip(errors, learn_errors(calm_errors, both), strict=True))
+def as_wide_as(
+    errors: tuple[PatchErrors, ...], learn: LearnErrors, both: tuple[Patches, Patches]
+) -> tuple[PatchErrors, ...]:
+    """Return how patches of each size scatter: as `errors` say, or as the calm ones do where these reach farther."""
+    return tuple(one.or_wider(other) for one, other in zip(errors, learn_errors(learn, both), strict=True))
 
 
 def hold_together(side: Side, found: Detected, level: float) -> Ints:

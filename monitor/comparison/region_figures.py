@@ -203,7 +203,7 @@ def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Reg
     if not len(vertices):
         return np.nan
     weight = side.areas[vertices] / side.areas[vertices].sum()
-    scale = max(e.scale for e in found.test.errors)
+    scale = max(e.width for e in found.test.errors)
     own2 = found.noise.variance_of(side, vertices) * scale**2
     rim = found.noise.is_at_rim(side, vertices)
     noise2 = _sum_of_agreeing(weight[rim], own2[rim]) + _variance_of_sum(side, vertices[~rim], weight[~rim], own2[~rim],

@@ -63,7 +63,7 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         "correlation_length_m": found.noise.correlation.length,
         "unit_size_m": found.test.size,
         "n_patches": found.test.n_tested,
-        "patch_error_scales": [e.scale for e in found.test.errors],
+        "patch_error_scales": [e.width for e in found.test.errors],
     }
     if tolerance is not None:
         figures["tolerance_m"] = float(tolerance)

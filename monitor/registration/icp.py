@@ -28,7 +28,7 @@ from monitor.registration.sampling import sample_source
 from monitor.registration.scale import Scale, find_scale
 from monitor.registration.self_likeness import Fit
 from monitor.registration.sides import Side, prepare_side
-from monitor.registration.source_vertices import spread_to_vertices, spread_weights
+from monitor.registration.source_vertices import patches_of, spread_to_vertices, spread_weights
 from monitor.registration.stable_areas import StableSamples, doubt_stable, find_stable, keep_stable
 from monitor.threads import with_one_blas_thread
 from projects.errors import ParameterError
@@ -268,6 +268,7 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
     elif not reason:
         covariance = estimate_covariance(stable, sigma, centre, shared=shared)
     inlier = (found.weights > 0) & kept
+    of_source = patches_of(source, grid)
     still = kept if layered is None or layered.is_still is None else layered.is_still[pairs.source]
     on_faces = (source.index[samples.index][stable.source] < 0) | (target.index[stable.target] < 0)
     return Registration(
@@ -277,8 +278,8 @@ def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numb
         rmse=float(np.sqrt(np.mean(pairs.residuals[inlier] ** 2))),
         sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
         overlap=len(pairs) / len(samples.points), stable_share=float(still.mean()),
-        is_stable=spread_to_vertices(source, grid, np.unique(numbers[pairs.source[still]]), n_source),
-        weights=spread_weights(source, grid, numbers[pairs.source], found.weights / found.sigma**2, n_source),
+        is_stable=spread_to_vertices(source, of_source, np.unique(numbers[pairs.source[still]]), n_source),
+        weights=spread_weights(source, of_source, numbers[pairs.source], found.weights / found.sigma**2, n_source),
         held_by_frames="" if held is None else held[0].words,
         doubt=scale.words if scale is not None else layered.doubt if layered is not None
         else doubt_stable(stable, numbers[stable.source], on_faces),

@@ -12,34 +12,36 @@ from monitor.registration.sides import Side
 from projects.model import Bools, Floats, Ints
 
 
-def spread_to_vertices(source: Side, grid: PatchGrid, stable_patches: Ints, n_source: int) -> Bools:
-    """Return for every point of the source, used or not (then False), whether it lies in a stable patch."""
+def spread_to_vertices(source: Side, of_source: Ints, stable_patches: Ints, n_source: int) -> Bools:
+    """Return for every point of the source, used or not (then False), whether it lies in a stable patch; `of_source`
+    are the patches (n,) of its used ones (`patches_of`)."""
     is_stable = np.zeros(n_source, dtype=bool)
     is_vertex = source.index >= 0
-    is_inside = np.isin(_patches_of(source, grid), stable_patches)
-    is_stable[source.index[is_vertex]] = is_inside[is_vertex]
+    is_stable[source.index[is_vertex]] = np.isin(of_source, stable_patches)[is_vertex]
     return is_stable
 
 
-def spread_weights(source: Side, grid: PatchGrid, numbers: Ints, weights: Floats, n_source: int) -> Floats:
-    """Return the share (n_source,) of all weight that each point of the source has, those of a patch alike.
+def spread_weights(source: Side, of_source: Ints, numbers: Ints, weights: Floats, n_source: int) -> Floats:
+    """Return the share (n_source,) that each point of the source has of all weight that falls on its points: what its
+    patch has is shared out alike in it, and what lies in patches without any is left out.
 
     Parameters
     ----------
+    of_source : the patches (n,) of the used points of the source (`patches_of`).
     numbers, weights : (k,) the patch of each pair, and its weight in the adjustment [1 / m2], 0 where it is left out.
     n_source : of the points or vertices that the source was made from, used or not (then 0).
     """
     shares = np.zeros(n_source)
     is_vertex = source.index >= 0
-    patches, member, n = np.unique(_patches_of(source, grid)[is_vertex], return_inverse=True, return_counts=True)
-    place = np.searchsorted(patches, numbers)
-    at = np.minimum(place, max(len(patches) - 1, 0))
-    is_known = patches[at] == numbers if len(patches) else np.zeros(len(numbers), dtype=bool)
-    of_patch = np.bincount(at[is_known], weights[is_known], len(patches))
+    if not is_vertex.any():
+        return shares
+    patches, member, n = np.unique(of_source[is_vertex], return_inverse=True, return_counts=True)
+    at = np.minimum(np.searchsorted(patches, numbers), len(patches) - 1)
+    of_patch = np.bincount(at, np.where(patches[at] == numbers, weights, 0.0), len(patches))
     shares[source.index[is_vertex]] = (of_patch / n)[member]
     return shares / max(float(shares.sum()), 1e-300)
 
 
-def _patches_of(source: Side, grid: PatchGrid) -> Ints:
+def patches_of(source: Side, grid: PatchGrid) -> Ints:
     """Return the number (n,) of the patch of each point of the source."""
     return grid.numbers(source.points, source.own_normals)

@@ -4,7 +4,8 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from monitor.comparison import compare
+from monitor.comparison import compare, detection
+from monitor.comparison.patch_errors import calm_errors
 from monitor.filtering import estimate_normals
 from projects.model import Comparison, Floats, PointCloud, Registration, Surface
 
@@ -50,10 +51,12 @@ def compared(seed: int, dent: float = 0.0) -> Comparison:
     return compare(mesh_of_box(rng), mesh_of_box(rng, dent), still)
 
 
-@pytest.mark.parametrize("seed", [1, 3])
-def test_edges_rounded_otherwise_are_no_change(seed: int) -> None:
-    """By a normal distribution of the means of patches two and one regions of 0.6 to 0.8 mm stand along edges."""
+@pytest.mark.parametrize("seed", [10, 12])
+def test_edges_rounded_otherwise_are_no_change(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a normal distribution of the means of patches regions of 0.6 to 0.8 mm stand along edges."""
     assert len(compared(seed).regions) == 0
+    monkeypatch.setattr(detection, "errors_of_calm", lambda side: calm_errors)
+    assert len(compared(seed).regions) > 0
 
 
 def test_a_dent_is_still_found() -> None:

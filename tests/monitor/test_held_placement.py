@@ -10,7 +10,6 @@ import pytest
 from scipy.linalg import block_diag
 
 from monitor import held_placement
-from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.held_placement import place_against_held
 from monitor.registration.placement import lay_out_placement, placement_sigma
 from projects.model import Floats, Ints, PointCloud, Registration, Surface
@@ -101,23 +100,30 @@ def test_nothing_is_told_anew_where_the_registration_holds_to_nothing(
 
 
 def test_about_all_alike_is_as_the_epoch_alone_states_it(epochs: tuple[Surface, Surface]) -> None:
-    areas = vertex_areas(make_mesh(epochs[1].vertices, epochs[1].faces))
-    for surface in place_against_held(("a", "b"), epochs, registration(areas)):  # type: ignore[arg-type]
+    alike = np.full(len(epochs[1].vertices), 1.0 / len(epochs[1].vertices))
+    told = place_against_held(("a", "b"), epochs, replace(registration(alike), T_target_source=np.eye(4)))  # type: ignore[arg-type]
+    for surface in told:
+        assert surface is not epochs[0]
         assert surface.sigma_shared == pytest.approx(epochs[0].sigma_shared, rel=0.02)
 
 
-def test_weights_are_by_area_on_a_reference_of_other_vertices(epochs: tuple[Surface, Surface]) -> None:
-    """The reference has twice as many vertices on one half, which weighs no more for that."""
+def test_weights_go_over_to_a_reference_of_other_vertices(epochs: tuple[Surface, Surface]) -> None:
+    """The reference has twice as many vertices on one half, and a sliver: neither weighs more for that."""
     reference, compared = epochs
-    v = reference.vertices
-    half = np.flatnonzero(v[reference.faces].mean(axis=1)[:, 1] > 0.0)
+    half = np.flatnonzero(reference.vertices[reference.faces].mean(axis=1)[:, 1] > 0.0)
     more, faces = split_faces(reference, half)
-    finer = Surface(more, faces)
-    areas = vertex_areas(make_mesh(compared.vertices, compared.faces))
-    plain = np.eye(4)
-    on = held_placement._weights_on(finer, compared, areas, replace(registration(areas), T_target_source=plain))
-    assert on.sum() == pytest.approx(areas.sum(), rel=0.01)
-    assert on[more[:, 1] > 0.0].sum() == pytest.approx(0.5 * areas.sum(), rel=0.03)
+    more[-1] = more[faces[-1, 0]] + [0.0, 1e-9, 0.0]  # next to a corner of its face
+    alike = np.full(len(compared.vertices), 1.0 / len(compared.vertices))
+    here = replace(registration(alike), T_target_source=np.eye(4))
+    on = held_placement._weights_on(Surface(more, faces), compared, alike, here)
+    assert on.sum() == pytest.approx(1.0)
+    assert on[more[:, 1] > 0.0].sum() == pytest.approx(0.5, rel=0.02)
+    assert on.max() <= 2.0 * alike[0]
+    swapped = held_placement._weights_on(compared, Surface(more, faces), np.full(len(more), 1.0 / len(more)), here)
+    assert swapped.sum() == pytest.approx(1.0)
+    assert swapped.max() <= 8.0 / len(more)
+    far = replace(here, T_target_source=T)
+    assert held_placement._weights_on(reference, compared, alike, far).sum() == 0.0
 
 
 def test_an_epoch_without_an_adjustment_stays_as_it_is(

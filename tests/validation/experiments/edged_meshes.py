@@ -93,7 +93,7 @@ def by_poisson(is_hollowed: bool, rng: np.random.Generator) -> Surface:
     outward = np.sign(np.sum(fitted * true.face_normals[face], axis=1))
     cloud.normals = o3d.utility.Vector3dVector(fitted * outward[:, None])
     depth = int(np.ceil(np.log2(1.1 * np.ptp(points, axis=0).max() / CELL)))
-    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth)
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
     return as_surface(mesh)
 
 
