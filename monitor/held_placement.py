@@ -32,7 +32,7 @@ def place_against_held(
     to, by the weight that it gives each vertex.
 
     As they are where the registration does not say, or holds to nothing; an epoch without scans or without an
-    adjustment stays as it is.
+    adjustment stays as it is. Beside a layer what it lies on holds the motion too, and counts.
     """
     reference, compared = surfaces
     weights = registration.weights

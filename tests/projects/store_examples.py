@@ -81,7 +81,7 @@ def full_surface(rng: np.random.Generator, n: int = 30) -> Surface:
 def example_registration(rng: np.random.Generator, n: int = 30) -> Registration:
     """Return a registration with some fields unknown."""
     return Registration(np.eye(4), np.diag(rng.random(6)), rng.normal(size=3), True, n_inliers=5, rmse=1e-3,
-                        is_stable=rng.random(n) < 0.5)  # fmt: skip
+                        is_stable=rng.random(n) < 0.5, weights=rng.random(n))  # fmt: skip
 
 
 def example_comparison(rng: np.random.Generator, n_regions: int = 2) -> Comparison:

@@ -171,7 +171,8 @@ def rows_of(name: str, pairs: list[tuple[Comparison, Comparison]]) -> list[Row]:
     for k, hollow in enumerate(HOLLOWS):
         n = sum(k in hollows_of(c) for c in later)
         unchanged = sum(is_called_unchanged(c, hollow) for c in later)
-        rows.append(Row(f"{name}: a hollow {hollow.name}: told", f"{n} of {len(later)}", value=n,
+        rows.append(Row(f"{name}: a hollow {hollow.name}: told", f"{n} of {len(later)}", judge(n == len(later)),
+                        asked="all", value=n,
                         others={"its middle called unchanged": f"{unchanged} of {len(later)}"}))  # fmt: skip
     worst = float(np.abs(off).max()) if len(off) else float("nan")
     return [*rows, Row(f"{name}: depth in faces off, at most, mm", in_words(1e3 * worst, 2), value=worst)]
