@@ -5,6 +5,7 @@ In: a comparison and its regions as texts. Out: a headline, a few sentences, the
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -66,15 +67,26 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
     if n == 0 and _is_all_unknown(comparison):
         return "Nothing could be assessed."
     where = f" on the {percent(1.0 - unknown)} of the surface that could be assessed" if unknown > MOSTLY else ""
-    if n == 0 and np.isfinite(comparison.registration.scale):
-        size = f"{comparison.registration.scale:.4f} times as large as the earlier one"
-        return f"No part changed against the rest{where}, but the later epoch is {size}."
-    if n == 0 and comparison.statistics.get("offset_is_told"):
-        return f"No part changed against the rest{where}, but the surface as a whole lies {_off(comparison)}."
+    if n == 0 and differs_as_a_whole(comparison):
+        return f"No part changed against the rest{where}, but {_as_a_whole(comparison)}."
     if n == 0:
         return f"No change was found{where}."
     told = "One region changed" if n == 1 else f"{in_words(n).capitalize()} regions changed"
     return f"{told} against the rest, which lies {_off(comparison)}." if is_beside_layer(comparison) else f"{told}."
+
+
+def differs_as_a_whole(comparison: Comparison) -> bool:
+    """Return whether the later epoch is of another scale, or all of its surface lies off: without regions, too, that is
+    not the same as no change."""
+    is_other_scale = math.isfinite(comparison.registration.scale)
+    return is_other_scale or bool(comparison.statistics.get("offset_is_told"))
+
+
+def _as_a_whole(comparison: Comparison) -> str:
+    """Return in words by what the later epoch differs as a whole."""
+    if math.isfinite(comparison.registration.scale):
+        return f"the later epoch is {comparison.registration.scale:.4f} times as large as the earlier one"
+    return f"the surface as a whole lies {_off(comparison)}"
 
 
 def is_beside_layer(comparison: Comparison) -> bool:

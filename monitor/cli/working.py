@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -23,7 +22,7 @@ from projects.errors import MonitorError, ParameterError, StoreError
 from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
-from reports.answer import shares_not_assessed
+from reports.answer import differs_as_a_whole, shares_not_assessed
 from reports.history import tell_alone, tell_open_holes, tell_outside, tell_turned, tell_uncovered
 from reports.quantities import NBSP, millimetres, percent
 
@@ -196,9 +195,8 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
 
 
 def _say_none(comparison: Comparison) -> str:
-    """Return that there are no regions: beside another scale, or a layer all over, that is no "no change"."""
-    is_other = math.isfinite(comparison.registration.scale) or bool(comparison.statistics.get("offset_is_told"))
-    return "no part changed against the rest" if is_other else "no change found"
+    """Return that there are no regions."""
+    return "no part changed against the rest" if differs_as_a_whole(comparison) else "no change found"
 
 
 def _not_assessable(comparison: Comparison, reference: str, compared: str) -> str:
