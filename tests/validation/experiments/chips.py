@@ -18,6 +18,7 @@ from pathlib import Path
 import front_door
 import numpy as np
 import pandas as pd
+from region_places import is_called_unchanged, places_of_regions
 from rows import Row, Size
 
 from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, stand_at
@@ -30,7 +31,7 @@ from monitor.simulation.solid import Field, Solid, contour
 from monitor.simulation.stations import Station
 from monitor.simulation.true_change import TrueChange, measure_change
 from monitor.simulation.truth import truth_of
-from projects.model import Assessment, Comparison, Floats
+from projects.model import Comparison, Floats
 
 TITLE = "The smallest chips told: pits and chipped edges of a pedestal"
 LIMIT = 3000.0
@@ -132,36 +133,19 @@ def run(size: Size) -> list[Row]:
         Row("level of detection, median, mm", f"{1e3 * level:.2f}", value=level),
         *rows,
         Row("regions where nothing changed: of the unchanged pairs", str(false), value=float(false)),
-        Row("regions where nothing changed: beside the chips", str(sum(len(strangers(c)) for c in found))),
+        Row("regions where nothing changed: beside the chips", str(sum(nearest_chip(c).count(-1) for c in found))),
     ]
 
 
 def nearest_chip(comparison: Comparison) -> list[int]:
     """Return the chip that each region lies on, -1 where on none."""
-    places = np.array([c.place for c in chips()])
-    out = []
-    for centre in comparison.regions[["x", "y", "z"]].to_numpy(dtype=float):
-        away = np.linalg.norm(places - centre, axis=1)
-        out.append(int(away.argmin()) if away.min() < NEAR else -1)
-    return out
-
-
-def strangers(comparison: Comparison) -> list[int]:
-    """Return the regions that lie on no chip."""
-    return [k for k, chip in enumerate(nearest_chip(comparison)) if chip < 0]
-
-
-def is_called_unchanged(comparison: Comparison, chip: Chip) -> bool:
-    """Return whether the vertex of the earlier surface next to the middle of a chip is called unchanged."""
-    side = comparison.on_reference
-    nearest = int(np.linalg.norm(side.surface.vertices - chip.place, axis=1).argmin())
-    return bool(side.assessment[nearest] == Assessment.UNCHANGED)
+    return places_of_regions(comparison, [c.place for c in chips()], NEAR)
 
 
 def row_of(number: int, chip: Chip, truth: TrueChange, found: Sequence[Comparison]) -> Row:
     """Return how often a chip is told, and its figures where it is, against the truth."""
     told = [c.regions.iloc[nearest_chip(c).index(number)] for c in found if number in nearest_chip(c)]
-    unchanged = sum(is_called_unchanged(c, chip) for c in found)
+    unchanged = sum(is_called_unchanged(c, chip.place) for c in found)
     others = {"deepest, mm": f"{1e3 * truth.extreme:+.1f}", "told": "", "volume, mm3": f"{1e9 * truth.volume:+.0f}",
               "told, mm3": "", "within 1.96 sigma: deepest, area, volume": "",
               "its middle called unchanged": f"{unchanged} of {len(found)}"}  # fmt: skip

@@ -19,14 +19,16 @@ import numpy as np
 import open3d as o3d
 import trimesh
 from front_door import Epoch
+from region_places import is_called_unchanged, places_of_regions
 from rows import Row, Size, in_percent, in_words, judge
+from set_up_elsewhere import set_up_elsewhere
 
 from monitor.simulation.changes import Edit, hollow_out
 from monitor.simulation.model import only_near
 from monitor.simulation.pedestal import DIE, DIE_HALF_WIDTH, HALF_WIDTH, PANEL_DEPTH, pedestal_part
 from monitor.simulation.solid import Field, Solid, contour
 from projects.formats import write_ply_mesh
-from projects.model import Assessment, Comparison, Floats, Surface
+from projects.model import Comparison, Floats, Surface
 
 TITLE = "Finished meshes of a sharp-edged pedestal, by other programs: unchanged, and hollowed by 3 to 10 mm"
 LIMIT = 2400.0
@@ -35,7 +37,6 @@ CELL, SPACING = 0.003, 0.0025  # m, of the grids, and between the points of a Po
 NOISE = 1.5e-4  # m, of each coordinate of a point or vertex
 DECIMATED = 6  # times fewer faces
 BOX = np.array([[-0.25, -0.25, 0.008], [0.25, 0.25, 0.46]])
-TURN, SHIFT = 0.02, (0.001, 0.002, 0.0005)  # rad, m: how each later epoch stands off the first
 NEAR = 0.015  # m: a region lies on a hollow if its centre lies so near
 SMALL_BARS = ("Poisson by Open3D: unchanged pairs with a region",)
 
@@ -134,17 +135,11 @@ def compare_pair(name: str, seed: int) -> tuple[Comparison, Comparison]:
         told = []
         for k, is_hollowed in enumerate((False, False, True)):
             mesh, path = WAYS[name](is_hollowed, rng), Path(folder) / f"e{k}.ply"
-            vertices = mesh.vertices if k == 0 else move(mesh.vertices)
+            vertices = mesh.vertices if k == 0 else set_up_elsewhere(mesh.vertices)
             write_ply_mesh(path, Surface(vertices, mesh.faces))
             told.append(Epoch(f"e{k}", f"200{k}-05-01", [], ("--mesh", path)))
         project = front_door.process(Path(folder), told)
         return front_door.compare(project, "e0", "e1"), front_door.compare(project, "e0", "e2")
-
-
-def move(points: Floats) -> Floats:
-    """Return the points (n, 3) turned about the vertical through their middle, and shifted."""
-    T = trimesh.transformations.rotation_matrix(TURN, [0.0, 0.0, 1.0], points.mean(axis=0))
-    return np.asarray(points @ T[:3, :3].T + T[:3, 3] + np.array(SHIFT))
 
 
 def run(size: Size) -> list[Row]:
@@ -161,7 +156,7 @@ def rows_of(name: str, pairs: list[tuple[Comparison, Comparison]]) -> list[Row]:
     n = sum(len(c.regions) > 0 for c in same)
     share = float(np.mean([c.statistics["share_above_lod95"] for c in same]))
     level = float(np.median([c.statistics["lod95_median_m"] for c in same]))
-    others = sum(len(strangers(c)) for c in later)
+    others = sum(hollows_of(c).count(-1) for c in later)
     off = np.concatenate([errors_of_depth(c) for c in later])
     rows = [
         Row(f"{name}: unchanged pairs with a region", f"{n} of {len(same)}", judge(n == 0), asked="none", value=n,
@@ -170,7 +165,7 @@ def rows_of(name: str, pairs: list[tuple[Comparison, Comparison]]) -> list[Row]:
     ]  # fmt: skip
     for k, hollow in enumerate(HOLLOWS):
         n = sum(k in hollows_of(c) for c in later)
-        unchanged = sum(is_called_unchanged(c, hollow) for c in later)
+        unchanged = sum(is_called_unchanged(c, np.array(hollow.place)) for c in later)
         rows.append(Row(f"{name}: a hollow {hollow.name}: told", f"{n} of {len(later)}", judge(n == len(later)),
                         asked="all", value=n,
                         others={"its middle called unchanged": f"{unchanged} of {len(later)}"}))  # fmt: skip
@@ -180,23 +175,7 @@ def rows_of(name: str, pairs: list[tuple[Comparison, Comparison]]) -> list[Row]:
 
 def hollows_of(comparison: Comparison) -> list[int]:
     """Return the hollow that each region lies on, -1 where on none."""
-    places, out = np.array([h.place for h in HOLLOWS]), []
-    for centre in comparison.regions[["x", "y", "z"]].to_numpy(dtype=float):
-        away = np.linalg.norm(places - centre, axis=1)
-        out.append(int(away.argmin()) if away.min() < NEAR else -1)
-    return out
-
-
-def strangers(comparison: Comparison) -> list[int]:
-    """Return the regions that lie on no hollow."""
-    return [k for k, hollow in enumerate(hollows_of(comparison)) if hollow < 0]
-
-
-def is_called_unchanged(comparison: Comparison, hollow: Hollow) -> bool:
-    """Return whether the vertex of the earlier surface next to the middle of a hollow is called unchanged."""
-    side = comparison.on_reference
-    nearest = int(np.linalg.norm(side.surface.vertices - np.array(hollow.place), axis=1).argmin())
-    return bool(side.assessment[nearest] == Assessment.UNCHANGED)
+    return places_of_regions(comparison, [np.array(h.place) for h in HOLLOWS], NEAR)
 
 
 def errors_of_depth(comparison: Comparison) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 import trimesh
 from front_door import Epoch
 from rows import Row, Size, in_percent, in_words, judge
+from set_up_elsewhere import set_up_elsewhere
 from shared_data import data_folder
 
 from projects.formats import read_mesh, write_ply_mesh
@@ -28,7 +29,6 @@ STATUES = ("Angel_decimated.ply", "owl_decimated.ply")
 N_EPOCHS = {"small": 1, "full": 6}  # of each statue, unchanged; as many dented
 NOISE = 5e-5  # m, of each coordinate of a vertex
 DEPTH, RADIUS = 0.003, 0.015  # m: of the bowl
-TURN, SHIFT = 0.02, (0.001, 0.002, 0.0005)  # rad, m: how each epoch stands off the first
 SMALL_BARS = ("unchanged: epochs with a region",)
 
 
@@ -60,11 +60,11 @@ def compare_statue(
     epochs = [write_epoch(folder, "first", statue.vertices, statue, rng, 2000)]
     centres: dict[str, Floats] = {}
     for k in range(n):
-        moved = move(statue.vertices)
+        moved = set_up_elsewhere(statue.vertices)
         epochs.append(write_epoch(folder, f"same-{k}", moved, statue, rng, 2001 + k))
         at = int(rng.integers(len(statue.vertices)))
         centres[f"dented-{k}"] = statue.vertices[at]
-        dented = move(dent(statue, at))
+        dented = set_up_elsewhere(dent(statue, at))
         epochs.append(write_epoch(folder, f"dented-{k}", dented, statue, rng, 2001 + n + k))
     project = front_door.process(folder, epochs)
     same = [front_door.compare(project, "first", f"same-{k}") for k in range(n)]
@@ -79,12 +79,6 @@ def write_epoch(
     path = folder / f"{name}.ply"
     write_ply_mesh(path, Surface(vertices + rng.normal(0.0, NOISE, vertices.shape), statue.faces))
     return Epoch(name, f"{year}-05-01", [], ("--mesh", path))
-
-
-def move(points: Floats) -> Floats:
-    """Return the points (n, 3) turned about the vertical through their middle, and shifted."""
-    T = trimesh.transformations.rotation_matrix(TURN, [0.0, 0.0, 1.0], points.mean(axis=0))
-    return points @ T[:3, :3].T + T[:3, 3] + np.array(SHIFT)
 
 
 def dent(statue: Surface, at: int) -> Floats:
