@@ -53,7 +53,7 @@ def compared(seed: int, dent: float = 0.0) -> Comparison:
 
 @pytest.mark.parametrize("seed", [10, 12])
 def test_edges_rounded_otherwise_are_no_change(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a normal distribution of the means of patches regions of 0.6 to 0.8 mm stand along edges."""
+    """By a normal distribution of the means of patches regions stand along edges."""
     assert len(compared(seed).regions) == 0
     monkeypatch.setattr(detection, "errors_of_calm", lambda side: calm_errors)
     assert len(compared(seed).regions) > 0

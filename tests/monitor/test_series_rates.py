@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
 from simulated_series import SIGMA, START, YEARS, simulate_series, square
 
+from monitor.comparison import patch_errors
 from monitor.comparison.detection import detect
-from monitor.comparison.rate_regions import pool_correlations
+from monitor.comparison.patch_errors import NORMAL
+from monitor.comparison.rate_regions import detect_rates, pool_correlations
 from monitor.comparison.rate_side import Fits, combine_motions, grown_by, make_rate_side
 from monitor.comparison.series import follow
 from monitor.comparison.trend import fit_polynomial, weights_of_last
@@ -105,6 +109,25 @@ def test_how_errors_agree_is_learned_from_all_that_departs_from_a_line(rng: np.r
         areas.append((learned.noise.correlation.area, pool_correlations(rates, learned, 0).area))
     one, all_together = np.std(np.log(areas), axis=0)
     assert all_together < 0.7 * one
+
+
+@pytest.mark.parametrize("states_noise", [False, True])
+def test_rates_of_finished_meshes_are_held_against_their_tails(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, states_noise: bool
+) -> None:
+    """Blocks of 6 x 6 vertices err by more or less than others, in all epochs."""
+    monkeypatch.setattr(patch_errors, "FEWEST_OF_TAILS", 50)
+    changes = simulate_series(rng, YEARS)
+    uneven = np.kron(np.exp(rng.normal(0.0, 0.8, (10, 10))), np.ones((6, 6))).ravel()
+    distances = np.stack([c.side.distances for c in changes]) * uneven
+    rates = make_rate_side(changes, fits_of(YEARS, distances, SIGMA, SIGMA * np.sqrt(0.5)))
+    if states_noise:
+        known = replace(rates.side.surface, sigma=np.full(3600, SIGMA))
+        sides = (replace(s, surface=known, other=known) for s in (rates.side, rates.still))
+        rates = replace(rates, **dict(zip(("side", "still"), sides, strict=True)))
+    dofs = detect_rates(rates, 0.05, 0).test.errors[0].dofs
+    assert (dofs == NORMAL).all() == states_noise
+    assert (dofs < 10.0).all() == (not states_noise)
 
 
 def test_registrations_add_up_by_squares_and_the_reference_s_part_by_their_sum() -> None:
