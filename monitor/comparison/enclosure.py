@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.closing import Closing, border_edges, close_gap, cone_volume
 from monitor.comparison.correlation import kept_variance
+from monitor.comparison.guesses import sigma_of_guess
 from monitor.comparison.noise import Noise
 from monitor.comparison.offsets import Offsets
 from monitor.comparison.portions import search_offsets
@@ -299,24 +300,26 @@ def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detect
     is taken; elsewhere a patch bears its own, half of the median change's.
     """
     scale = max(e.width for e in found.test.errors)
-    both, alone, shared = 0.0, 0.0, 0.0
+    both, guess, alone, shared = 0.0, 0.0, 0.0, 0.0
     for side, mask in zip(sides, masks, strict=True):
         matched, own = np.flatnonzero(mask & side.is_assessed), np.flatnonzero(mask & ~side.is_assessed)
         typical = _typical_variance(side, found.noise) * scale**2 if len(own) else 0.0
         both += 0.5 * _sum_sigma(side.areas[matched], found.noise.variance_of(side, matched) * scale**2, found)
+        guess2 = found.noise.guess_of(side, matched)
+        guess += 0.5 * sigma_of_guess(side.surface.vertices[matched], side.areas[matched], guess2, found.test.size)
         alone += _sum_sigma(side.areas[own], np.full(len(own), 0.5 * typical), found) ** 2
         shared += 0.5 * float(side.areas[mask] @ side.sigma_shared[mask])
     mask, side = masks[1], sides[1]
     arm = side.surface.vertices[mask] - registration.centre
     row = side.areas[mask] @ np.hstack([np.cross(arm, side.normals[mask]), side.normals[mask]])
     motion2 = max(float(row @ registration.covariance @ row), 0.0)
-    return float(np.sqrt(both**2 + alone + shared**2 + motion2))
+    return float(np.sqrt(both**2 + guess**2 + alone + shared**2 + motion2))
 
 
 def _typical_variance(side: Side, noise: Noise) -> float:
     """Return the median variance [m2] of the assessed vertices, 0 where there are none."""
     assessed = np.flatnonzero(side.is_assessed)
-    return median(noise.variance_of(side, assessed)) if len(assessed) else 0.0
+    return median(noise.single_variance_of(side, assessed)) if len(assessed) else 0.0
 
 
 def _sum_sigma(areas: Floats, variance: Floats, found: Detected) -> float:

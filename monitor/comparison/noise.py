@@ -6,7 +6,7 @@ too sparse for, grazing views, places between samples) or not at all. The stable
 surfaces state, one of what their neighbouring fits contradict each other by, one of what scans disagree by, a floor
 beneath all, and a factor of each class of place. That is the size of most errors, and right for a level that one vertex
 in twenty exceeds. What scans disagree by is large in few places, of which most of the surface says nothing: a test of
-patches at one in a hundred thousand keeps it as stated.
+patches at one in a hundred thousand keeps it as stated. So it does with what is a guess of the surfaces (`guesses`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from monitor.comparison.calm_vertices import CalmVertices, are_copies, gather_ca
 from monitor.comparison.correlation import Correlation, estimate_correlation, estimate_of_many
 from monitor.comparison.discord import SHARE
 from monitor.comparison.error_parts import Parts, fit_parts
+from monitor.comparison.guesses import guessed_variance, usual_sigma
 from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor
 from monitor.comparison.quantile import median
 from monitor.comparison.scratch import keep_on_disk
@@ -44,7 +45,8 @@ N_PAIRED = 1000  # vertices of a stratum whose pairs show how many witnesses it 
 class Noise:
     """Of each stratum (`strata`) the `floors` [m], and the scales of what surfaces state, `scales`, of what their fits
     contradict each other by, `discord_scales`, and of what scans disagree by, `shared_scales`; `correlation` of the
-    errors; `spacing` [m] of the vertices."""
+    errors; `spacing` [m] of the vertices; what surfaces state of most places is the `usual` [m], beyond which lies what
+    they guess (`guesses`)."""
 
     floors: Floats
     scales: Floats
@@ -52,6 +54,7 @@ class Noise:
     shared_scales: Floats
     correlation: Correlation
     spacing: float
+    usual: float = np.inf
 
     def floor_of(self, side: Side) -> Floats:
         """Return the floor (n,) [m] of each vertex."""
@@ -84,11 +87,15 @@ class Noise:
         """Return one sigma (n,) [m] of the change of each vertex, or of those in `which`, with what is common to
         many."""
         if which is not None:
-            return np.sqrt(self.variance_of(side, which) + self.common_of(side, which) ** 2)
+            return self._sigma_at(side, which)
         out = np.empty(len(side.distances))
         for block in blocks(len(out)):
-            out[block] = np.sqrt(self.variance_of(side, block) + self.common_of(side, block) ** 2)
+            out[block] = self._sigma_at(side, block)
         return out
+
+    def _sigma_at(self, side: Side, which: Ints | slice) -> Floats:
+        """Return what `sigma_of` does of the vertices in `which`."""
+        return np.asarray(np.sqrt(self.single_variance_of(side, which) + self.common_of(side, which) ** 2))
 
     def is_at_rim(self, side: Side, which: Ints | slice = slice(None)) -> Bools:
         """Return whether each vertex (n,), or each of those in `which`, lies in the two strata beside a free edge."""
@@ -96,12 +103,21 @@ class Noise:
 
     def variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return the variance [m2] of the change of each vertex, or of those in `which`, without what is common to
-        many: scans, registration. It takes the thirds of the lever arm as one: what they differ by is right for a
-        level that one vertex in twenty exceeds, and partly chance."""
+        many (scans, registration) and what is a guess. It takes the thirds of the lever arm as one: what they differ by
+        is right for a level that one vertex in twenty exceeds, and partly chance."""
         stratum = stratum_of(side, self.spacing, which)
         scales, discord, floors = (mean_of_arms(v) for v in (self.scales, self.discord_scales, self.floors))
-        own2 = (scales[stratum] * side.sigma_surfaces[which]) ** 2 + (discord[stratum] * side.sigma_discord[which]) ** 2
+        surfaces2 = side.sigma_surfaces[which] ** 2 - self.guess_of(side, which)
+        own2 = scales[stratum] ** 2 * surfaces2 + (discord[stratum] * side.sigma_discord[which]) ** 2
         return np.asarray(own2 + (floors**2)[stratum])
+
+    def single_variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
+        """Return what `variance_of` does with what is a guess: how a single vertex scatters beside what is common."""
+        return self.variance_of(side, which) + self.guess_of(side, which)
+
+    def guess_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
+        """Return the variance [m2] of each vertex, or of those in `which`, that is a guess of the surfaces."""
+        return guessed_variance(side, self.usual, which)
 
     def common_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
@@ -122,7 +138,8 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     parts, factors = learn_sizes(witnesses, share, known, rng)
     floors = np.maximum(factors * parts.floor, max(w.resolution for w in witnesses))
     unknown = Correlation(np.zeros(1), np.ones(1))
-    noise = Noise(floors, factors * parts.surfaces, factors * parts.discord, factors * parts.shared, unknown, spacing)
+    noise = Noise(floors, factors * parts.surfaces, factors * parts.discord, factors * parts.shared, unknown, spacing,
+                  usual_sigma(witnesses))  # fmt: skip
     lead = int(calm[1].sum() > calm[0].sum())
     return replace(noise, correlation=_correlate(sides[lead], calm[lead], noise, rng))
 

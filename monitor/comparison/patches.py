@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.comparison.correlation import Correlation, kept_variance
+from monitor.comparison.guesses import kept_of_guess
+from monitor.comparison.quantile import median
 from monitor.comparison.reaches import Reaches, gather_reaches, sum_over
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.units import Units, cut_units, summarize_units
@@ -117,13 +119,14 @@ def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: 
 
 def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlation: Correlation) -> Patches:
     """Return the patches of every size, with their means and what limits them."""
-    weighted = units.areas[:, None] * np.column_stack([units.variances, units.calm_shares])
+    weighted = units.areas[:, None] * np.column_stack([units.variances, units.guesses, units.calm_shares])
     sums = sum_over(reaches, outlines.areas.shape[1], weighted, slice(0, len(weighted)))
     averages = sums / outlines.areas[..., None]
     kept = np.column_stack([kept_variance(*of_size, correlation)
                             for of_size in zip(outlines.areas.T, outlines.n_vertices.T, strict=True)])  # fmt: skip
-    sigmas = np.sqrt(np.maximum(averages[..., 0] * kept + outlines.common2, 1e-300))
-    return Patches(outlines.means, sigmas, outlines.is_whole, averages[..., 1] > 0.5, units.kinds)
+    guess2 = averages[..., 1] * kept_of_guess(outlines.areas / max(median(units.areas), 1e-300))
+    sigmas = np.sqrt(np.maximum(averages[..., 0] * kept + guess2 + outlines.common2, 1e-300))
+    return Patches(outlines.means, sigmas, outlines.is_whole, averages[..., 2] > 0.5, units.kinds)
 
 
 def patch_radii(size: float, area: float) -> list[float]:

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from monitor.comparison.borders import sigma_of_area, spread_margin
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.enclosure import SIGNS, Beyond
+from monitor.comparison.guesses import sigma_of_guess
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.side import Side, cosine_to_foot
 from monitor.comparison.tested import Detected
@@ -99,13 +100,16 @@ def piece_of(views: list[RegionView], sign: float) -> RegionView | None:
     return own[0] if own and max(v.unmatched_share for v in views) > MOST_UNKNOWN else None
 
 
-def stands_out(views: list[RegionView]) -> float:
+def stands_out(views: list[RegionView], is_chip: bool = False) -> float:
     """Return how many of its own sigmas the mean of a region lies off zero, on the side where it is fewer.
 
-    How far the two sides disagree says how well the mean is known, not whether there is a change. NaN where no side
-    has a perpendicular; below 0 where the sides see opposite changes.
+    How far the two sides disagree says how well the mean is known, not whether there is a change; nor does what is a
+    guess of the surfaces say so of a chip, which stands by what was measured there. NaN where no side has a
+    perpendicular; below 0 where the sides see opposite changes.
     """
-    z = np.array([v.mean / v.sigma_mean for v in views if np.isfinite(v.sigma_mean)])
+    sigmas = np.array([np.sqrt(v.sigma_mean**2 - v.guess**2 * is_chip) for v in views])
+    means = np.array([v.mean for v in views])
+    z = (means / sigmas)[np.isfinite(sigmas)]
     return float((np.sign(z.sum()) * z).min()) if len(z) else np.nan
 
 
@@ -139,7 +143,8 @@ class RegionView:
     """A region as one side sees it; metres, m2, m3; `unevenness` [m] is how the change varies beyond noise.
 
     `sign` is that of the changes whose material this side shows: -1 before, +1 after. `unmatched_share` of the area
-    has no perpendicular; `gap` is the mean with what the nearest points say there, and its sigma.
+    has no perpendicular; `gap` is the mean with what the nearest points say there, and its sigma. Of the mean's sigma
+    the `guess` [m] is what the surfaces guess there (`guesses`).
     """
 
     sign: float
@@ -150,6 +155,7 @@ class RegionView:
     sigma_volume: float
     mean: float
     sigma_mean: float
+    guess: float
     extreme: tuple[float, float]
     gap: tuple[float, float]
     centroid: Floats
@@ -171,7 +177,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
     mean = float(np.average(np.nan_to_num(beyond.change[which][whole]), weights=side.areas[whole]))
     if len(vertices):  # otherwise without any perpendicular: what the nearest points say
         mean = float(np.average(change, weights=weight))
-        noise2 = float(np.average(found.noise.variance_of(side, vertices), weights=weight))
+        noise2 = float(np.average(found.noise.single_variance_of(side, vertices), weights=weight))
         spread2 = float(np.average((change - mean) ** 2, weights=weight))
     area = float(side.areas[whole].sum())
     return RegionView(
@@ -185,6 +191,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, margin, registration),
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, vertices, registration),
+        guess=guess_of_mean(side, found, vertices),
         extreme=find_extreme(
             side, found, which, (vertices, whole), np.where(beyond.is_end[which], np.nan, beyond.change[which])
         ),
@@ -211,7 +218,14 @@ def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Reg
     arm = side.surface.vertices[vertices] - registration.centre
     row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
     common2 = max(float(row @ registration.covariance @ row), 0.0) + float(weight @ side.sigma_shared[vertices]) ** 2
-    return float(np.sqrt(noise2 + common2))
+    return float(np.sqrt(noise2 + common2 + guess_of_mean(side, found, vertices) ** 2))
+
+
+def guess_of_mean(side: Side, found: Detected, vertices: Ints) -> float:
+    """Return one sigma [m] of the area-weighted mean change over some vertices by what is a guess of the surfaces."""
+    weight = side.areas[vertices] / max(float(side.areas[vertices].sum()), 1e-300)
+    guess2 = found.noise.guess_of(side, vertices)
+    return sigma_of_guess(side.surface.vertices[vertices], weight, guess2, found.test.size)
 
 
 def _sum_of_agreeing(weight: Floats, own2: Floats) -> float:
@@ -282,4 +296,4 @@ def least_size(extreme: tuple[float, float]) -> float:
 def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
     """Return one sigma (k,) [m] of the change of some vertices; what their scans disagree by is taken as stated."""
     common = np.hypot(side.sigma_shared[vertices], side.sigma_motion[vertices])
-    return np.sqrt(found.noise.variance_of(side, vertices) + common**2)
+    return np.sqrt(found.noise.single_variance_of(side, vertices) + common**2)

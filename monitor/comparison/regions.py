@@ -116,7 +116,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
-    z = np.array([stands_out(v) for v in views])[order]
+    z = np.array([stands_out(v, n == 0.0) for v, n in zip(views, n_stand, strict=True)])[order]
     ordered = Regions(table, seen, whole, n_stand == 0.0).keep(order)
     return keep_significant(ordered, sides, z, gone[order] >= least, level)
 

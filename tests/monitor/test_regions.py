@@ -166,7 +166,7 @@ def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma
     side = SimpleNamespace(areas=np.ones(n), is_assessed=np.zeros(n, dtype=bool), distances=unknown,
                            sigma_shared=unknown, sigma_motion=unknown,
                            surface=SimpleNamespace(vertices=place))  # fmt: skip
-    noise = SimpleNamespace(variance_of=lambda side, which: np.zeros(len(which)))
+    noise = SimpleNamespace(single_variance_of=lambda side, which: np.zeros(len(which)))
     found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise)
     gaps = -1e-3 * np.arange(1.0, n + 1.0)
     extreme, sigma = find_extreme(side, found, 0, (np.zeros(0, dtype=int), np.arange(n)), gaps)  # type: ignore[arg-type]
@@ -252,9 +252,10 @@ def test_a_sheet_seen_in_one_epoch_only_is_not_taken_for_a_loss(rng: np.random.G
     assert np.isnan(result.on_compared.distances[behind]).all()
 
 
-def view_of(mean: float, sigma: float) -> RegionView:
-    """Return a region as one side sees it, of which only the mean and its sigma matter."""
-    return RegionView(-1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, (mean, sigma), (mean, sigma), np.zeros(3), 0.0)
+def view_of(mean: float, sigma: float, guess: float = 0.0) -> RegionView:
+    """Return a region as one side sees it, of which only the mean, its sigma and what of that is a guess matter."""
+    largest = (mean, sigma)
+    return RegionView(-1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, guess, largest, largest, np.zeros(3), 0.0)
 
 
 def test_sides_that_disagree_on_how_much_do_not_make_a_loss_doubtful() -> None:
@@ -262,3 +263,9 @@ def test_sides_that_disagree_on_how_much_do_not_make_a_loss_doubtful() -> None:
     assert stands_out([view_of(-6e-3, 5e-4)]) == pytest.approx(12.0)
     assert stands_out([view_of(-6e-3, 5e-4), view_of(3e-3, 5e-4)]) == pytest.approx(-6.0)  # one of them is wrong
     assert np.isnan(stands_out([view_of(-6e-3, np.nan)]))
+
+
+def test_what_surfaces_guess_is_no_doubt_about_a_chip_that_was_measured() -> None:
+    view = view_of(-6e-3, 5e-4, 3e-4)
+    assert stands_out([view]) == pytest.approx(12.0)
+    assert stands_out([view], is_chip=True) == pytest.approx(15.0)  # 4e-4 beside the guess
