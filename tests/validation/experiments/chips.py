@@ -12,13 +12,12 @@ import functools
 import itertools
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import front_door
 import numpy as np
-import pandas as pd
-from region_places import is_called_unchanged, places_of_regions
+from region_places import is_called_unchanged, places_of_regions, row_of_place
 from rows import Row, Size
 
 from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, stand_at
@@ -145,29 +144,9 @@ def nearest_chip(comparison: Comparison) -> list[int]:
 def row_of(number: int, chip: Chip, truth: TrueChange, found: Sequence[Comparison]) -> Row:
     """Return how often a chip is told, and its figures where it is, against the truth."""
     told = [c.regions.iloc[nearest_chip(c).index(number)] for c in found if number in nearest_chip(c)]
+    row = row_of_place(chip.name, told, len(found), truth)
     unchanged = sum(is_called_unchanged(c, chip.place) for c in found)
-    others = {"deepest, mm": f"{1e3 * truth.extreme:+.1f}", "told": "", "volume, mm3": f"{1e9 * truth.volume:+.0f}",
-              "told, mm3": "", "within 1.96 sigma: deepest, area, volume": "",
-              "its middle called unchanged": f"{unchanged} of {len(found)}"}  # fmt: skip
-    if told:
-        deepest, volume = (mean_known([t[name] for t in told]) for name in ("extreme_m", "volume_m3"))
-        volume_told = f"{1e9 * volume:+.0f}" if np.isfinite(volume) else "not known"
-        others |= {"told": f"{1e3 * deepest:+.1f}", "told, mm3": volume_told}
-        pairs = (("extreme_m", truth.extreme), ("area_m2", truth.area), ("volume_m3", truth.volume))
-        others["within 1.96 sigma: deepest, area, volume"] = ", ".join(within(told, *pair) for pair in pairs)
-    return Row(f"{chip.name}: told", f"{len(told)} of {len(found)}", others=others, value=float(len(told)))
-
-
-def mean_known(figures: Sequence[float]) -> float:
-    """Return the mean of the figures that are known, NaN where none is."""
-    known = [f for f in figures if np.isfinite(f)]
-    return float(np.mean(known)) if known else float("nan")
-
-
-def within(told: Sequence[pd.Series], name: str, true: float) -> str:
-    """Return how many of the regions that know a figure and its margin hold its truth within 1.96 sigma."""
-    known = [t for t in told if np.isfinite(t[name]) and np.isfinite(t[f"sigma_{name}"])]
-    return f"{sum(abs(t[name] - true) < 1.96 * t[f'sigma_{name}'] for t in known)} of {len(known)}"
+    return replace(row, others={**row.others, "its middle called unchanged": f"{unchanged} of {len(found)}"})
 
 
 NOTES = (

@@ -73,9 +73,9 @@ def implant() -> tuple[Edit, ...]:
     )
 
 
-def survey(scene: Scene, size: Size, folder: Path, epoch: int) -> Path:
-    """Scan from the stations, near where they stood before, and write the file."""
-    rng = np.random.default_rng([7, epoch])
+def survey(scene: Scene, step: float, folder: Path, epoch: int, draw: int = 0) -> Path:
+    """Scan at so many rad from pulse to pulse from the stations, near where they stood before, and write the file."""
+    rng = np.random.default_rng([7 + draw, epoch])
     scans = []
     for k, place in enumerate(STATIONS):
         pose = stand_at(place + rng.normal(scale=[0.15, 0.15, 0.05]), facing=np.zeros(3))
@@ -86,8 +86,8 @@ def survey(scene: Scene, size: Size, folder: Path, epoch: int) -> Path:
                 INSTRUMENT,
                 pose,
                 ROUND,
-                step=STEPS[size],
-                seed=100 * epoch + k,
+                step=step,
+                seed=1000 * draw + 100 * epoch + k,
                 registered=given,
                 name=f"station {k}",
             )
@@ -105,7 +105,7 @@ def run(size: Size) -> list[Row]:
     scenes = build_scene(model), build_scene(model, edits)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        paths = [survey(scene, size, folder, k) for k, scene in enumerate(scenes)]
+        paths = [survey(scene, STEPS[size], folder, k) for k, scene in enumerate(scenes)]
         told = [front_door.Epoch(f"e{k}", f"201{k}-06-01", [path]) for k, path in enumerate(paths)]
         project = front_door.process(folder, told)
         comparison = front_door.compare(project, "e0", "e1")
