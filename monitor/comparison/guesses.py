@@ -10,33 +10,46 @@ it then by millimetres and decimetres long, and off each other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from monitor.comparison.calm_vertices import CalmVertices
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
-from projects.model import Floats, Ints, Roughness
+from projects.model import Bools, Floats, Ints, Roughness
 
 FARTHER = 2.0  # than what surfaces state of most places: no noise makes a fit to as many points so unsure
-N_ASKED = 200_000  # vertices of both sides that show what they state of most places
+N_ASKED = 200_000  # vertices of a side, at even steps, that show what is stated of most places
+Places = Ints | slice
 
 
-def usual_sigma(calm: Sequence[CalmVertices]) -> float:
-    """Return what the surfaces state of most calm vertices [m]: the median; infinite where there are none."""
-    step = max(sum(len(c.places) for c in calm) // N_ASKED, 1)
-    stated = np.concatenate([c.own[c.places[::step]] for c in calm])
+def usual_sigma(sides: tuple[Side, Side]) -> float:
+    """Return what the surfaces state of most assessed vertices [m]: the median; infinite where none is assessed."""
+    drawn = []
+    for side in sides:
+        places = np.flatnonzero(side.is_assessed)
+        drawn.append(side.sigma_surfaces[places[:: max(len(places) // N_ASKED, 1)]])
+    stated = np.concatenate(drawn)
     return float(median(stated)) if len(stated) else np.inf
 
 
-def guessed_variance(side: Side, usual: float, which: Ints | slice = slice(None)) -> Floats:
-    """Return the variance [m2] of each vertex, or of those in `which`, that is a guess: what the surfaces state beyond
-    `FARTHER` times the `usual` [m], where the place is not smooth. On smooth places few points make a fit unsure."""
-    excess = np.maximum(side.sigma_surfaces[which] ** 2 - (FARTHER * usual) ** 2, 0.0)
+def split_stated(side: Side, usual: float, which: Places = slice(None)) -> tuple[Floats, Floats]:
+    """Return the variance [m2] that the surfaces state of each vertex, or of those in `which`, in two: what is noise of
+    the points, and what is a guess, beyond `FARTHER` times the `usual` [m]. On smooth places, where few points make a
+    fit unsure, all is noise."""
+    stated2 = side.sigma_surfaces[which] ** 2
+    noise2 = np.where(is_smooth(side, which), stated2, np.minimum(stated2, (FARTHER * usual) ** 2))
+    return noise2, np.where(noise2 < stated2, stated2 - np.where(noise2 < stated2, noise2, 0.0), 0.0)
+
+
+def is_smooth(side: Side, which: Places = slice(None)) -> Bools:
+    """Return which vertices, or which of those in `which`, lie on a smooth place in both epochs, or in that which knows
+    its roughness; none where neither does."""
+    known = []
     if side.surface.roughness is not None:
-        excess = np.where(side.surface.roughness[which] == Roughness.SMOOTH, 0.0, excess)
-    return np.asarray(excess)
+        known.append(side.surface.roughness[which] == Roughness.SMOOTH)
+    if side.other.roughness is not None:
+        at_feet = np.append(side.other.roughness, np.uint8(Roughness.SMOOTH))[side.foot_vertices[which]]  # -1: no foot
+        known.append(at_feet == Roughness.SMOOTH)
+    return np.logical_and.reduce(known) if known else np.zeros(len(side.foot_vertices[which]), dtype=np.bool_)
 
 
 def kept_of_guess(n_units: Floats) -> Floats:
@@ -45,11 +58,20 @@ def kept_of_guess(n_units: Floats) -> Floats:
     return np.asarray(1.0 / np.sqrt(np.maximum(n_units, 1.0)))
 
 
-def sigma_of_guess(points: Floats, weights: Floats, variance: Floats, size: float) -> float:
-    """Return one sigma of a weighted sum of the changes of vertices at `points` (n, 3) [m], of which `variance` (n,)
-    [m2] is a guess, that errs alike within units of edge `size` [m] and along the longest way of them all."""
-    if not len(points):
+def sigma_of_guess(points: Floats, areas: Floats, variance: Floats, size: float) -> float:
+    """Return one sigma [m3] of the sum of area times error over vertices at `points` (n, 3) [m] with `areas` (n,) [m2],
+    of which `variance` (n,) [m2] is a guess: it errs alike in units of edge `size` [m] that lie one behind another
+    along the longest way, and by itself in those beside each other."""
+    if not variance.any():
         return 0.0
-    across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1:2] if len(points) > 1 else np.zeros(1)
-    width = float(across[0]) * np.sqrt(12.0 / len(points))  # of an even strip whose points spread as these do
-    return float(weights @ np.sqrt(variance)) / np.sqrt(max(width / size, 1.0))
+    total = float(areas.sum())
+    rows = max(width_of(points, total) / size, 1.0)
+    return float(np.sqrt(total * float(areas @ variance) / rows))
+
+
+def width_of(points: Floats, area: float) -> float:
+    """Return how wide [m] an even strip is whose points (n, 3) [m] spread as these do, or, where that is less, one as
+    long as they lie apart and of this `area` [m2]: a frame is no wider than its moulding."""
+    away = points - points.mean(axis=0)
+    spread = np.sqrt(12.0 * np.maximum(np.linalg.eigvalsh(away.T @ away / len(points)), 0.0))
+    return float(min(spread[1], area / max(spread[2], 1e-300)))

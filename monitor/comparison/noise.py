@@ -23,7 +23,7 @@ from monitor.comparison.calm_vertices import CalmVertices, are_copies, gather_ca
 from monitor.comparison.correlation import Correlation, estimate_correlation, estimate_of_many
 from monitor.comparison.discord import SHARE
 from monitor.comparison.error_parts import Parts, fit_parts
-from monitor.comparison.guesses import guessed_variance, usual_sigma
+from monitor.comparison.guesses import split_stated, usual_sigma
 from monitor.comparison.level_of_detection import N_FLOOR, estimate_floor
 from monitor.comparison.quantile import median
 from monitor.comparison.scratch import keep_on_disk
@@ -105,19 +105,24 @@ class Noise:
         """Return the variance [m2] of the change of each vertex, or of those in `which`, without what is common to
         many (scans, registration) and what is a guess. It takes the thirds of the lever arm as one: what they differ by
         is right for a level that one vertex in twenty exceeds, and partly chance."""
-        stratum = stratum_of(side, self.spacing, which)
-        scales, discord, floors = (mean_of_arms(v) for v in (self.scales, self.discord_scales, self.floors))
-        surfaces2 = side.sigma_surfaces[which] ** 2 - self.guess_of(side, which)
-        own2 = scales[stratum] ** 2 * surfaces2 + (discord[stratum] * side.sigma_discord[which]) ** 2
-        return np.asarray(own2 + (floors**2)[stratum])
-
-    def single_variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
-        """Return what `variance_of` does with what is a guess: how a single vertex scatters beside what is common."""
-        return self.variance_of(side, which) + self.guess_of(side, which)
+        return self.parts_of(side, which)[0]
 
     def guess_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
-        """Return the variance [m2] of each vertex, or of those in `which`, that is a guess of the surfaces."""
-        return guessed_variance(side, self.usual, which)
+        """Return the variance [m2] of each vertex, or of those in `which`, that is a guess of the surfaces: as stated,
+        or scaled where stable areas show more."""
+        return self.parts_of(side, which)[1]
+
+    def single_variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
+        """Return the sum of both: the variance [m2] of single vertices beside what is common to many."""
+        return np.asarray(np.add(*self.parts_of(side, which)))
+
+    def parts_of(self, side: Side, which: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
+        """Return what `variance_of` and `guess_of` do."""
+        stratum = stratum_of(side, self.spacing, which)
+        scales, discord, floors = (mean_of_arms(v) for v in (self.scales, self.discord_scales, self.floors))
+        noise2, guess2 = split_stated(side, self.usual, which)
+        own2 = scales[stratum] ** 2 * noise2 + (discord[stratum] * side.sigma_discord[which]) ** 2
+        return np.asarray(own2 + (floors**2)[stratum]), np.asarray(np.maximum(scales[stratum], 1.0) ** 2 * guess2)
 
     def common_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
@@ -139,13 +144,15 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     floors = np.maximum(factors * parts.floor, max(w.resolution for w in witnesses))
     unknown = Correlation(np.zeros(1), np.ones(1))
     noise = Noise(floors, factors * parts.surfaces, factors * parts.discord, factors * parts.shared, unknown, spacing,
-                  usual_sigma(witnesses))  # fmt: skip
+                  usual_sigma(sides))  # fmt: skip
     lead = int(calm[1].sum() > calm[0].sum())
     return replace(noise, correlation=_correlate(sides[lead], calm[lead], noise, rng))
 
 
 def _correlate(side: Side, calm: Bools, noise: Noise, rng: np.random.Generator) -> Correlation:
-    """Return how the errors of the calm vertices of a side agree."""
+    """Return how the errors of the calm vertices of a side agree, over what is told of them with all that is stated
+    scaled alike: what is a guess would else be so small that it makes the others look like changes."""
+    noise = replace(noise, usual=np.inf)
     points, places = side.surface.vertices, np.flatnonzero(calm).astype(np.int32)
     if len(places) > MANY:
         return estimate_of_many(points, places, side.areas,

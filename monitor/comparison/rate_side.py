@@ -103,7 +103,7 @@ def lay_bare(surface: Surface, motion: Registration) -> Side:
     return Side(
         surface, surface, no_foot, no_foot, normals, gather_neighbours(mesh, survey.n_neighbours), survey.areas,
         nothing, to_rim, nothing, nothing, nothing, sigma, nothing > 0.0, one_class, nothing, sigma,
-        one_class, one_class, one_class,
+        one_class, one_class, one_class, one_class,
     )  # fmt: skip
 
 

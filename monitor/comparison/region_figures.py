@@ -63,15 +63,17 @@ def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, I
             for k in range(2) if (regions[k] == number).any()]  # fmt: skip
 
 
-def describe_region(number: int, views: list[RegionView]) -> list[Any]:
-    """Return the row of one region in the order of `REGION_COLUMNS`."""
+def describe_region(number: int, views: list[RegionView], is_chip: bool = False) -> list[Any]:
+    """Return the row of one region in the order of `REGION_COLUMNS`. What is told of a chip (`chips`) was measured:
+    that it changed is not in doubt for what the surfaces guess there, how much is."""
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
     extreme, sigma_extreme = max((v.extreme for v in views), key=least_size)
     area, sigma_area = area_of(views, float(np.sign(extreme)))
     mean, sigma_mean = mean_of(views, float(np.sign(extreme)))
     centroid = np.mean([v.centroid for v in views], axis=0)
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
-    kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
+    sure = combine([v.mean for v in views], [v.sigma_measured for v in views])[1] if is_chip else sigma_mean
+    kind = name_kind(mean, sure, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
     return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid]
 
 
@@ -107,9 +109,8 @@ def stands_out(views: list[RegionView], is_chip: bool = False) -> float:
     guess of the surfaces say so of a chip, which stands by what was measured there. NaN where no side has a
     perpendicular; below 0 where the sides see opposite changes.
     """
-    sigmas = np.array([np.sqrt(v.sigma_mean**2 - v.guess**2 * is_chip) for v in views])
-    means = np.array([v.mean for v in views])
-    z = (means / sigmas)[np.isfinite(sigmas)]
+    sigmas = np.array([v.sigma_measured if is_chip else v.sigma_mean for v in views])
+    z = (np.array([v.mean for v in views]) / sigmas)[np.isfinite(sigmas)]
     return float((np.sign(z.sum()) * z).min()) if len(z) else np.nan
 
 
@@ -143,8 +144,8 @@ class RegionView:
     """A region as one side sees it; metres, m2, m3; `unevenness` [m] is how the change varies beyond noise.
 
     `sign` is that of the changes whose material this side shows: -1 before, +1 after. `unmatched_share` of the area
-    has no perpendicular; `gap` is the mean with what the nearest points say there, and its sigma. Of the mean's sigma
-    the `guess` [m] is what the surfaces guess there (`guesses`).
+    has no perpendicular; `gap` is the mean with what the nearest points say there, and its sigma. `sigma_measured` [m]
+    is the mean's sigma without what the surfaces guess there (`guesses`).
     """
 
     sign: float
@@ -155,7 +156,7 @@ class RegionView:
     sigma_volume: float
     mean: float
     sigma_mean: float
-    guess: float
+    sigma_measured: float
     extreme: tuple[float, float]
     gap: tuple[float, float]
     centroid: Floats
@@ -177,7 +178,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
     mean = float(np.average(np.nan_to_num(beyond.change[which][whole]), weights=side.areas[whole]))
     if len(vertices):  # otherwise without any perpendicular: what the nearest points say
         mean = float(np.average(change, weights=weight))
-        noise2 = float(np.average(found.noise.single_variance_of(side, vertices), weights=weight))
+        noise2 = float(np.average(found.noise.variance_of(side, vertices), weights=weight))
         spread2 = float(np.average((change - mean) ** 2, weights=weight))
     area = float(side.areas[whole].sum())
     return RegionView(
@@ -191,7 +192,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         sigma_volume=float(side.areas[margin].sum()) * sigma_of_mean(side, found, margin, registration),
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, vertices, registration),
-        guess=guess_of_mean(side, found, vertices),
+        sigma_measured=sigma_of_noise(side, found, vertices, registration),
         extreme=find_extreme(
             side, found, which, (vertices, whole), np.where(beyond.is_end[which], np.nan, beyond.change[which])
         ),
@@ -202,6 +203,15 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
 
 
 def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Registration) -> float:
+    """Return one sigma [m] of the area-weighted mean change over some vertices, with what the surfaces guess there."""
+    if not len(vertices):
+        return np.nan
+    areas, guess2 = side.areas[vertices], found.noise.guess_of(side, vertices)
+    guess = sigma_of_guess(side.surface.vertices[vertices], areas, guess2, found.test.size) / float(areas.sum())
+    return float(np.hypot(sigma_of_noise(side, found, vertices, registration), guess))
+
+
+def sigma_of_noise(side: Side, found: Detected, vertices: Ints, registration: Registration) -> float:
     """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, and the motion's.
 
     Beside a free edge errors are taken to agree over all of the vertices: a limb is seen steeply along all of its
@@ -218,14 +228,7 @@ def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Reg
     arm = side.surface.vertices[vertices] - registration.centre
     row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
     common2 = max(float(row @ registration.covariance @ row), 0.0) + float(weight @ side.sigma_shared[vertices]) ** 2
-    return float(np.sqrt(noise2 + common2 + guess_of_mean(side, found, vertices) ** 2))
-
-
-def guess_of_mean(side: Side, found: Detected, vertices: Ints) -> float:
-    """Return one sigma [m] of the area-weighted mean change over some vertices by what is a guess of the surfaces."""
-    weight = side.areas[vertices] / max(float(side.areas[vertices].sum()), 1e-300)
-    guess2 = found.noise.guess_of(side, vertices)
-    return sigma_of_guess(side.surface.vertices[vertices], weight, guess2, found.test.size)
+    return float(np.sqrt(noise2 + common2))
 
 
 def _sum_of_agreeing(weight: Floats, own2: Floats) -> float:

@@ -110,7 +110,8 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     widths = margin_widths(sides, found, seen, signs)
     margins = [spread_margin(s, r, widths) for s, r in zip(sides, seen, strict=True)]
     views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(gone) + 1)]
-    table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
+    table = pd.DataFrame([describe_region(k, v, bool(n_stand[k - 1] == 0.0)) for k, v in enumerate(views, 1)],
+                         columns=list(REGION_COLUMNS))  # fmt: skip
     table.loc[(n_stand == 0.0) & turn_sharply(sides, seen, len(gone)), "sigma_extreme_m"] = np.nan
     table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, widths, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]

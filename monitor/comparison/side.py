@@ -33,6 +33,7 @@ LEAST_NOISES = 20.0  # of noise between them; else noise decides who is in which
 AT_ONCE = 2_000_000  # vertices of either side up to which both are worked on at once
 MOVED_AT_ONCE = 1 << 14  # vertices
 N_ARMS = 200_000  # vertices that show where a third of the lever arm ends, at even steps
+STATED_STEPS = np.array([4.0])  # times what the surfaces state of most vertices, where one class of it ends
 GAP_STEPS = np.array([0.75, 1.0])  # spacings of the vertices to the nearest sample, where one class of gap ends
 
 
@@ -47,9 +48,10 @@ class Side:
     `sigma_discord` [m] what their neighbouring fits contradict each other by (`discord`), `sigma_shared` [m] what the
     scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that of the registration (common
     to the whole). Where the motion between the epochs stays in the distances, `expected` [m] is what it alone makes of
-    them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the motion. `view`, `gap` and `arm`
-    are classes, 0 the best or not known: how steeply the worse seen epoch saw the place (`views`), how far the vertex
-    or its foot, whichever is farther, is from a sample, and the third of the lever arm.
+    them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the motion. `view`, `gap`,
+    `stated` and `arm` are classes, 0 the best or not known: how steeply the worse seen epoch saw the place (`views`),
+    how far the vertex or its foot, whichever is farther, is from a sample, how much more the surfaces state than of
+    most vertices, and the third of the lever arm.
     """
 
     surface: Surface
@@ -71,6 +73,7 @@ class Side:
     sigma_expected: Floats
     view: Ints
     gap: Ints
+    stated: Ints
     arm: Ints
 
     @property
@@ -178,6 +181,7 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
         keep_on_disk(judged.distances), keep_on_disk(judged.to_rim), keep_on_disk(sigma), keep_on_disk(judged.discord),
         shared, motion, is_stable, reasons, expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
         np.maximum(_gap_of(shell), np.append(_gap_of(other_shell), np.uint8(0))[corners]),
+        class_of_stated(sigma, reasons == NotAssessed.ASSESSED),
         thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED, noise),
     )  # fmt: skip
 
@@ -226,6 +230,16 @@ def _gap_of(shell: Shell) -> Ints:
     if distance is None:
         return np.zeros(len(shell.areas), dtype=np.uint8)
     return np.searchsorted(GAP_STEPS, distance / np.sqrt(median(shell.areas)), side="right").astype(np.uint8)
+
+
+def class_of_stated(sigma: Floats, is_assessed: Bools) -> Ints:
+    """Return the class (n,) uint8 of how much more is stated of each vertex, `sigma` (n,) [m], than of most of those
+    assessed; 0 where nothing is."""
+    places = np.flatnonzero(is_assessed)
+    usual = median(sigma[places[:: max(len(places) // N_ARMS, 1)]]) if len(places) else 0.0
+    if not usual > 0.0:
+        return np.zeros(len(sigma), dtype=np.uint8)
+    return np.searchsorted(STATED_STEPS * usual, np.nan_to_num(sigma), side="right").astype(np.uint8)
 
 
 def expected_change(points: Floats, normals: Floats, left: Registration, sign: float) -> Floats:

@@ -140,7 +140,7 @@ def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
     """Return the units with what the noise says of their vertices, and how much of them is in `calm` (n,)."""
     variance, guess = np.empty(len(calm)), np.empty(len(calm))
     for block in blocks(len(variance)):
-        variance[block], guess[block] = noise.variance_of(side, block), noise.guess_of(side, block)
+        variance[block], guess[block] = noise.parts_of(side, block)
     variances, guesses, calm_shares = (_average(units.number, side.areas, units.areas, f[:, None])[:, 0]
                                        for f in (variance, guess, calm))  # fmt: skip
     return replace(units, variances=variances, guesses=guesses, calm_shares=calm_shares)

@@ -9,50 +9,67 @@ import pytest
 
 from monitor.comparison import compare, guesses
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import guessed_variance, kept_of_guess, sigma_of_guess, usual_sigma
+from monitor.comparison.guesses import is_smooth, kept_of_guess, sigma_of_guess, split_stated, usual_sigma
 from monitor.comparison.noise import Noise
 from monitor.comparison.strata import N_STRATA
 from projects.model import Bools, Comparison, Floats, Registration, Roughness, Surface
 
 N, EDGE, NOISE, GUESSED = 121, 2e-3, 5e-5, 5e-4  # of the sheets; m
 MOULDINGS = (10, 35, 60, 85, 110)  # rows of vertices where one begins, along all of the sheet
+SMOOTH, MEDIUM, ROUGH = Roughness.SMOOTH, Roughness.MEDIUM, Roughness.ROUGH
 WIDE, LONG = 5, 40  # vertices: across a moulding, and along it what errs alike
 
 
-def side_of(sigmas: list[float], roughness: list[int] | None) -> SimpleNamespace:
-    """Return a side of which only what is stated of its vertices [m] and their roughness matter."""
+def side_of(sigmas: list[float], own: list[Roughness] | None, other: list[Roughness] | None = None) -> SimpleNamespace:
+    """Return a side of which only what is stated of its vertices [m] and the roughness there in both epochs matter."""
     n, best = len(sigmas), np.zeros(len(sigmas), dtype=np.uint8)
-    surface = SimpleNamespace(roughness=None if roughness is None else np.array(roughness, dtype=np.uint8))
-    return SimpleNamespace(sigma_surfaces=np.array(sigmas), surface=surface, sigma_discord=np.zeros(n),
+    surfaces = [SimpleNamespace(roughness=None if c is None else np.array(c, dtype=np.uint8)) for c in (own, other)]
+    return SimpleNamespace(sigma_surfaces=np.array(sigmas), surface=surfaces[0], other=surfaces[1],
+                           foot_vertices=np.arange(n), is_assessed=np.ones(n, dtype=bool), sigma_discord=np.zeros(n),
                            sigma_shared=np.zeros(n), sigma_motion=np.zeros(n), distances=np.zeros(n),
-                           to_rim=np.full(n, np.nan), view=best, gap=best, arm=best)  # fmt: skip
+                           to_rim=np.full(n, np.nan), view=best, gap=best, stated=best, arm=best)  # fmt: skip
 
 
 def test_a_guess_is_what_exceeds_twice_the_usual_where_it_is_not_smooth() -> None:
-    classes = [Roughness.ROUGH, Roughness.ROUGH, Roughness.SMOOTH, Roughness.MEDIUM]
-    side = side_of([0.5, 1.0, 3.0, 3.0], [int(c) for c in classes])
-    assert guessed_variance(side, 0.5) == pytest.approx([0.0, 0.0, 0.0, 8.0])
-    assert guessed_variance(side, 0.5, np.array([3])) == pytest.approx([8.0])
-    assert guessed_variance(side_of([0.5, 3.0], None), 0.5) == pytest.approx([0.0, 8.0])  # no classes: any place
-    assert guessed_variance(side, np.inf) == pytest.approx(np.zeros(4))
+    side = side_of([0.5, 1.0, 3.0, 3.0, np.inf], [ROUGH, ROUGH, SMOOTH, MEDIUM, SMOOTH])
+    noise2, guess2 = split_stated(side, 0.5)
+    assert noise2 == pytest.approx([0.25, 1.0, 9.0, 1.0, np.inf])
+    assert guess2 == pytest.approx([0.0, 0.0, 0.0, 8.0, 0.0])
+    assert split_stated(side, 0.5, np.array([3]))[1] == pytest.approx([8.0])
+    assert split_stated(side, np.inf)[1] == pytest.approx(np.zeros(5))
+    assert split_stated(side_of([np.inf], [ROUGH]), 0.5)[1].tolist() == [np.inf]  # not assessed, and no warning
 
 
-def test_the_usual_is_the_median_of_what_the_calm_vertices_of_both_sides_state() -> None:
-    first = SimpleNamespace(own=np.array([9.0, 1.0, 2.0]), places=np.array([1, 2]))
-    second = SimpleNamespace(own=np.array([3.0, 4.0, 5.0]), places=np.array([0, 1, 2]))
-    assert usual_sigma([first, second]) == 3.0
-    nothing = SimpleNamespace(own=np.zeros(0), places=np.zeros(0, dtype=np.int64))
-    assert usual_sigma([nothing, nothing]) == np.inf
+def test_a_place_is_smooth_where_both_epochs_say_so_or_the_one_that_knows() -> None:
+    assert is_smooth(side_of([1.0] * 3, [SMOOTH, SMOOTH, ROUGH], [SMOOTH, MEDIUM, SMOOTH])).tolist() == [1, 0, 0]
+    assert is_smooth(side_of([1.0] * 2, None, [SMOOTH, MEDIUM])).tolist() == [1, 0]
+    assert is_smooth(side_of([1.0] * 2, [SMOOTH, MEDIUM], None)).tolist() == [1, 0]
+    assert is_smooth(side_of([1.0] * 2, None)).tolist() == [0, 0]
+    without_foot = side_of([1.0, 1.0], [SMOOTH, ROUGH], [ROUGH, ROUGH])
+    without_foot.foot_vertices = np.array([-1, -1])
+    assert is_smooth(without_foot, np.array([0, 1])).tolist() == [1, 0]
 
 
-def test_a_guess_counts_as_stated_and_the_rest_is_scaled() -> None:
-    tenth = np.full(N_STRATA, 0.1)
-    noise = Noise(np.zeros(N_STRATA), tenth, tenth, tenth, Correlation(np.zeros(1), np.ones(1)), 1.0, usual=0.5)
-    side = side_of([0.5, 3.0], [int(Roughness.ROUGH)] * 2)
-    assert noise.variance_of(side) == pytest.approx([0.01 * 0.25, 0.01 * 1.0])
-    assert noise.guess_of(side) == pytest.approx([0.0, 8.0])
-    assert noise.sigma_of(side) == pytest.approx(np.sqrt([0.0025, 8.01]))
-    assert noise.sigma_of(side, np.array([1])) == pytest.approx(np.sqrt([8.01]))
+def test_the_usual_is_the_median_of_what_is_stated_of_the_assessed_vertices_of_both_sides() -> None:
+    first, second = side_of([9.0, 1.0, 2.0], None), side_of([3.0, 4.0, 5.0], None)
+    first.is_assessed[0] = False
+    assert usual_sigma((first, second)) == 3.0
+    first.is_assessed[:] = second.is_assessed[:] = False
+    assert usual_sigma((first, second)) == np.inf
+
+
+def test_a_guess_counts_as_stated_or_more_and_the_rest_is_scaled() -> None:
+    def noise(scale: float) -> Noise:
+        """Return a noise that scales all by so much."""
+        scales = np.full(N_STRATA, scale)
+        return Noise(np.zeros(N_STRATA), *[scales] * 3, Correlation(np.zeros(1), np.ones(1)), 1.0, usual=0.5)
+
+    side = side_of([0.5, 3.0], [ROUGH] * 2)
+    assert noise(0.1).variance_of(side) == pytest.approx([0.01 * 0.25, 0.01 * 1.0])
+    assert noise(0.1).guess_of(side) == pytest.approx([0.0, 8.0])
+    assert noise(0.1).sigma_of(side) == pytest.approx(np.sqrt([0.0025, 8.01]))
+    assert noise(0.1).sigma_of(side, np.array([1])) == pytest.approx(np.sqrt([8.01]))
+    assert noise(3.0).single_variance_of(side) == pytest.approx([9.0 * 0.25, 9.0 * 9.0])  # stable areas show more
 
 
 def test_means_keep_what_rows_that_err_alike_keep(rng: np.random.Generator) -> None:
@@ -63,18 +80,36 @@ def test_means_keep_what_rows_that_err_alike_keep(rng: np.random.Generator) -> N
     assert kept_of_guess(np.array([0.2])) == pytest.approx([1.0])
 
 
+X, Y = (c.ravel() for c in np.meshgrid(np.arange(0.005, 1.0, 0.01), np.arange(0.005, 1.0, 0.01)))
+
+
+def mean_of(held: Bools, guessed: Bools) -> float:
+    """Return the sigma of the mean over what is `held` of a square of 1 m, of which 2 is a guess where `guessed`; units
+    are 0.1 m long."""
+    points = np.column_stack([X, Y, np.zeros(len(X))])[held]
+    areas = np.full(len(points), 1e-4)
+    return sigma_of_guess(points, areas, np.where(guessed[held], 4.0, 0.0), 0.1) / max(float(areas.sum()), 1e-300)
+
+
 def test_a_strip_keeps_all_of_a_guess_and_a_square_what_its_rows_keep() -> None:
-    x, y = (c.ravel() for c in np.meshgrid(np.arange(0.005, 1.0, 0.01), np.arange(0.005, 0.4, 0.01)))
-    everywhere = np.column_stack([x, y, np.zeros(len(x))])
+    all_of_it = np.ones(len(X), dtype=bool)
+    assert mean_of(Y < 0.1, all_of_it) == pytest.approx(2.0, rel=1e-3)  # 1 m long
+    assert mean_of(Y < 0.4, all_of_it) == pytest.approx(1.0, rel=1e-2)  # four rows
+    assert mean_of(Y < 0.01, all_of_it) == pytest.approx(2.0)
+    assert mean_of(Y < 0.0, all_of_it) == 0.0
+    assert mean_of(Y < 0.4, ~all_of_it) == 0.0
 
-    def of(points: Floats) -> float:
-        """Return the sigma of the mean of what errs by 2 within units of 0.1."""
-        return sigma_of_guess(points, np.full(len(points), 1.0 / max(len(points), 1)), np.full(len(points), 4.0), 0.1)
 
-    assert of(everywhere[y < 0.1]) == pytest.approx(2.0, rel=1e-3)  # 1 m long
-    assert of(everywhere) == pytest.approx(1.0, rel=1e-2)  # 0.4 across: four rows
-    assert of(everywhere[:1]) == pytest.approx(2.0)
-    assert of(everywhere[:0]) == 0.0
+def test_one_row_of_ten_brings_a_tenth_of_its_guess_into_the_mean() -> None:
+    one = Y < 0.1
+    assert mean_of(Y < 2.0, one) == pytest.approx(0.2, rel=1e-2)  # diluted, and not by the root of ten once more
+    alone, beside = (mean_of(held, one) * held.sum() for held in (one, Y < 0.3))
+    assert beside == pytest.approx(alone, rel=1e-2)  # of the sum: a margin that guesses nothing takes nothing off
+
+
+def test_a_frame_is_as_wide_as_its_moulding_and_not_as_its_opening() -> None:
+    frame = (np.minimum(X, 1.0 - X) < 0.1) | (np.minimum(Y, 1.0 - Y) < 0.1)
+    assert mean_of(frame, frame) > 1.0  # of 2, by its extent alone 0.6
 
 
 def mouldings() -> Bools:
@@ -100,6 +135,15 @@ def compared(rng: np.random.Generator, change: Floats) -> Comparison:
                          is_stable=np.ones(N * N, dtype=bool))  # fmt: skip
     first, second = (sheet(rng.normal(scale=NOISE, size=(N, N)) + c) for c in (np.zeros((N, N)), change))
     return compare(first, second, fixed)
+
+
+def test_a_level_knows_how_much_of_what_is_stated_shows_where_much_is(rng: np.random.Generator) -> None:
+    error = np.where(mouldings(), rng.normal(scale=0.3 * np.sqrt(2.0) * GUESSED, size=(N, N)), 0.0)
+    side = compared(rng, error).on_compared
+    on, known = mouldings().ravel(), np.isfinite(side.lod95)
+    beyond = np.abs(side.distances) > side.lod95
+    assert 0.03 < beyond[on & known].mean() < 0.08  # by one scale of all that is stated 0
+    assert 0.03 < beyond[~on & known].mean() < 0.07
 
 
 def along_one(depth: float) -> Floats:

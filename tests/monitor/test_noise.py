@@ -12,7 +12,7 @@ from monitor.comparison.calm_vertices import CalmVertices, n_held, sort_by_strat
 from monitor.comparison.correlation import Correlation, spherical
 from monitor.comparison.error_parts import Parts
 from monitor.comparison.noise import Noise, believe, count_witnesses, learn_sizes
-from monitor.comparison.side import thirds_of
+from monitor.comparison.side import class_of_stated, thirds_of
 from monitor.comparison.strata import EVERY, KINDS, N_STRATA, SHAPE, stratum_of
 from projects.model import Floats, Ints
 
@@ -55,9 +55,9 @@ def test_as_many_witnesses_as_hold_it_are_believed_half() -> None:
     assert believe(4.0, 4.0, 12.0) == pytest.approx(np.sqrt(2.0))
 
 
-def place(rim: int, rough: int, view: int = 0, gap: int = 0, arm: int = 0) -> int:
+def place(rim: int, rough: int, view: int = 0, gap: int = 0, stated: int = 0, arm: int = 0) -> int:
     """Return the stratum of these classes."""
-    return int(EVERY.reshape(SHAPE)[rim, rough, view, gap, arm])
+    return int(EVERY.reshape(SHAPE)[rim, rough, view, gap, stated, arm])
 
 
 def calm_of(
@@ -138,12 +138,12 @@ def test_what_nothing_states_is_a_floor(rng: np.random.Generator) -> None:
     assert parts.floor * factors[SMOOTH] == pytest.approx(0.003, rel=0.02)
 
 
-def test_strata_are_told_by_rim_roughness_view_gap_and_arm() -> None:
-    classes = {"view": [0, 3, 0], "gap": [0, 2, 1], "arm": [0, 1, 2]}
+def test_strata_are_told_by_rim_roughness_view_gap_what_is_stated_and_arm() -> None:
+    classes = {"view": [0, 3, 0], "gap": [0, 2, 1], "stated": [0, 1, 0], "arm": [0, 1, 2]}
     surface = SimpleNamespace(roughness=np.array([0, 2, 1]))
     side = SimpleNamespace(surface=surface, to_rim=np.array([np.nan, 0.003, 0.1]),
                            **{kind: np.array(c, dtype=np.uint8) for kind, c in classes.items()})  # fmt: skip
-    assert stratum_of(side, 0.001).tolist() == [place(4, 0), place(1, 2, 3, 2, 1), place(4, 1, 0, 1, 2)]
+    assert stratum_of(side, 0.001).tolist() == [place(4, 0), place(1, 2, 3, 2, 1, 1), place(4, 1, 0, 1, 0, 2)]
     assert sorted(np.concatenate(KINDS["view"])) == list(range(N_STRATA))
 
 
@@ -153,9 +153,19 @@ def test_a_test_of_patches_takes_the_thirds_of_the_arm_as_one() -> None:
     noise = Noise(0.1 * scales, scales, scales, scales, NO_AGREEMENT, 0.001)
     best = np.zeros(2, dtype=np.uint8)
     surface = SimpleNamespace(roughness=np.array([0, 1]))
-    stated = {"sigma_surfaces": np.full(2, 0.5), "sigma_discord": np.full(2, 0.2)}
-    side = SimpleNamespace(surface=surface, to_rim=np.full(2, np.nan), view=best, gap=best, arm=best, **stated)
+    sigmas = {"sigma_surfaces": np.full(2, 0.5), "sigma_discord": np.full(2, 0.2)}
+    side = SimpleNamespace(surface=surface, other=surface, foot_vertices=np.arange(2), to_rim=np.full(2, np.nan),
+                           view=best, gap=best, stated=best, arm=best, **sigmas)  # fmt: skip
     assert noise.variance_of(side) == pytest.approx([1.1, 0.3])  # (1 + 1 + 9) / 3, of 0.5^2 + 0.2^2 + 0.1^2
+
+
+def test_a_class_of_its_own_where_more_is_stated_than_four_times_the_usual() -> None:
+    stated, is_assessed = np.array([1.0, 1.0, 3.9, 4.1, np.nan, 9.0]), np.array([True, True, True, True, False, False])
+    usual_is_one = np.append(stated, np.ones(5))
+    told = class_of_stated(usual_is_one, np.append(is_assessed, np.ones(5, dtype=bool)))
+    assert told[:6].tolist() == [0, 0, 0, 1, 0, 1]
+    assert class_of_stated(np.zeros(3), np.ones(3, dtype=bool)).tolist() == [0, 0, 0]  # finished meshes
+    assert class_of_stated(stated, np.zeros(6, dtype=bool)).tolist() == [0] * 6
 
 
 def test_thirds_of_the_lever_arm_are_of_long_bodies_and_not_of_the_noise_of_round_ones(

@@ -22,7 +22,7 @@ def side_of(distances: list[float], to_rim: float = np.inf) -> Any:
     n, best = len(distances), np.zeros(len(distances), dtype=np.uint8)
     return SimpleNamespace(areas=np.full(n, 1e-6), distances=np.array(distances), is_assessed=np.ones(n, dtype=bool),
                            to_rim=np.full(n, to_rim), surface=SimpleNamespace(roughness=None),
-                           view=best, gap=best, arm=best)  # fmt: skip
+                           view=best, gap=best, stated=best, arm=best)  # fmt: skip
 
 
 def one_patch_over(side: Any, p: float) -> Any:

@@ -17,9 +17,9 @@ from monitor.comparison.borders import sigma_of_area
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.level_of_detection import Z95, estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
-from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, stands_out
+from monitor.comparison.region_figures import RegionView, describe_region, find_extreme, name_kind, stands_out
 from monitor.comparison.shell import make_shell
-from projects.model import Registration, Surface
+from projects.model import REGION_COLUMNS, Registration, Surface
 
 
 def sphere(radius_at: object = None) -> Surface:
@@ -252,10 +252,10 @@ def test_a_sheet_seen_in_one_epoch_only_is_not_taken_for_a_loss(rng: np.random.G
     assert np.isnan(result.on_compared.distances[behind]).all()
 
 
-def view_of(mean: float, sigma: float, guess: float = 0.0) -> RegionView:
-    """Return a region as one side sees it, of which only the mean, its sigma and what of that is a guess matter."""
-    largest = (mean, sigma)
-    return RegionView(-1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, guess, largest, largest, np.zeros(3), 0.0)
+def view_of(mean: float, sigma: float, measured: float | None = None) -> RegionView:
+    """Return a region as one side sees it, of which only the mean and its sigma matter, with a guess and without."""
+    largest, measured = (mean, sigma), sigma if measured is None else measured
+    return RegionView(-1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, measured, largest, largest, np.zeros(3), 0.0)
 
 
 def test_sides_that_disagree_on_how_much_do_not_make_a_loss_doubtful() -> None:
@@ -266,6 +266,10 @@ def test_sides_that_disagree_on_how_much_do_not_make_a_loss_doubtful() -> None:
 
 
 def test_what_surfaces_guess_is_no_doubt_about_a_chip_that_was_measured() -> None:
-    view = view_of(-6e-3, 5e-4, 3e-4)
-    assert stands_out([view]) == pytest.approx(12.0)
-    assert stands_out([view], is_chip=True) == pytest.approx(15.0)  # 4e-4 beside the guess
+    view = view_of(-6e-3, 4e-3, 5e-4)
+    assert stands_out([view]) == pytest.approx(1.5)
+    assert stands_out([view], is_chip=True) == pytest.approx(12.0)
+    columns = list(REGION_COLUMNS)
+    as_wide, as_chip = (dict(zip(columns, describe_region(1, [view], chip), strict=True)) for chip in (False, True))
+    assert (as_wide["kind"], as_chip["kind"]) == ("unclear", "lost")
+    assert as_chip["sigma_mean_m"] == pytest.approx(4e-3)  # how much is lost is as unsure as the surfaces are
