@@ -27,7 +27,7 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 37,
+    "comparison": 38,
     "series": 6,
 }
 

@@ -64,11 +64,23 @@ def keep_borne_out(
     is_borne_out[1:] |= is_gone
     if any(own is None for own in points) and len(regions.is_chip):
         is_borne_out[1:] &= ~regions.is_chip
-    if is_borne_out.all():
+    return keep_known(regions, sides, is_borne_out[1:])
+
+
+def drop_guessed(regions: Regions, sides: tuple[Side, Side]) -> tuple[Regions, tuple[Side, Side]]:
+    """Return the regions without those that the surfaces may have made up (`Regions.is_guess`), and the sides without
+    their vertices: what happened there is not known."""
+    return keep_known(regions, sides, ~regions.is_guess) if len(regions.is_guess) else (regions, sides)
+
+
+def keep_known(regions: Regions, sides: tuple[Side, Side], is_known: Bools) -> tuple[Regions, tuple[Side, Side]]:
+    """Return the regions that are known (r,), and the sides without the vertices of the others."""
+    if is_known.all():
         return regions, sides
-    a, b = (s.without(s.is_assessed & ~is_borne_out[r], NotAssessed.TOO_UNCERTAIN)
-            for s, r in zip(sides, seen, strict=True))  # fmt: skip
-    regions = regions.keep(np.flatnonzero(is_borne_out[1:]))
+    in_known = np.append(True, is_known)
+    a, b = (s.without(s.is_assessed & ~in_known[r], NotAssessed.TOO_UNCERTAIN)
+            for s, r in zip(sides, regions.seen, strict=True))  # fmt: skip
+    regions = regions.keep(np.flatnonzero(is_known))
     return replace(regions, table=name_anew(regions.table, (a, b), regions.seen)), (a, b)
 
 

@@ -145,7 +145,7 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
     def measure(k: int) -> tuple[Units, Patches]:
         """Return the units of side k with their noise, and their patches measured."""
         units = judge_noise(layout.units[k], sides[k], noise, calm[k])
-        return units, measure_patches(layout.outlines[k], units, layout.reaches[k], layout.size, noise.correlation)
+        return units, measure_patches(layout.outlines[k], units, layout.reaches[k], noise.correlation)
 
     n_vertices = larger_of(sides)
     (first_units, first), (second_units, second) = map_sides(measure, n_vertices)
@@ -172,7 +172,7 @@ def errors_of_calm(side: Side) -> LearnErrors:
 
 def learn_errors(learn: LearnErrors, both: Both) -> tuple[PatchErrors, ...]:
     """Return how the patches of each size scatter, learned from the calm ones of both sides."""
-    z = np.concatenate([np.where(p.is_whole & p.teaches, p.means / p.sigmas, np.nan) for p in both])
+    z = np.concatenate([np.where(p.is_whole & p.is_calm, p.means / p.sigmas, np.nan) for p in both])
     kinds = np.concatenate([p.kinds for p in both])
     return tuple(learn(of_size[~np.isnan(of_size)], kinds[~np.isnan(of_size)]) for of_size in z.T)
 

@@ -304,8 +304,8 @@ def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detect
     for side, mask in zip(sides, masks, strict=True):
         matched, own = np.flatnonzero(mask & side.is_assessed), np.flatnonzero(mask & ~side.is_assessed)
         typical = _typical_variance(side, found.noise) * scale**2 if len(own) else 0.0
-        both += 0.5 * _sum_sigma(side.areas[matched], found.noise.variance_of(side, matched) * scale**2, found)
-        guess2 = found.noise.guess_of(side, matched)
+        noise2, guess2 = found.noise.parts_of(side, matched)
+        both += 0.5 * _sum_sigma(side.areas[matched], noise2 * scale**2, found)
         guess += 0.5 * sigma_of_guess(side.surface.vertices[matched], side.areas[matched], guess2, found.test.size)
         alone += _sum_sigma(side.areas[own], np.full(len(own), 0.5 * typical), found) ** 2
         shared += 0.5 * float(side.areas[mask] @ side.sigma_shared[mask])
@@ -319,7 +319,7 @@ def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detect
 def _typical_variance(side: Side, noise: Noise) -> float:
     """Return the median variance [m2] of the assessed vertices, 0 where there are none."""
     assessed = np.flatnonzero(side.is_assessed)
-    return median(noise.single_variance_of(side, assessed)) if len(assessed) else 0.0
+    return median(np.add(*noise.parts_of(side, assessed))) if len(assessed) else 0.0
 
 
 def _sum_sigma(areas: Floats, variance: Floats, found: Detected) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.boxes import box_of
 from monitor.comparison.beside_layer import lay_back, level_beside, name_beside, peel, peel_points, thickness_of
-from monitor.comparison.borne_out import Points, keep_borne_out
+from monitor.comparison.borne_out import Points, drop_guessed, keep_borne_out
 from monitor.comparison.chips import drop_unexplained
 from monitor.comparison.comparable import require_common, require_comparable, settle_motion
 from monitor.comparison.detection import detect
@@ -147,6 +147,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
+    regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
     if points is not None and len(regions.table):

@@ -1,11 +1,11 @@
 """What surfaces state beyond the noise of their points: a guess, since the points do not tell the shape there.
 
 In: a side, and what its surfaces state of most places. Out: the part of each vertex's variance that is a guess, and
-what of it a mean keeps. The noise of most of a surface is scaled to what its calm places show, and averages out over
-patches. A guess does neither: that most places err by less than they state says nothing of an ornament that the points
-are too sparse for, and there fits err alike as far as the ornament goes on. A scanner's columns cross a moulding along
-all of its length as they cross it at one place, in each epoch at other heights of its profile; both surfaces lie off
-it then by millimetres and decimetres long, and off each other.
+what of it the sum over a region keeps. The noise of most of a surface is scaled to what its calm places show, and
+averages out over patches. A guess does neither: that most places err by less than they state says nothing of an
+ornament that the points are too sparse for, and there fits err alike as far as the ornament goes on. A scanner's
+columns cross a moulding along all of its length as they cross it at one place, in each epoch at other heights of its
+profile; both surfaces lie off it then by millimetres and decimetres long, and off each other.
 """
 
 from __future__ import annotations
@@ -50,12 +50,6 @@ def is_smooth(side: Side, which: Places = slice(None)) -> Bools:
         at_feet = np.append(side.other.roughness, np.uint8(Roughness.SMOOTH))[side.foot_vertices[which]]  # -1: no foot
         known.append(at_feet == Roughness.SMOOTH)
     return np.logical_and.reduce(known) if known else np.zeros(len(side.foot_vertices[which]), dtype=np.bool_)
-
-
-def kept_of_guess(n_units: Floats) -> Floats:
-    """Return the share of a guess's variance that means over so many units keep: guesses err alike along one way, and
-    by themselves across it, and of n units the root of n lie side by side."""
-    return np.asarray(1.0 / np.sqrt(np.maximum(n_units, 1.0)))
 
 
 def sigma_of_guess(points: Floats, areas: Floats, variance: Floats, size: float) -> float:

@@ -6,7 +6,8 @@ too sparse for, grazing views, places between samples) or not at all. The stable
 surfaces state, one of what their neighbouring fits contradict each other by, one of what scans disagree by, a floor
 beneath all, and a factor of each class of place. That is the size of most errors, and right for a level that one vertex
 in twenty exceeds. What scans disagree by is large in few places, of which most of the surface says nothing: a test of
-patches at one in a hundred thousand keeps it as stated. So it does with what is a guess of the surfaces (`guesses`).
+patches at one in a hundred thousand keeps it as stated. So does a region with what is a guess of the surfaces
+(`guesses`).
 """
 
 from __future__ import annotations
@@ -87,15 +88,11 @@ class Noise:
         """Return one sigma (n,) [m] of the change of each vertex, or of those in `which`, with what is common to
         many."""
         if which is not None:
-            return self._sigma_at(side, which)
+            return np.sqrt(self.variance_of(side, which) + self.common_of(side, which) ** 2)
         out = np.empty(len(side.distances))
         for block in blocks(len(out)):
-            out[block] = self._sigma_at(side, block)
+            out[block] = np.sqrt(self.variance_of(side, block) + self.common_of(side, block) ** 2)
         return out
-
-    def _sigma_at(self, side: Side, which: Ints | slice) -> Floats:
-        """Return what `sigma_of` does of the vertices in `which`."""
-        return np.asarray(np.sqrt(self.single_variance_of(side, which) + self.common_of(side, which) ** 2))
 
     def is_at_rim(self, side: Side, which: Ints | slice = slice(None)) -> Bools:
         """Return whether each vertex (n,), or each of those in `which`, lies in the two strata beside a free edge."""
@@ -103,26 +100,23 @@ class Noise:
 
     def variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return the variance [m2] of the change of each vertex, or of those in `which`, without what is common to
-        many (scans, registration) and what is a guess. It takes the thirds of the lever arm as one: what they differ by
-        is right for a level that one vertex in twenty exceeds, and partly chance."""
-        return self.parts_of(side, which)[0]
-
-    def guess_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
-        """Return the variance [m2] of each vertex, or of those in `which`, that is a guess of the surfaces: as stated,
-        or scaled where stable areas show more."""
-        return self.parts_of(side, which)[1]
-
-    def single_variance_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
-        """Return the sum of both: the variance [m2] of single vertices beside what is common to many."""
-        return np.asarray(np.add(*self.parts_of(side, which)))
+        many: scans, registration. It takes the thirds of the lever arm as one: what they differ by is right for a
+        level that one vertex in twenty exceeds, and partly chance."""
+        return self._scaled(side, which, side.sigma_surfaces[which] ** 2)
 
     def parts_of(self, side: Side, which: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
-        """Return what `variance_of` and `guess_of` do."""
+        """Return what `variance_of` does in two: without what the surfaces guess, and this, which is as stated, or
+        scaled where stable areas show more."""
+        noise2, guess2 = split_stated(side, self.usual, which)
+        scale = mean_of_arms(self.scales)[stratum_of(side, self.spacing, which)]
+        return self._scaled(side, which, noise2), np.asarray(np.maximum(scale, 1.0) ** 2 * guess2)
+
+    def _scaled(self, side: Side, which: Ints | slice, surfaces2: Floats) -> Floats:
+        """Return the variance [m2] of the vertices in `which`, whose surfaces state `surfaces2` [m2]."""
         stratum = stratum_of(side, self.spacing, which)
         scales, discord, floors = (mean_of_arms(v) for v in (self.scales, self.discord_scales, self.floors))
-        noise2, guess2 = split_stated(side, self.usual, which)
-        own2 = scales[stratum] ** 2 * noise2 + (discord[stratum] * side.sigma_discord[which]) ** 2
-        return np.asarray(own2 + (floors**2)[stratum]), np.asarray(np.maximum(scales[stratum], 1.0) ** 2 * guess2)
+        own2 = scales[stratum] ** 2 * surfaces2 + (discord[stratum] * side.sigma_discord[which]) ** 2
+        return np.asarray(own2 + (floors**2)[stratum])
 
     def common_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
         """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
@@ -150,9 +144,7 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
 
 
 def _correlate(side: Side, calm: Bools, noise: Noise, rng: np.random.Generator) -> Correlation:
-    """Return how the errors of the calm vertices of a side agree, over what is told of them with all that is stated
-    scaled alike: what is a guess would else be so small that it makes the others look like changes."""
-    noise = replace(noise, usual=np.inf)
+    """Return how the errors of the calm vertices of a side agree."""
     points, places = side.surface.vertices, np.flatnonzero(calm).astype(np.int32)
     if len(places) > MANY:
         return estimate_of_many(points, places, side.areas,

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.comparison.correlation import Correlation, kept_variance
-from monitor.comparison.guesses import kept_of_guess
 from monitor.comparison.reaches import Reaches, gather_reaches, sum_over
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.units import Units, cut_units, summarize_units
@@ -35,13 +34,12 @@ AT_ONCE = 1 << 14  # patches whose figures are held at once: 8 MiB
 @dataclass(frozen=True)
 class Patches:
     """Patches of every size around each unit of one side, (p, s) each: `means`, `sigmas` [m], `is_whole` (not a scrap),
-    `teaches` how patches scatter (calm, and no guess for the most part); and the `kinds` (p,) of the units around which
-    they lie."""
+    `is_calm`; and the `kinds` (p,) of the units that they lie around."""
 
     means: Floats
     sigmas: Floats
     is_whole: Bools
-    teaches: Bools
+    is_calm: Bools
     kinds: Ints
 
 
@@ -117,18 +115,15 @@ def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: 
     return Outlines(areas, n_vertices, means, common2, is_whole)
 
 
-def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, size: float,
-                    correlation: Correlation) -> Patches:  # fmt: skip
-    """Return the patches of every size, with their means and what limits them; units have edges of `size` [m]."""
-    weighted = units.areas[:, None] * np.column_stack([units.variances, units.guesses, units.calm_shares])
+def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlation: Correlation) -> Patches:
+    """Return the patches of every size, with their means and what limits them."""
+    weighted = units.areas[:, None] * np.column_stack([units.variances, units.calm_shares])
     sums = sum_over(reaches, outlines.areas.shape[1], weighted, slice(0, len(weighted)))
     averages = sums / outlines.areas[..., None]
     kept = np.column_stack([kept_variance(*of_size, correlation)
                             for of_size in zip(outlines.areas.T, outlines.n_vertices.T, strict=True)])  # fmt: skip
-    noise2, guess2 = averages[..., 0] * kept, averages[..., 1] * kept_of_guess(outlines.areas / size**2)
-    sigmas = np.sqrt(np.maximum(noise2 + guess2 + outlines.common2, 1e-300))
-    teaches = (averages[..., 2] > 0.5) & (guess2 <= 0.5 * sigmas**2)
-    return Patches(outlines.means, sigmas, outlines.is_whole, teaches, units.kinds)
+    sigmas = np.sqrt(np.maximum(averages[..., 0] * kept + outlines.common2, 1e-300))
+    return Patches(outlines.means, sigmas, outlines.is_whole, averages[..., 1] > 0.5, units.kinds)
 
 
 def patch_radii(size: float, area: float) -> list[float]:

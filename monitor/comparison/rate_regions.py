@@ -32,7 +32,7 @@ from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
 from monitor.comparison.region_figures import sigma_of_mean
-from monitor.comparison.regions import Regions, bear_out_parts, hold_patches, keep_significant, least_area
+from monitor.comparison.regions import Regions, bear_out_parts, hold_patches, least_area, significant
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected
@@ -67,7 +67,8 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     z = np.abs((table["mean_m"] / table["sigma_mean_m"]).to_numpy(dtype=float))
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     ordered = Regions(table, (region, region), (region, region)).keep(order)
-    held = keep_significant(ordered, sides, z[order], np.zeros(len(z), dtype=np.bool_), level)
+    is_held = significant(ordered.table, sides, z[order], np.zeros(len(z), dtype=np.bool_), level)
+    held = ordered.keep(np.flatnonzero(is_held))
     state[held.seen[0] > 0] = Assessment.CHANGED
     means, sigmas, alone = (held.table[c].to_numpy(dtype=float) for c in ("mean_m", "sigma_mean_m", "sigma_vertex_m"))
     return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone)
@@ -78,12 +79,13 @@ def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
 
     Noise and correlation are learned from the accelerations, in which a trend does not show, be it as wide as it may,
     and the correlation from what else departs from a line, too: a surface holds few witnesses of how far errors agree.
-    What goes on nowhere must scatter as they say; where its patches scatter more, these say it.
+    What goes on nowhere must scatter as they say; where its patches scatter more, these say it. Levels of the epochs
+    stand for what is stated of rates: none of it is a guess of a surface.
     """
     sides, still = (rates.side, rates.side), (rates.still, rates.still)
     by_itself = detect(still, rates.motion, level, seed)
     calm = by_itself.calm
-    noise = replace(by_itself.noise, correlation=pool_correlations(rates, by_itself, seed))
+    noise = replace(by_itself.noise, correlation=pool_correlations(rates, by_itself, seed), usual=np.inf)
     layout = lay_out(still, noise, rates.motion, by_itself.layout)
     errors = judge_units(layout, still, calm, noise, level, partial(learn_errors, errors_of_calm(rates.side))).errors
     layout = lay_out_again(layout, sides, rates.motion)

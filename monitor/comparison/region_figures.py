@@ -63,17 +63,15 @@ def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, I
             for k in range(2) if (regions[k] == number).any()]  # fmt: skip
 
 
-def describe_region(number: int, views: list[RegionView], is_chip: bool = False) -> list[Any]:
-    """Return the row of one region in the order of `REGION_COLUMNS`. What is told of a chip (`chips`) was measured:
-    that it changed is not in doubt for what the surfaces guess there, how much is."""
+def describe_region(number: int, views: list[RegionView]) -> list[Any]:
+    """Return the row of one region in the order of `REGION_COLUMNS`."""
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
     extreme, sigma_extreme = max((v.extreme for v in views), key=least_size)
     area, sigma_area = area_of(views, float(np.sign(extreme)))
     mean, sigma_mean = mean_of(views, float(np.sign(extreme)))
     centroid = np.mean([v.centroid for v in views], axis=0)
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
-    sure = combine([v.mean for v in views], [v.sigma_measured for v in views])[1] if is_chip else sigma_mean
-    kind = name_kind(mean, sure, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
+    kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
     return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid]
 
 
@@ -102,14 +100,14 @@ def piece_of(views: list[RegionView], sign: float) -> RegionView | None:
     return own[0] if own and max(v.unmatched_share for v in views) > MOST_UNKNOWN else None
 
 
-def stands_out(views: list[RegionView], is_chip: bool = False) -> float:
-    """Return how many of its own sigmas the mean of a region lies off zero, on the side where it is fewer.
+def stands_out(views: list[RegionView], is_guessed: bool = True) -> float:
+    """Return how many of its own sigmas the mean of a region lies off zero, on the side where it is fewer; with what
+    the surfaces guess there, or without.
 
-    How far the two sides disagree says how well the mean is known, not whether there is a change; nor does what is a
-    guess of the surfaces say so of a chip, which stands by what was measured there. NaN where no side has a
-    perpendicular; below 0 where the sides see opposite changes.
+    How far the two sides disagree says how well the mean is known, not whether there is a change. NaN where no side
+    has a perpendicular; below 0 where the sides see opposite changes.
     """
-    sigmas = np.array([v.sigma_measured if is_chip else v.sigma_mean for v in views])
+    sigmas = np.array([v.sigma_mean if is_guessed else v.sigma_measured for v in views])
     z = (np.array([v.mean for v in views]) / sigmas)[np.isfinite(sigmas)]
     return float((np.sign(z.sum()) * z).min()) if len(z) else np.nan
 
@@ -206,7 +204,7 @@ def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Reg
     """Return one sigma [m] of the area-weighted mean change over some vertices, with what the surfaces guess there."""
     if not len(vertices):
         return np.nan
-    areas, guess2 = side.areas[vertices], found.noise.guess_of(side, vertices)
+    areas, guess2 = side.areas[vertices], found.noise.parts_of(side, vertices)[1]
     guess = sigma_of_guess(side.surface.vertices[vertices], areas, guess2, found.test.size) / float(areas.sum())
     return float(np.hypot(sigma_of_noise(side, found, vertices, registration), guess))
 
@@ -221,7 +219,7 @@ def sigma_of_noise(side: Side, found: Detected, vertices: Ints, registration: Re
         return np.nan
     weight = side.areas[vertices] / side.areas[vertices].sum()
     scale = max(e.width for e in found.test.errors)
-    own2 = found.noise.variance_of(side, vertices) * scale**2
+    own2 = found.noise.parts_of(side, vertices)[0] * scale**2
     rim = found.noise.is_at_rim(side, vertices)
     noise2 = _sum_of_agreeing(weight[rim], own2[rim]) + _variance_of_sum(side, vertices[~rim], weight[~rim], own2[~rim],
                                                                          found.noise.correlation)  # fmt: skip
@@ -299,4 +297,4 @@ def least_size(extreme: tuple[float, float]) -> float:
 def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
     """Return one sigma (k,) [m] of the change of some vertices; what their scans disagree by is taken as stated."""
     common = np.hypot(side.sigma_shared[vertices], side.sigma_motion[vertices])
-    return np.sqrt(found.noise.single_variance_of(side, vertices) + common**2)
+    return np.sqrt(np.add(*found.noise.parts_of(side, vertices)) + common**2)

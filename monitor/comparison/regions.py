@@ -44,6 +44,7 @@ from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected, Detection, Tested
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
+SURE = 3.0  # sigmas, with what the surfaces guess, of a chip: it is told by its depth and by points, not by its mean
 HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 
 
@@ -53,13 +54,15 @@ class Regions:
 
     `seen` are the vertices that are changed; `whole` also those that lie outside or inside of the other surface without
     a perpendicular and hang together with them: what broke off, and its fracture. Area, centroid and extent are of it.
-    `is_chip` (r,) are those that stand by their depth alone (`chips`); empty: none.
+    `is_chip` (r,) are those that stand by their depth alone (`chips`), `is_guess` (r,) those that do not stand out once
+    what the surfaces guess counts as stated (`guesses`); empty: none.
     """
 
     table: pd.DataFrame
     seen: tuple[Ints, Ints]
     whole: tuple[Ints, Ints]
     is_chip: Bools = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    is_guess: Bools = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
     def keep(self, kept: Ints) -> Regions:
         """Return the rows `kept` of the table in their order, all numbered anew."""
@@ -69,8 +72,8 @@ class Regions:
         table["region"] = np.arange(1, len(kept) + 1)
         a, b = self.seen
         c, d = self.whole
-        chips = self.is_chip[kept] if len(self.is_chip) else self.is_chip
-        return Regions(table, (number[a], number[b]), (number[c], number[d]), chips)
+        chips, guesses = (which[kept] if len(which) else which for which in (self.is_chip, self.is_guess))
+        return Regions(table, (number[a], number[b]), (number[c], number[d]), chips, guesses)
 
     def without_chips(self) -> Regions:
         """Return those that need no points to bear them out."""
@@ -110,27 +113,29 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     widths = margin_widths(sides, found, seen, signs)
     margins = [spread_margin(s, r, widths) for s, r in zip(sides, seen, strict=True)]
     views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(gone) + 1)]
-    table = pd.DataFrame([describe_region(k, v, bool(n_stand[k - 1] == 0.0)) for k, v in enumerate(views, 1)],
-                         columns=list(REGION_COLUMNS))  # fmt: skip
+    table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
     table.loc[(n_stand == 0.0) & turn_sharply(sides, seen, len(gone)), "sigma_extreme_m"] = np.nan
     table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, widths, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
-    z = np.array([stands_out(v, n == 0.0) for v, n in zip(views, n_stand, strict=True)])[order]
-    ordered = Regions(table, seen, whole, n_stand == 0.0).keep(order)
-    return keep_significant(ordered, sides, z, gone[order] >= least, level)
+    measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
+    shown, sure = (significant(table, sides, z, gone >= least, level) for z in (measured, stated))
+    is_chip = n_stand == 0.0
+    return Regions(table, seen, whole, is_chip, ~(sure | (is_chip & (stated >= SURE)))).keep(order[shown[order]])
 
 
-def keep_significant(regions: Regions, sides: tuple[Side, Side], z: Floats, is_gone: Bools, level: float) -> Regions:
-    """Return the regions whose own mean is significant in its family, by how many sigmas `z` (r,) it lies off zero.
+def significant(table: pd.DataFrame, sides: tuple[Side, Side], z: Sequence[float] | Floats, is_gone: Bools,
+                level: float) -> Bools:  # fmt: skip
+    """Return which regions (r,) have a mean of their own that is significant in its family, by how many sigmas `z` (r,)
+    it lies off zero.
 
     The family is as many places as regions of this size have room on the surface (Bonferroni). A patch may stand out
     where the region around it, as it is reported, does not; what was looked through (`is_gone`) needs no such proof.
     """
     assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
-    n_places = np.maximum(assessed / regions.table["area_m2"].to_numpy(dtype=float), 1.0)
-    return regions.keep(np.flatnonzero(is_gone | ~(2.0 * norm.sf(z) * n_places > level)))
+    n_places = np.maximum(assessed / table["area_m2"].to_numpy(dtype=float), 1.0)
+    return np.asarray(is_gone | ~(2.0 * norm.sf(np.asarray(z)) * n_places > level))
 
 
 def area_looked_through(sides: tuple[Side, Side], beyond: Beyond, parts: tuple[Ints, Ints], n_parts: int) -> Floats:

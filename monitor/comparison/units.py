@@ -32,8 +32,8 @@ class Units:
     `number` (n,) is the unit of each vertex, -1 where not assessable; `areas` [m2]; `n_vertices`; `centres` (u, 3) [m];
     `means` [m] of the change; `shared` [m], one sigma of what its scans disagree by; `motion_rows` (u, 6), the mean of
     n' J, of which the last three are the mean normal, not of unit length; `kinds`, 1 where it is rough and noise is not
-    stated, else 0. As far as the noise is known: `variances` [m2] of a vertex in it, without the registration's part
-    and what is a guess; `guesses` [m2], the variance of that; `calm_shares`, how much of its area is held unchanged.
+    stated, else 0. As far as the noise is known: `variances` [m2] of a vertex in it, without the registration's part;
+    `calm_shares`, how much of its area is held unchanged.
     """
 
     number: Ints
@@ -45,7 +45,6 @@ class Units:
     motion_rows: Floats
     kinds: Ints
     variances: Floats
-    guesses: Floats
     calm_shares: Floats
 
 
@@ -124,7 +123,7 @@ def summarize_units(side: Side, number: Ints, registration: Registration, n_unit
     means, shared = (_average(number, side.areas, areas, f[:, None])[:, 0] for f in (side.distances, side.sigma_shared))
     unknown = np.full(len(areas), np.nan)
     return Units(
-        number, areas, n_vertices, centres, means, shared, rows, _kinds_of(side, number, areas), *(unknown,) * 3
+        number, areas, n_vertices, centres, means, shared, rows, _kinds_of(side, number, areas), unknown, unknown
     )
 
 
@@ -138,12 +137,12 @@ def _kinds_of(side: Side, number: Ints, areas: Floats) -> Ints:
 
 def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
     """Return the units with what the noise says of their vertices, and how much of them is in `calm` (n,)."""
-    variance, guess = np.empty(len(calm)), np.empty(len(calm))
+    variance = np.empty(len(calm))
     for block in blocks(len(variance)):
-        variance[block], guess[block] = noise.parts_of(side, block)
-    variances, guesses, calm_shares = (_average(units.number, side.areas, units.areas, f[:, None])[:, 0]
-                                       for f in (variance, guess, calm))  # fmt: skip
-    return replace(units, variances=variances, guesses=guesses, calm_shares=calm_shares)
+        variance[block] = noise.variance_of(side, block)
+    variances, calm_shares = (_average(units.number, side.areas, units.areas, f[:, None])[:, 0]
+                              for f in (variance, calm))  # fmt: skip
+    return replace(units, variances=variances, calm_shares=calm_shares)
 
 
 @jit(nopython=True, cache=True, nogil=True)

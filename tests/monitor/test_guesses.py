@@ -9,10 +9,10 @@ import pytest
 
 from monitor.comparison import compare, guesses
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import is_smooth, kept_of_guess, sigma_of_guess, split_stated, usual_sigma
+from monitor.comparison.guesses import is_smooth, sigma_of_guess, split_stated, usual_sigma
 from monitor.comparison.noise import Noise
 from monitor.comparison.strata import N_STRATA
-from projects.model import Bools, Comparison, Floats, Registration, Roughness, Surface
+from projects.model import Assessment, Bools, Comparison, Floats, Registration, Roughness, Surface
 
 N, EDGE, NOISE, GUESSED = 121, 2e-3, 5e-5, 5e-4  # of the sheets; m
 MOULDINGS = (10, 35, 60, 85, 110)  # rows of vertices where one begins, along all of the sheet
@@ -65,19 +65,11 @@ def test_a_guess_counts_as_stated_or_more_and_the_rest_is_scaled() -> None:
         return Noise(np.zeros(N_STRATA), *[scales] * 3, Correlation(np.zeros(1), np.ones(1)), 1.0, usual=0.5)
 
     side = side_of([0.5, 3.0], [ROUGH] * 2)
-    assert noise(0.1).variance_of(side) == pytest.approx([0.01 * 0.25, 0.01 * 1.0])
-    assert noise(0.1).guess_of(side) == pytest.approx([0.0, 8.0])
-    assert noise(0.1).sigma_of(side) == pytest.approx(np.sqrt([0.0025, 8.01]))
-    assert noise(0.1).sigma_of(side, np.array([1])) == pytest.approx(np.sqrt([8.01]))
-    assert noise(3.0).single_variance_of(side) == pytest.approx([9.0 * 0.25, 9.0 * 9.0])  # stable areas show more
-
-
-def test_means_keep_what_rows_that_err_alike_keep(rng: np.random.Generator) -> None:
-    rows = np.repeat(rng.normal(size=(4000, 8, 1)), 8, axis=2)  # 8 x 8 units, alike along each row
-    for n in (1, 2, 4, 8):
-        kept = np.mean(rows[:, :n, :n].mean(axis=(1, 2)) ** 2)
-        assert kept_of_guess(np.array([n * n])) == pytest.approx([kept], rel=0.08)
-    assert kept_of_guess(np.array([0.2])) == pytest.approx([1.0])
+    noise2, guess2 = noise(0.1).parts_of(side)
+    assert noise2 == pytest.approx([0.01 * 0.25, 0.01 * 1.0])
+    assert guess2 == pytest.approx([0.0, 8.0])
+    assert noise(0.1).variance_of(side) == pytest.approx([0.01 * 0.25, 0.01 * 9.0])  # of a level: all is scaled
+    assert np.add(*noise(3.0).parts_of(side)) == pytest.approx([9.0 * 0.25, 9.0 * 9.0])  # stable areas show more
 
 
 X, Y = (c.ravel() for c in np.meshgrid(np.arange(0.005, 1.0, 0.01), np.arange(0.005, 1.0, 0.01)))
@@ -157,10 +149,14 @@ def test_a_moulding_that_errs_by_what_it_states_is_no_region(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state = rng.bit_generator.state
-    assert not len(compared(rng, along_one(-1.2 * GUESSED)).regions)
+    change = along_one(-1.2 * GUESSED)
+    found = compared(rng, change)
+    assert not len(found.regions)
+    for side in (found.on_reference, found.on_compared):  # nor is it unchanged
+        assert np.mean(side.assessment[change.ravel() != 0.0] == Assessment.NOT_ASSESSABLE) > 0.8
     monkeypatch.setattr(guesses, "FARTHER", np.inf)  # all scaled to what the rest of the sheet and of mouldings show
     rng.bit_generator.state = state
-    assert len(compared(rng, along_one(-1.2 * GUESSED)).regions) == 1
+    assert len(compared(rng, change).regions) == 1
 
 
 def test_a_moulding_that_lost_many_times_what_it_states_is_a_region(rng: np.random.Generator) -> None:

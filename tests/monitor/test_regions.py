@@ -17,9 +17,9 @@ from monitor.comparison.borders import sigma_of_area
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.level_of_detection import Z95, estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
-from monitor.comparison.region_figures import RegionView, describe_region, find_extreme, name_kind, stands_out
+from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, stands_out
 from monitor.comparison.shell import make_shell
-from projects.model import REGION_COLUMNS, Registration, Surface
+from projects.model import Registration, Surface
 
 
 def sphere(radius_at: object = None) -> Surface:
@@ -166,7 +166,7 @@ def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma
     side = SimpleNamespace(areas=np.ones(n), is_assessed=np.zeros(n, dtype=bool), distances=unknown,
                            sigma_shared=unknown, sigma_motion=unknown,
                            surface=SimpleNamespace(vertices=place))  # fmt: skip
-    noise = SimpleNamespace(single_variance_of=lambda side, which: np.zeros(len(which)))
+    noise = SimpleNamespace(parts_of=lambda side, which: np.zeros((2, len(which))))
     found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise)
     gaps = -1e-3 * np.arange(1.0, n + 1.0)
     extreme, sigma = find_extreme(side, found, 0, (np.zeros(0, dtype=int), np.arange(n)), gaps)  # type: ignore[arg-type]
@@ -265,11 +265,7 @@ def test_sides_that_disagree_on_how_much_do_not_make_a_loss_doubtful() -> None:
     assert np.isnan(stands_out([view_of(-6e-3, np.nan)]))
 
 
-def test_what_surfaces_guess_is_no_doubt_about_a_chip_that_was_measured() -> None:
+def test_a_region_stands_out_with_what_its_surfaces_guess_or_without() -> None:
     view = view_of(-6e-3, 4e-3, 5e-4)
     assert stands_out([view]) == pytest.approx(1.5)
-    assert stands_out([view], is_chip=True) == pytest.approx(12.0)
-    columns = list(REGION_COLUMNS)
-    as_wide, as_chip = (dict(zip(columns, describe_region(1, [view], chip), strict=True)) for chip in (False, True))
-    assert (as_wide["kind"], as_chip["kind"]) == ("unclear", "lost")
-    assert as_chip["sigma_mean_m"] == pytest.approx(4e-3)  # how much is lost is as unsure as the surfaces are
+    assert stands_out([view], is_guessed=False) == pytest.approx(12.0)
