@@ -44,7 +44,7 @@ from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected, Detection, Tested
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
-SURE = 3.0  # sigmas, with what the surfaces guess, of a chip: it is told by its depth and by points, not by its mean
+SURE = 3.0  # sigmas, with what the surfaces guess as stated, which is more than most of it is: no place is off by more
 HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 
 
@@ -54,8 +54,8 @@ class Regions:
 
     `seen` are the vertices that are changed; `whole` also those that lie outside or inside of the other surface without
     a perpendicular and hang together with them: what broke off, and its fracture. Area, centroid and extent are of it.
-    `is_chip` (r,) are those that stand by their depth alone (`chips`), `is_guess` (r,) those that do not stand out once
-    what the surfaces guess counts as stated (`guesses`); empty: none.
+    `is_chip` (r,) are those that stand by their depth alone (`chips`), `is_guess` (r,) those whose mean is
+    no more than what the surfaces may have made up (`guesses`); empty: none.
     """
 
     table: pd.DataFrame
@@ -120,12 +120,11 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
-    shown, sure = (significant(table, sides, z, gone >= least, level) for z in (measured, stated))
-    is_chip = n_stand == 0.0
-    return Regions(table, seen, whole, is_chip, ~(sure | (is_chip & (stated >= SURE)))).keep(order[shown[order]])
+    shown, is_guess = significant(table, sides, measured, gone >= least, level), (gone < least) & (stated < SURE)
+    return Regions(table, seen, whole, n_stand == 0.0, is_guess).keep(order[shown[order]])
 
 
-def significant(table: pd.DataFrame, sides: tuple[Side, Side], z: Sequence[float] | Floats, is_gone: Bools,
+def significant(table: pd.DataFrame, sides: tuple[Side, Side], z: Floats, is_gone: Bools,
                 level: float) -> Bools:  # fmt: skip
     """Return which regions (r,) have a mean of their own that is significant in its family, by how many sigmas `z` (r,)
     it lies off zero.
@@ -135,7 +134,7 @@ def significant(table: pd.DataFrame, sides: tuple[Side, Side], z: Sequence[float
     """
     assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
     n_places = np.maximum(assessed / table["area_m2"].to_numpy(dtype=float), 1.0)
-    return np.asarray(is_gone | ~(2.0 * norm.sf(np.asarray(z)) * n_places > level))
+    return np.asarray(is_gone | ~(2.0 * norm.sf(z) * n_places > level))
 
 
 def area_looked_through(sides: tuple[Side, Side], beyond: Beyond, parts: tuple[Ints, Ints], n_parts: int) -> Floats:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import front_door
 import numpy as np
-from region_places import CM3, places_of_regions, row_of_place
+from region_places import CM3, is_called_unchanged, places_of_regions, row_of_place
 from room import furnished, survey
 from rows import Row, Size, in_percent, in_words, judge
 
@@ -83,6 +83,8 @@ def run(size: Size) -> list[Row]:
     for k, (loss, truth) in enumerate(zip(losses(), truths, strict=True)):
         told = [worn.regions.iloc[o.index(k)] for (_, worn), o in zip(pairs, on, strict=True) if k in o]
         row = row_of_place(loss.edit.name, told, len(pairs), truth, CM3)
+        unchanged = sum(is_called_unchanged(worn, loss.place) for _, worn in pairs)
+        row = replace(row, others={**row.others, "its middle called unchanged": f"{unchanged} of {len(pairs)}"})
         rows.append(replace(row, asked="all", verdict=judge(len(told) == len(pairs))) if loss.is_asked else row)
     false, beside = sum(len(same.regions) > 0 for same, _ in pairs), sum(o.count(-1) for o in on)
     share, level = (float(np.mean([same.statistics[name] for same, _ in pairs]))
