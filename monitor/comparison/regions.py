@@ -120,8 +120,8 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
-    shown, is_guess = significant(table, sides, measured, gone >= least, level), (gone < least) & (stated < SURE)
-    return Regions(table, seen, whole, n_stand == 0.0, is_guess).keep(order[shown[order]])
+    shown, sure = (significant(table, sides, z, gone >= least, level) for z in (measured, stated))
+    return Regions(table, seen, whole, n_stand == 0.0, ~(sure | (stated >= SURE))).keep(order[shown[order]])
 
 
 def significant(table: pd.DataFrame, sides: tuple[Side, Side], z: Floats, is_gone: Bools,
