@@ -129,8 +129,8 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
         "called changed. Changed is only what hangs together as a region, is no smaller than the area over which "
         "errors agree, or deeper than any error in both epochs, and is significant as a whole, with the share of false "
-        f"discoveries held at {100.0 * false_discovery_rate:g}\u00a0% over the whole surface, and with what the surfaces "
-        "are unsure of where the points do not tell the shape."
+        f"discoveries held at {100.0 * false_discovery_rate:g}\u00a0% over the whole surface, and with what the "
+        "surfaces are unsure of where the points do not tell the shape."
     )
     return Table("What can be seen", ("", ""), tuple(rows), note)
 
