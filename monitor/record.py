@@ -28,7 +28,7 @@ METHOD = {
     "mesh": 8,
     "quality": 3,
     "comparison": 38,
-    "series": 6,
+    "series": 7,
 }
 
 

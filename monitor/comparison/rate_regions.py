@@ -31,8 +31,8 @@ from monitor.comparison.marking import level_at, mark_changed
 from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
-from monitor.comparison.region_figures import sigma_of_mean
-from monitor.comparison.regions import Regions, bear_out_parts, hold_patches, least_area, significant
+from monitor.comparison.region_figures import sigma_of_mean, sigma_of_noise
+from monitor.comparison.regions import SURE, Regions, bear_out_parts, hold_patches, least_area, significant
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected
@@ -64,14 +64,23 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     found = detect_rates(rates, level, seed)
     region = trim_skirts(side, hold_together(side, found, level), found.sides[0].smooth)
     table = measure_rates(rates, region, found)
-    z = np.abs((table["mean_m"] / table["sigma_mean_m"]).to_numpy(dtype=float))
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     ordered = Regions(table, (region, region), (region, region)).keep(order)
-    is_held = significant(ordered.table, sides, z[order], np.zeros(len(z), dtype=np.bool_), level)
-    held = ordered.keep(np.flatnonzero(is_held))
+    shown, is_known = stand_out(ordered.table, sides, level)
+    state[np.append(False, shown & ~is_known)[ordered.seen[0]]] = Assessment.NOT_ASSESSABLE
+    held = ordered.keep(np.flatnonzero(shown & is_known))
     state[held.seen[0] > 0] = Assessment.CHANGED
     means, sigmas, alone = (held.table[c].to_numpy(dtype=float) for c in ("mean_m", "sigma_mean_m", "sigma_vertex_m"))
     return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone)
+
+
+def stand_out(table: pd.DataFrame, sides: tuple[Side, Side], level: float) -> tuple[Bools, Bools]:
+    """Return which regions (r,) are significant by their mean, and of which that is known: also with what the surfaces
+    may have made up (`guesses`), or by `SURE` times that."""
+    nothing, mean = np.zeros(len(table), dtype=np.bool_), np.abs(table["mean_m"].to_numpy(dtype=float))
+    measured, stated = (mean / table[c].to_numpy(dtype=float) for c in ("sigma_measured_m", "sigma_mean_m"))
+    shown, sure = (significant(table, sides, z, nothing, level) for z in (measured, stated))
+    return shown, sure | (stated >= SURE)
 
 
 def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
@@ -79,13 +88,12 @@ def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
 
     Noise and correlation are learned from the accelerations, in which a trend does not show, be it as wide as it may,
     and the correlation from what else departs from a line, too: a surface holds few witnesses of how far errors agree.
-    What goes on nowhere must scatter as they say; where its patches scatter more, these say it. Levels of the epochs
-    stand for what is stated of rates: none of it is a guess of a surface.
+    What goes on nowhere must scatter as they say; where its patches scatter more, these say it.
     """
     sides, still = (rates.side, rates.side), (rates.still, rates.still)
     by_itself = detect(still, rates.motion, level, seed)
     calm = by_itself.calm
-    noise = replace(by_itself.noise, correlation=pool_correlations(rates, by_itself, seed), usual=np.inf)
+    noise = replace(by_itself.noise, correlation=pool_correlations(rates, by_itself, seed))
     layout = lay_out(still, noise, rates.motion, by_itself.layout)
     errors = judge_units(layout, still, calm, noise, level, partial(learn_errors, errors_of_calm(rates.side))).errors
     layout = lay_out_again(layout, sides, rates.motion)
@@ -132,12 +140,14 @@ def hold_together(side: Side, found: Detected, level: float) -> Ints:
 
 
 def measure_rates(rates: RateSide, region: Ints, found: Detected) -> pd.DataFrame:
-    """Return of each region of the vertices (n,) its area, its mean change over the series with its sigma, and the mean
-    of what is stated of its vertices."""
+    """Return of each region of the vertices (n,) its area, its mean change over the series with its sigma, this without
+    what the surfaces guess, and the mean of what is stated of its vertices."""
     side, rows = rates.side, []
     stated = np.hypot(side.sigma_surfaces, side.sigma_common)
     for k in range(1, int(region.max(initial=0)) + 1):
         at = np.flatnonzero(region == k)
         mean, alone = (float(np.average(v[at], weights=side.areas[at])) for v in (side.distances, stated))
-        rows.append([k, float(side.areas[at].sum()), mean, sigma_of_mean(side, found, at, rates.motion), alone])
-    return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m", "sigma_vertex_m"])
+        stated_of, measured = (of(side, found, at, rates.motion) for of in (sigma_of_mean, sigma_of_noise))
+        rows.append([k, float(side.areas[at].sum()), mean, stated_of, measured, alone])
+    return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m", "sigma_measured_m",
+                                       "sigma_vertex_m"])  # fmt: skip
