@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numba import jit
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.distances import distances_to_shell, interpolate_at_feet, unit_normals
 from monitor.comparison.judging import NOTHING, Stated, judge_vertices
 from monitor.comparison.quantile import median, quantile
@@ -235,11 +236,11 @@ def _gap_of(shell: Shell) -> Ints:
 def class_of_stated(sigma: Floats, is_assessed: Bools) -> Ints:
     """Return the class (n,) uint8 of how much more is stated of each vertex, `sigma` (n,) [m], than of most of those
     assessed; 0 where nothing is."""
-    places = np.flatnonzero(is_assessed)
+    places, out = np.flatnonzero(is_assessed), np.zeros(len(sigma), dtype=np.uint8)
     usual = median(sigma[places[:: max(len(places) // N_ARMS, 1)]]) if len(places) else 0.0
-    if not usual > 0.0:
-        return np.zeros(len(sigma), dtype=np.uint8)
-    return np.searchsorted(STATED_STEPS * usual, np.nan_to_num(sigma), side="right").astype(np.uint8)
+    for block in blocks(len(sigma) if usual > 0.0 else 0):
+        out[block] = np.searchsorted(STATED_STEPS * usual, np.nan_to_num(sigma[block]), side="right")
+    return out
 
 
 def expected_change(points: Floats, normals: Floats, left: Registration, sign: float) -> Floats:
