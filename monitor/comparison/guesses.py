@@ -17,6 +17,7 @@ from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints, Roughness
 
 FARTHER = 2.0  # than what surfaces state of most places: no noise makes a fit to as many points so unsure
+SURE = 3.0  # sigmas of a region's mean, a guess as stated, which is more than most of it is: none errs by more
 N_ASKED = 200_000  # vertices of a side, at even steps, that show what is stated of most places
 Places = Ints | slice
 
@@ -37,7 +38,7 @@ def split_stated(side: Side, usual: float, which: Places = slice(None)) -> tuple
     fit unsure, all is noise."""
     stated2 = side.sigma_surfaces[which] ** 2
     noise2 = np.where(is_smooth(side, which), stated2, np.minimum(stated2, (FARTHER * usual) ** 2))
-    return noise2, np.where(noise2 < stated2, stated2 - np.where(noise2 < stated2, noise2, 0.0), 0.0)
+    return noise2, np.subtract(stated2, noise2, out=np.zeros(len(stated2)), where=noise2 < stated2)
 
 
 def is_smooth(side: Side, which: Places = slice(None)) -> Bools:

@@ -32,7 +32,7 @@ from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
 from monitor.comparison.region_figures import sigma_of_mean, sigma_of_noise
-from monitor.comparison.regions import SURE, Regions, bear_out_parts, hold_patches, least_area, significant
+from monitor.comparison.regions import Regions, bear_out_parts, hold_patches, least_area, stand_out
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected
@@ -66,21 +66,15 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     table = measure_rates(rates, region, found)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     ordered = Regions(table, (region, region), (region, region)).keep(order)
-    shown, is_known = stand_out(ordered.table, sides, level)
+    size, measured, stated = (np.abs(ordered.table[c].to_numpy(dtype=float))
+                              for c in ("mean_m", "sigma_measured_m", "sigma_mean_m"))  # fmt: skip
+    none_gone = np.zeros(len(size), dtype=np.bool_)
+    shown, is_known = stand_out(ordered.table, sides, (size / measured, size / stated), none_gone, level)
     state[np.append(False, shown & ~is_known)[ordered.seen[0]]] = Assessment.NOT_ASSESSABLE
     held = ordered.keep(np.flatnonzero(shown & is_known))
     state[held.seen[0] > 0] = Assessment.CHANGED
     means, sigmas, alone = (held.table[c].to_numpy(dtype=float) for c in ("mean_m", "sigma_mean_m", "sigma_vertex_m"))
     return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone)
-
-
-def stand_out(table: pd.DataFrame, sides: tuple[Side, Side], level: float) -> tuple[Bools, Bools]:
-    """Return which regions (r,) are significant by their mean, and of which that is known: also with what the surfaces
-    may have made up (`guesses`), or by `SURE` times that."""
-    nothing, mean = np.zeros(len(table), dtype=np.bool_), np.abs(table["mean_m"].to_numpy(dtype=float))
-    measured, stated = (mean / table[c].to_numpy(dtype=float) for c in ("sigma_measured_m", "sigma_mean_m"))
-    shown, sure = (significant(table, sides, z, nothing, level) for z in (measured, stated))
-    return shown, sure | (stated >= SURE)
 
 
 def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:

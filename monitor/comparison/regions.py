@@ -29,6 +29,7 @@ from monitor.comparison.enclosure import (
     over_each_other,
     spread_over_assessed,
 )
+from monitor.comparison.guesses import SURE
 from monitor.comparison.moved import name_moved
 from monitor.comparison.noise import Noise
 from monitor.comparison.reaches import members_of
@@ -44,7 +45,6 @@ from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected, Detection, Tested
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
-SURE = 3.0  # sigmas, with what the surfaces guess as stated, which is more than most of it is: no place is off by more
 HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 
 
@@ -120,8 +120,16 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
-    shown, sure = (significant(table, sides, z, gone >= least, level) for z in (measured, stated))
-    return Regions(table, seen, whole, n_stand == 0.0, ~(sure | (stated >= SURE))).keep(order[shown[order]])
+    shown, is_known = stand_out(table, sides, (measured, stated), gone >= least, level)
+    return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
+
+
+def stand_out(table: pd.DataFrame, sides: tuple[Side, Side], z: tuple[Floats, Floats], is_gone: Bools,
+              level: float) -> tuple[Bools, Bools]:  # fmt: skip
+    """Return which regions (r,) are significant, and of which that is known: they are so with what the surfaces guess
+    too, or `SURE` times as large. `z` are the sigmas (r,) that their means lie off zero, without that and with it."""
+    shown, sure = (significant(table, sides, own, is_gone, level) for own in z)
+    return shown, sure | (z[1] >= SURE)
 
 
 def significant(table: pd.DataFrame, sides: tuple[Side, Side], z: Floats, is_gone: Bools,

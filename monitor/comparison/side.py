@@ -33,7 +33,7 @@ LEAST_SPREAD = 1.1  # of the farthest third's beginning to the nearest third's e
 LEAST_NOISES = 20.0  # of noise between them; else noise decides who is in which
 AT_ONCE = 2_000_000  # vertices of either side up to which both are worked on at once
 MOVED_AT_ONCE = 1 << 14  # vertices
-N_ARMS = 200_000  # vertices that show where a third of the lever arm ends, at even steps
+N_DRAWN = 200_000  # vertices that show where a third of the lever arm ends, and what is stated of most, at even steps
 STATED_STEPS = np.array([4.0])  # times what the surfaces state of most vertices, where one class of it ends
 GAP_STEPS = np.array([0.75, 1.0])  # spacings of the vertices to the nearest sample, where one class of gap ends
 
@@ -196,7 +196,7 @@ def thirds_of(points: Floats, centre: Floats, is_assessed: Bools, noise: Floats)
     places, out = np.flatnonzero(is_assessed), np.zeros(len(points), dtype=np.uint8)
     if not len(places):
         return out
-    some = np.linalg.norm(points[places[:: max(len(places) // N_ARMS, 1)]] - centre, axis=1)
+    some = np.linalg.norm(points[places[:: max(len(places) // N_DRAWN, 1)]] - centre, axis=1)
     thirds = [quantile(some, 1.0 / 3.0), quantile(some, 2.0 / 3.0)]
     typical = median(noise[places])
     is_told = typical > 0.0 and thirds[1] - thirds[0] > LEAST_NOISES * typical
@@ -237,7 +237,7 @@ def class_of_stated(sigma: Floats, is_assessed: Bools) -> Ints:
     """Return the class (n,) uint8 of how much more is stated of each vertex, `sigma` (n,) [m], than of most of those
     assessed; 0 where nothing is."""
     places, out = np.flatnonzero(is_assessed), np.zeros(len(sigma), dtype=np.uint8)
-    usual = median(sigma[places[:: max(len(places) // N_ARMS, 1)]]) if len(places) else 0.0
+    usual = median(sigma[places[:: max(len(places) // N_DRAWN, 1)]]) if len(places) else 0.0
     for block in blocks(len(sigma) if usual > 0.0 else 0):
         out[block] = np.searchsorted(STATED_STEPS * usual, np.nan_to_num(sigma[block]), side="right")
     return out

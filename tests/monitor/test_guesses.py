@@ -12,7 +12,7 @@ from monitor.comparison import compare, guesses
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.guesses import is_smooth, sigma_of_guess, split_stated, usual_sigma
 from monitor.comparison.noise import Noise
-from monitor.comparison.rate_regions import stand_out
+from monitor.comparison.regions import stand_out
 from monitor.comparison.strata import N_STRATA
 from projects.model import Assessment, Bools, Comparison, Floats, Registration, Roughness, Surface
 
@@ -166,14 +166,16 @@ def test_a_moulding_that_lost_many_times_what_it_states_is_a_region(rng: np.rand
     assert list(found["kind"]) == ["lost"]
     assert found.iloc[0].mean_m == pytest.approx(-12.0 * GUESSED, abs=2.0 * found.iloc[0].sigma_mean_m)
     told = np.sqrt(2.0 * (GUESSED**2 - (2.0 * NOISE) ** 2))  # both surfaces guess; a fifth of the region is its flanks
+    of_volume = found.iloc[0].sigma_volume_m3 / found.iloc[0].area_m2
+    assert of_volume == pytest.approx(found.iloc[0].sigma_mean_m, rel=0.5)
     assert found.iloc[0].sigma_mean_m == pytest.approx(0.9 * told, rel=0.15)  # by the noise's correlation a tenth
 
 
-def test_a_rate_is_known_beyond_three_times_what_the_surfaces_guess_or_where_that_leaves_it_significant() -> None:
+def test_what_is_significant_is_known_beyond_three_times_a_guess_or_where_it_is_so_with_it() -> None:
     small, whole = 1e-3, 1.0  # m2: of a thousand places, of one
-    table = pd.DataFrame({"area_m2": [small, small, small, whole], "mean_m": [-1.0, 1.0, 0.2, 0.25],
-                          "sigma_measured_m": [0.1] * 4, "sigma_mean_m": [0.4, 0.3, 0.1, 0.1]})  # fmt: skip
-    side = SimpleNamespace(areas=np.full(1000, 1e-3), is_assessed=np.ones(1000, dtype=bool))
-    shown, is_known = stand_out(table, (side, side), 0.05)
-    assert shown.tolist() == [True, True, False, True]  # from 4.1 sigmas on, or 1.96
-    assert is_known.tolist() == [False, True, False, True]  # 2.5, 3.3, 2 and 2.5 with what they guess
+    table = pd.DataFrame({"area_m2": [small, small, small, whole, small]})
+    measured, stated = np.array([10.0, 10.0, 2.0, 2.5, 2.0]), np.array([2.5, 3.3, 2.0, 2.5, 2.0])
+    side, gone = SimpleNamespace(areas=np.full(1000, 1e-3), is_assessed=np.ones(1000, dtype=bool)), np.arange(5) == 4
+    shown, is_known = stand_out(table, (side, side), (measured, stated), gone, 0.05)
+    assert shown.tolist() == [True, True, False, True, True]  # from 4.1 sigmas on, or 1.96; or looked through
+    assert is_known.tolist() == [False, True, False, True, True]

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from rows import Row
 
+from monitor.simulation.changes import Edit
 from monitor.simulation.true_change import TrueChange
 from projects.model import Assessment, Comparison, Floats
+
+
+@dataclass(frozen=True)
+class PlacedEdit:
+    """What truly changed, named in the table as its edit, and where its middle is."""
+
+    edit: Edit
+    place: Floats
 
 
 class Unit(NamedTuple):
@@ -40,8 +50,11 @@ def is_called_unchanged(comparison: Comparison, place: Floats) -> bool:
     return bool(side.assessment[nearest] == Assessment.UNCHANGED)
 
 
-def row_of_place(name: str, told: Sequence[pd.Series], n_asked: int, truth: TrueChange, unit: Unit = MM3) -> Row:
-    """Return how often a place that truly changed was told, by the regions that lie on it, and their figures."""
+def row_of_place(
+    changed: PlacedEdit, truth: TrueChange, told: Sequence[pd.Series], found: Sequence[Comparison], unit: Unit = MM3
+) -> Row:
+    """Return how often what changed was `told` in the comparisons `found`, by the regions that lie on it, and their
+    figures."""
     others = {"deepest, mm": f"{1e3 * truth.extreme:+.1f}", "told": "",
               f"volume, {unit.name}": f"{unit.per_m3 * truth.volume:+.{unit.digits}f}", f"told, {unit.name}": "",
               "within 1.96 sigma: deepest, area, volume": ""}  # fmt: skip
@@ -51,7 +64,9 @@ def row_of_place(name: str, told: Sequence[pd.Series], n_asked: int, truth: True
         others |= {"told": f"{1e3 * deepest:+.1f}", f"told, {unit.name}": in_unit}
         pairs = (("extreme_m", truth.extreme), ("area_m2", truth.area), ("volume_m3", truth.volume))
         others["within 1.96 sigma: deepest, area, volume"] = ", ".join(within(told, *pair) for pair in pairs)
-    return Row(f"{name}: told", f"{len(told)} of {n_asked}", others=others, value=float(len(told)))
+    unchanged = sum(is_called_unchanged(c, changed.place) for c in found)
+    others["its middle called unchanged"] = f"{unchanged} of {len(found)}"
+    return Row(f"{changed.edit.name}: told", f"{len(told)} of {len(found)}", others=others, value=float(len(told)))
 
 
 def mean_known(figures: Sequence[float]) -> float:

@@ -12,17 +12,16 @@ import functools
 import itertools
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import front_door
 import numpy as np
-from region_places import is_called_unchanged, places_of_regions, row_of_place
+from region_places import PlacedEdit, places_of_regions, row_of_place
 from rows import Row, Size
 
 from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, stand_at
 from monitor.simulation.campaign import SurveyedEpoch, write_campaign
-from monitor.simulation.changes import Edit, hollow_out
+from monitor.simulation.changes import hollow_out
 from monitor.simulation.model import only_near
 from monitor.simulation.pedestal import DIE, DIE_HALF_WIDTH, HALF_WIDTH, PANEL_DEPTH, pedestal_part
 from monitor.simulation.scenes import make_box
@@ -30,7 +29,7 @@ from monitor.simulation.solid import Field, Solid, contour
 from monitor.simulation.stations import Station
 from monitor.simulation.true_change import TrueChange, measure_change
 from monitor.simulation.truth import truth_of
-from projects.model import Comparison, Floats
+from projects.model import Comparison
 
 TITLE = "The smallest chips told: pits and chipped edges of a pedestal"
 LIMIT = 3000.0
@@ -45,28 +44,19 @@ STATIONS = ((-45.0, 2.4, 1.3), (45.0, 2.6, 1.0), (135.0, 2.5, 1.5), (-135.0, 2.7
 NEAR = 0.012  # m: a region is that of a chip if its centre lies so near
 
 
-@dataclass(frozen=True)
-class Chip:
-    """A chip: what it is called in the table, where it is, and its edit."""
-
-    name: str
-    edit: Edit
-    place: Floats
-
-
 @functools.cache
-def chips() -> tuple[Chip, ...]:
+def chips() -> tuple[PlacedEdit, ...]:
     """Return the pits in the panel towards +y, wider ones to the right, deeper ones higher, and the chipped edges."""
     found, middle = [], 0.5 * (DIE[0] + DIE[1])
     for (i, width), (j, depth) in itertools.product(enumerate(WIDTHS), enumerate(DEPTHS)):
         place = np.array([(i - 2.5) * PITCH[0], DIE_HALF_WIDTH - PANEL_DEPTH, middle + (j - 1) * PITCH[1]])
         name = f"pit, {1e3 * width:.0f} mm wide, {1e3 * depth:.0f} mm deep"
-        found.append(Chip(name, hollow_out(name, place, np.array([0.5 * width, depth, 0.5 * width])), place))
+        found.append(PlacedEdit(hollow_out(name, place, np.array([0.5 * width, depth, 0.5 * width])), place))
     for (k, radius), (what, height) in itertools.product(enumerate(EDGES), PLACES.items()):
         y = (-1.0) ** k * HALF_WIDTH if what == "corner" else 0.10 * (k - 1)
         place = np.array([-HALF_WIDTH if what == "corner" and k == 2 else HALF_WIDTH, y, height])
         name = f"{what}, a ball of {1e3 * radius:.0f} mm lost"
-        found.append(Chip(name, hollow_out(name, place, np.full(3, radius)), place))
+        found.append(PlacedEdit(hollow_out(name, place, np.full(3, radius)), place))
     return tuple(found)
 
 
@@ -92,7 +82,7 @@ def scene_of(epoch: int) -> Scene:
 def truths() -> tuple[TrueChange, ...]:
     """Return how large each chip truly is, where it is deeper than a fifth of a millimetre."""
     before, after = shape(0), shape(1)
-    return tuple(measure_change(c.name, before, after, c.edit.box, threshold=2e-4) for c in chips())
+    return tuple(measure_change(c.edit.name, before, after, c.edit.box, threshold=2e-4) for c in chips())
 
 
 def stations_of(seed: int) -> tuple[Station, ...]:
@@ -141,12 +131,10 @@ def nearest_chip(comparison: Comparison) -> list[int]:
     return places_of_regions(comparison, [c.place for c in chips()], NEAR)
 
 
-def row_of(number: int, chip: Chip, truth: TrueChange, found: Sequence[Comparison]) -> Row:
+def row_of(number: int, chip: PlacedEdit, truth: TrueChange, found: Sequence[Comparison]) -> Row:
     """Return how often a chip is told, and its figures where it is, against the truth."""
     told = [c.regions.iloc[nearest_chip(c).index(number)] for c in found if number in nearest_chip(c)]
-    row = row_of_place(chip.name, told, len(found), truth)
-    unchanged = sum(is_called_unchanged(c, chip.place) for c in found)
-    return replace(row, others={**row.others, "its middle called unchanged": f"{unchanged} of {len(found)}"})
+    return row_of_place(chip, truth, told, found)
 
 
 NOTES = (

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import front_door
 import numpy as np
-from region_places import CM3, is_called_unchanged, places_of_regions, row_of_place
+from region_places import CM3, PlacedEdit, places_of_regions, row_of_place
 from room import furnished, survey
 from rows import Row, Size, in_percent, in_words, judge
 
-from monitor.simulation import Edit, build_scene, clean, erode, hollow_out, measure_changes
+from monitor.simulation import build_scene, clean, erode, hollow_out, measure_changes
 from monitor.simulation.room import LENGTH, WIDTH
 from projects.model import Comparison, Floats
 
@@ -32,15 +32,13 @@ NEAR = 0.25  # m: a region is that of a place if its centre lies so near
 
 
 @dataclass(frozen=True)
-class Loss:
-    """What is lost of the room, where its middle is, and whether it is asked to be told."""
+class Loss(PlacedEdit):
+    """What is lost of the room, and whether it is asked to be told."""
 
-    edit: Edit
-    place: Floats
-    is_asked: bool
+    is_asked: bool = True
 
 
-def worn_frame(part: str, place: Floats, depth: float, is_asked: bool) -> Loss:
+def worn_frame(part: str, place: Floats, depth: float, is_asked: bool = True) -> Loss:
     """Return the wear of an upright frame over 0.4 m, by so much along its normal."""
     half = np.array([FRAME[0], FRAME[0], FRAME[1]])
     name = f"frame worn by {1e3 * depth:.0f} mm, 0.4 m long"
@@ -55,9 +53,9 @@ def losses() -> tuple[Loss, ...]:
     return (
         worn_frame("north wall", np.array([above, 0.5 * WIDTH - 0.01, 1.3]), 0.005, is_asked=False),
         worn_frame("east wall", np.array([0.5 * LENGTH - 0.01, beside, 1.3]), 0.010, is_asked=False),
-        worn_frame("west wall", np.array([-0.5 * LENGTH + 0.01, -beside, 1.3]), 0.020, is_asked=True),
-        Loss(erode("panel worn by 5 mm", panel, radius=0.3, depth=0.005, part="north wall"), panel, is_asked=True),
-        Loss(hollow_out("lost boss", boss, (0.10, 0.05, 0.10), part="north wall"), boss, is_asked=True),
+        worn_frame("west wall", np.array([-0.5 * LENGTH + 0.01, -beside, 1.3]), 0.020),
+        Loss(erode("panel worn by 5 mm", panel, radius=0.3, depth=0.005, part="north wall"), panel),
+        Loss(hollow_out("lost boss", boss, (0.10, 0.05, 0.10), part="north wall"), boss),
     )
 
 
@@ -82,9 +80,7 @@ def run(size: Size) -> list[Row]:
     rows = []
     for k, (loss, truth) in enumerate(zip(losses(), truths, strict=True)):
         told = [worn.regions.iloc[o.index(k)] for (_, worn), o in zip(pairs, on, strict=True) if k in o]
-        row = row_of_place(loss.edit.name, told, len(pairs), truth, CM3)
-        unchanged = sum(is_called_unchanged(worn, loss.place) for _, worn in pairs)
-        row = replace(row, others={**row.others, "its middle called unchanged": f"{unchanged} of {len(pairs)}"})
+        row = row_of_place(loss, truth, told, [worn for _, worn in pairs], CM3)
         rows.append(replace(row, asked="all", verdict=judge(len(told) == len(pairs))) if loss.is_asked else row)
     false, beside = sum(len(same.regions) > 0 for same, _ in pairs), sum(o.count(-1) for o in on)
     share, level = (float(np.mean([same.statistics[name] for same, _ in pairs]))
