@@ -20,15 +20,15 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 5,
-    "scan": 8,
+    "scan": 9,
     "targets": 1,
     "network": 16,
-    "filtered": 10,
+    "filtered": 11,
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 38,
-    "series": 7,
+    "comparison": 39,
+    "series": 8,
 }
 
 

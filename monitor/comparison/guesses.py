@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from monitor.comparison.blocks import blocks
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints, Roughness
 
 FARTHER = 2.0  # than what surfaces state of most places: no noise makes a fit to as many points so unsure
-SURE = 3.0  # sigmas of a region's mean, a guess as stated, which is more than most of it is: none errs by more
 N_ASKED = 200_000  # vertices of a side, at even steps, that show what is stated of most places
 Places = Ints | slice
 
@@ -39,6 +39,18 @@ def split_stated(side: Side, usual: float, which: Places = slice(None)) -> tuple
     stated2 = side.sigma_surfaces[which] ** 2
     noise2 = np.where(is_smooth(side, which), stated2, np.minimum(stated2, (FARTHER * usual) ** 2))
     return noise2, np.subtract(stated2, noise2, out=np.zeros(len(stated2)), where=noise2 < stated2)
+
+
+def area_of_guesses(sides: tuple[Side, Side], usual: float) -> float:
+    """Return the assessed area [m2] where surfaces guess, of the side that has more of it."""
+    areas = []
+    for side in sides:
+        total = 0.0
+        for block in blocks(len(side.areas)):
+            is_guess = (split_stated(side, usual, block)[1] > 0.0) & side.is_assessed[block]
+            total += float(side.areas[block][is_guess].sum())
+        areas.append(total)
+    return max(areas)
 
 
 def is_smooth(side: Side, which: Places = slice(None)) -> Bools:

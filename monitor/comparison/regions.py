@@ -29,7 +29,7 @@ from monitor.comparison.enclosure import (
     over_each_other,
     spread_over_assessed,
 )
-from monitor.comparison.guesses import SURE
+from monitor.comparison.guesses import area_of_guesses
 from monitor.comparison.moved import name_moved
 from monitor.comparison.noise import Noise
 from monitor.comparison.reaches import members_of
@@ -120,28 +120,34 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
-    shown, is_known = stand_out(table, sides, (measured, stated), gone >= least, level)
+    shown, is_known = stand_out(table, areas_of(sides, found.noise), (measured, stated), gone >= least, level)
     return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
 
 
-def stand_out(table: pd.DataFrame, sides: tuple[Side, Side], z: tuple[Floats, Floats], is_gone: Bools,
+def areas_of(sides: tuple[Side, Side], noise: Noise) -> tuple[float, float]:
+    """Return the area [m2] that is assessed, and of it that where the surfaces guess; of the side that has more."""
+    assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
+    return assessed, area_of_guesses(sides, noise.usual)
+
+
+def stand_out(table: pd.DataFrame, areas: tuple[float, float], z: tuple[Floats, Floats], is_gone: Bools,
               level: float) -> tuple[Bools, Bools]:  # fmt: skip
     """Return which regions (r,) are significant, and of which that is known: they are so with what the surfaces guess
-    too, or `SURE` times as large. `z` are the sigmas (r,) that their means lie off zero, without that and with it."""
-    shown, sure = (significant(table, sides, own, is_gone, level) for own in z)
-    return shown, sure | (z[1] >= SURE)
+    too, among the places where they do. `z` are the sigmas (r,) that their means lie off zero without that and with it,
+    `areas` [m2] those of `areas_of`."""
+    shown, is_known = (significant(table, *own, is_gone, level) for own in zip(areas, z, strict=True))
+    return shown, is_known
 
 
-def significant(table: pd.DataFrame, sides: tuple[Side, Side], z: Floats, is_gone: Bools,
-                level: float) -> Bools:  # fmt: skip
+def significant(table: pd.DataFrame, area: float, z: Floats, is_gone: Bools, level: float) -> Bools:
     """Return which regions (r,) have a mean of their own that is significant in its family, by how many sigmas `z` (r,)
     it lies off zero.
 
-    The family is as many places as regions of this size have room on the surface (Bonferroni). A patch may stand out
-    where the region around it, as it is reported, does not; what was looked through (`is_gone`) needs no such proof.
+    The family is as many places as regions of this size have room on the `area` [m2] (Bonferroni). A patch may stand
+    out where the region around it, as it is reported, does not; what was looked through (`is_gone`) needs no such
+    proof.
     """
-    assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
-    n_places = np.maximum(assessed / table["area_m2"].to_numpy(dtype=float), 1.0)
+    n_places = np.maximum(area / table["area_m2"].to_numpy(dtype=float), 1.0)
     return np.asarray(is_gone | ~(2.0 * norm.sf(z) * n_places > level))
 
 

@@ -53,6 +53,10 @@ MAX_COMPANIONS = 16
 FAR = 5.0
 CUT2 = 9.348403604496148  # chi-square, 3 degrees of freedom, 0.975 (Rousseeuw and van Driessen, reweighting step)
 MOST = 0.7  # share of the neighbours
+NOTHING, PLANAR, LINEAR = 0, 1, 2  # what a point has with those outside of the plane
+STEEPEST2 = 0.75  # squared sine of 60 degrees: a relief that rises more from the plane beside it may stand before air
+N_NEXT, MIN_BESIDE = 9, 3  # of the nearest points, the first itself, so many of a relief besides
+SECTORS, WIDEST = 8, 3  # of directions; so many beside each other without a point, and the plane is not all around
 CHUNK = 256
 
 
@@ -191,18 +195,63 @@ def relief(x: Any, y: Any, z: Any, n: int, m: Any, v: Any, scale: float) -> floa
 
 @njit(cache=True, error_model="numpy")
 def second_plane(x: Any, y: Any, z: Any, n: int, radius: float, scale: float, w: Any, d2: Any, work: Any) -> Any:
-    """Return (found, mean, covariance, lambda3) of a surface that the origin has with points outside of the plane `w`.
+    """Return (kind, mean, covariance, lambda3) of a surface that the origin has with points outside of the plane `w`.
 
     The other side of an edge, an ornament seen by few points: enough of them, as near as the points of a surface are,
-    no thicker than the main plane's noise explains, and the origin among them.
+    no thicker than the main plane's noise explains, and the origin among them. They are LINEAR where they are no wider
+    either: one line of the scan, which lies in a plane with the scanner and tells nothing of how its surface tilts.
     """
     n_out, reach = companions(x, y, z, n, w, d2, work)
     if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
-        return False, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), 0.0
+        return NOTHING, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), 0.0
     s, m, c = moments(x, y, z, w, n)
     lambdas, _, height = plane_of(m, c)
     least, limit = lambdas[2] * s / (s - 3.0), CUT2 * scale * scale
-    return height * height <= limit and least <= limit and least <= 0.25 * lambdas[1], m, c, least
+    if not (height * height <= limit and least <= limit and least <= 0.25 * lambdas[1]):
+        return NOTHING, m, c, least
+    return LINEAR if lambdas[1] * s / (s - 2.0) <= limit else PLANAR, m, c, least
+
+
+@njit(cache=True, error_model="numpy")
+def is_relief(
+    x: Any, y: Any, z: Any, n: int, plane: Any, scale: float, is_line: bool, w: Any, d2: Any, work: Any
+) -> bool:
+    """Tell whether the origin, off the plane (mean, covariance), is of a relief on it finer than the points resolve;
+    `w` becomes 1 for the points of the plane.
+
+    It is on a line of points, or some of the nearest lie off the plane on its side; it rises no more steeply than
+    `STEEPEST2`, and the plane is all around it: beside a silhouette, where mixed pixels are, it lies on one side.
+    """
+    m, c = plane
+    _, v, own = plane_of(m, c)
+    u = eigenvector(c, eigenvalues(c)[0])
+    tx, ty, tz = v[1] * u[2] - v[2] * u[1], v[2] * u[0] - v[0] * u[2], v[0] * u[1] - v[1] * u[0]
+    for i in range(n):
+        d2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
+    next2, nearest2, limit = smallest(d2, n, min(n, N_NEXT), work), math.inf, math.sqrt(CUT2) * scale
+    seen, n_beside = 0, -1  # itself
+    for i in range(n):
+        height = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
+        w[i] = 1.0 if abs(height) <= limit else 0.0
+        if w[i] == 0.0:
+            n_beside += 1 if d2[i] <= next2 and height * own > 0.0 else 0
+        else:
+            nearest2 = min(nearest2, d2[i])
+            turn = math.atan2(tx * x[i] + ty * y[i] + tz * z[i], u[0] * x[i] + u[1] * y[i] + u[2] * z[i])
+            seen |= 1 << min(int((turn + math.pi) * SECTORS / (2.0 * math.pi)), SECTORS - 1)
+    is_low = own * own <= STEEPEST2 * nearest2
+    return is_low and (is_line or n_beside >= MIN_BESIDE) and is_all_around(seen)
+
+
+@njit(cache=True, error_model="numpy")
+def is_all_around(seen: int) -> bool:
+    """Tell whether no `WIDEST` sectors beside each other are without a point (bit 0)."""
+    empty = 0
+    for k in range(2 * SECTORS):
+        empty = 0 if seen >> (k % SECTORS) & 1 else empty + 1
+        if empty >= WIDEST:
+            return False
+    return True
 
 
 @njit(cache=True, error_model="numpy")
@@ -227,8 +276,10 @@ def fit_tangent(
         height = plane_of(m, c)[2]
         state = INLIER if height * height <= CUT2 * scale * scale else OUTLIER
     if state == OUTLIER:
-        found, m2, c2, least2 = second_plane(x, y, z, n, radius, scale, w, d2, work)
-        if found:
+        kind, m2, c2, least2 = second_plane(x, y, z, n, radius, scale, w, d2, work)
+        if kind != PLANAR and is_relief(x, y, z, n, (m, c), scale, kind == LINEAR, w, d2, work):
+            state = SECOND  # on a surface whose tilt nobody saw: that of the plane stands
+        elif kind != NOTHING:
             state, m, c, least = SECOND, m2, c2, least2
     s = 0.0
     for i in range(n):

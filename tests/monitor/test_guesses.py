@@ -10,7 +10,7 @@ import pytest
 
 from monitor.comparison import compare, guesses
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import is_smooth, sigma_of_guess, split_stated, usual_sigma
+from monitor.comparison.guesses import area_of_guesses, is_smooth, sigma_of_guess, split_stated, usual_sigma
 from monitor.comparison.noise import Noise
 from monitor.comparison.regions import stand_out
 from monitor.comparison.strata import N_STRATA
@@ -171,11 +171,20 @@ def test_a_moulding_that_lost_many_times_what_it_states_is_a_region(rng: np.rand
     assert found.iloc[0].sigma_mean_m == pytest.approx(0.9 * told, rel=0.15)  # by the noise's correlation a tenth
 
 
-def test_what_is_significant_is_known_beyond_three_times_a_guess_or_where_it_is_so_with_it() -> None:
-    small, whole = 1e-3, 1.0  # m2: of a thousand places, of one
-    table = pd.DataFrame({"area_m2": [small, small, small, whole, small]})
-    measured, stated = np.array([10.0, 10.0, 2.0, 2.5, 2.0]), np.array([2.5, 3.3, 2.0, 2.5, 2.0])
-    side, gone = SimpleNamespace(areas=np.full(1000, 1e-3), is_assessed=np.ones(1000, dtype=bool)), np.arange(5) == 4
-    shown, is_known = stand_out(table, (side, side), (measured, stated), gone, 0.05)
-    assert shown.tolist() == [True, True, False, True, True]  # from 4.1 sigmas on, or 1.96; or looked through
-    assert is_known.tolist() == [False, True, False, True, True]
+def test_what_is_significant_is_known_where_it_is_so_with_a_guess_among_the_places_of_guesses() -> None:
+    small, whole = 1e-3, 1.0  # m2: of a thousand places, of one; a fiftieth of them is guessed
+    table = pd.DataFrame({"area_m2": [small, small, small, small, whole, small]})
+    measured, stated = np.array([10.0, 10.0, 3.5, 2.0, 2.5, 2.0]), np.array([2.9, 3.1, 3.5, 2.0, 2.5, 2.0])
+    shown, is_known = stand_out(table, (1.0, 0.02), (measured, stated), np.arange(6) == 5, 0.05)
+    assert shown.tolist() == [True, True, False, False, True, True]  # from 4.1 sigmas on, or 1.96; or looked through
+    assert is_known.tolist() == [False, True, True, False, True, True]  # from 3.02 on, or 1.96
+
+
+def test_places_of_guesses_are_counted_by_their_area_on_the_side_that_has_more() -> None:
+    kinds = [ROUGH, ROUGH, ROUGH, SMOOTH]
+    few, more = side_of([1.9, 2.1, 1.0, 9.0], kinds), side_of([9.0, 9.0, 9.0, 9.0], kinds)
+    for side in (few, more):
+        side.areas = np.array([1.0, 2.0, 4.0, 8.0])
+    more.is_assessed[2] = False
+    assert area_of_guesses((few, more), 1.0) == 3.0
+    assert area_of_guesses((few, few), 1.0) == 2.0

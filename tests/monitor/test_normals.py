@@ -12,6 +12,7 @@ from monitor.filtering import NormalSettings, estimate_normals
 from monitor.filtering.nearest import build_index, canonical_order
 from monitor.filtering.normals import fit_planes
 from monitor.filtering.orientation import consistent_signs
+from monitor.filtering.silhouettes import find_grazing
 from projects.errors import ParameterError
 from projects.model import PointCloud, Roughness
 from projects.transforms import rotation_from_vector
@@ -97,6 +98,62 @@ def test_an_ornament_seen_by_few_points_does_not_vanish(rng):
     order = canonical_order(points)
     planes = fit_planes(build_index(points[order]), STATION - points[order], NormalSettings())
     assert planes.is_outlier[order < 14].sum() <= 2
+
+
+def coarse_wall(rng, height):
+    """Return a wall of steps of 40 mm and 0.5 mm noise, scanned from 3.5 m before it, raised by `height` (u, v) [m], in
+    canonical order; where the scanner stood, and how much each point was raised."""
+    station = np.array([0.3, -0.2, 3.5])
+    u, v = (side.ravel() for side in np.meshgrid(np.arange(-12, 13) * 0.04, np.arange(-12, 13) * 0.04))
+    raised = height(u, v)
+    beams = np.c_[u, v, raised] - station
+    beams /= np.linalg.norm(beams, axis=1)[:, None]
+    points = station + beams * ((raised - station[2]) / beams[:, 2] + rng.normal(0, 0.5e-3, len(u)))[:, None]
+    order = canonical_order(points)
+    return points[order], station, raised[order]
+
+
+def test_a_moulding_that_one_column_of_a_scan_met_stays_and_has_the_tilt_of_the_wall(rng):
+    """Points of one column lie in a plane with the scanner: that is no surface of theirs, and seen at grazing angle."""
+    points, station, raised = coarse_wall(rng, lambda u, _: np.where(np.abs(u - 0.08) < 0.01, 0.014, 0.0))
+    planes = fit_planes(build_index(points), station, NormalSettings())
+    met = (raised > 0.0) & (np.abs(points[:, 1]) < 0.35)
+    assert met.sum() == 17
+    assert not planes.is_outlier[met].any()
+    assert angles(planes.normals[met], [0, 0, 1.0]).max() < np.radians(5.0)
+    assert not find_grazing(points, station, planes.normals, np.radians(80.0))[met].any()
+
+
+def test_a_boss_that_few_points_of_a_scan_met_stays(rng):
+    """Curved by more than noise from one point to the next, its points lie in no plane."""
+    boss = lambda u, v: 0.04 * np.sqrt(np.clip(1.0 - (u**2 + v**2) / 0.09**2, 0.0, None))  # noqa: E731
+    points, station, raised = coarse_wall(rng, boss)
+    planes = fit_planes(build_index(points), station, NormalSettings())
+    met = raised > 0.0
+    assert met.sum() == 21
+    assert not planes.is_outlier[met].any()
+
+
+@pytest.mark.parametrize(
+    ("what", "height"),
+    [("beside a silhouette", lambda u, _: np.where(u > 0.09, 0.5, np.where(u > 0.07, 0.02, 0.0))),
+     ("a rod before the wall", lambda u, _: np.where(np.abs(u - 0.08) < 0.01, 0.1, 0.0))],
+)  # fmt: skip
+def test_a_line_of_points_with_air_beside_or_behind_it_is_no_relief(rng, what, height):
+    """Where the wall goes on at one side alone, or far behind, the spot may have met two surfaces."""
+    points, station, raised = coarse_wall(rng, height)
+    planes = fit_planes(build_index(points), station, NormalSettings(n_neighbours=32))
+    line = (raised > 0.0) & (raised < 0.5)
+    assert line.sum() == 25, what
+    grazes = find_grazing(points, station, planes.normals, np.radians(80.0))
+    assert (planes.is_outlier | grazes)[line].mean() > 0.9
+
+
+def test_single_points_before_a_wall_are_no_relief(rng):
+    alone = rng.random((25, 25)) < 0.04
+    points, station, raised = coarse_wall(rng, lambda u, _: np.where(alone.ravel(), 0.02, 0.0))
+    planes = fit_planes(build_index(points), station, NormalSettings())
+    assert planes.is_outlier[raised > 0.0].mean() > 0.9
 
 
 def test_two_thin_sheets_are_told_apart(rng):
