@@ -5,6 +5,7 @@ import dataclasses
 import numba
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from monitor.filtering import (
     FilterSettings,
@@ -15,6 +16,8 @@ from monitor.filtering import (
     merge_scans,
 )
 from monitor.filtering.merging import concatenate_clouds
+from monitor.simulation import INSTRUMENTS, build_scene, simulate_scan, stand_at, window_around
+from monitor.simulation.model import Model, box_part
 from projects.errors import ParameterError
 from projects.model import PointCloud, Scan
 from projects.transforms import apply, invert, rotation_from_vector
@@ -128,6 +131,27 @@ def test_a_grid_loses_its_mixed_pixels(rng):
     assert kept > 0.97 * (~mixed).sum()
     rims = FilterSettings(silhouettes=SilhouetteSettings(drop_rims=False))
     assert filter_scan_with_record(scan, rims).cloud.n_merged.sum() > 0.99 * (~mixed).sum()
+
+
+def test_a_bar_on_a_wall_that_two_or_three_columns_of_a_scan_met_stays():
+    """20 mm wide and 10 mm high, points 8 mm apart: a third of its points were dropped."""
+    wall = box_part("wall", np.array([-0.5, 0.0, -0.5]), np.array([0.5, 0.1, 0.5]), cell=0.02, reflectance=0.7)
+    bar = box_part("bar", np.array([-0.01, -0.01, -0.4]), np.array([0.01, 0.001, 0.4]), cell=0.005, reflectance=0.7)
+    pose, box = (
+        stand_at(np.array([-0.6, -3.5, 0.1]), facing=np.zeros(3)),
+        np.array([[-0.2, -0.1, -0.3], [0.2, 0.0, 0.3]]),
+    )
+    window = window_around(box, pose, margin=0.002)
+    scan = simulate_scan(
+        build_scene(Model("bar", (wall, bar))), INSTRUMENTS["phase-2020"], pose, window, step=0.008 / 3.5, seed=1
+    )
+    given, kept = apply(pose, scan.cloud.points), filter_scan(scan)
+    on_bar = given[:, 1] < -0.005
+    assert on_bar.sum() > 150
+    apart, _ = cKDTree(kept.points).query(given[on_bar])
+    assert (apart < 4e-3).mean() > 0.97
+    front = kept.points[:, 1] < -0.008
+    assert np.median(kept.normals[front, 1]) < -0.99  # as the wall looks, and not aside
 
 
 def test_a_scan_without_enough_points_gives_an_empty_cloud(rng):
