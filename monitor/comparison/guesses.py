@@ -17,6 +17,7 @@ from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints, Roughness
 
+SURE = 3.0  # sigmas of a region's mean, a guess as stated, at least: guesses have longer tails than noise
 FARTHER = 2.0  # than what surfaces state of most places: no noise makes a fit to as many points so unsure
 N_ASKED = 200_000  # vertices of a side, at even steps, that show what is stated of most places
 Places = Ints | slice
@@ -41,16 +42,19 @@ def split_stated(side: Side, usual: float, which: Places = slice(None)) -> tuple
     return noise2, np.subtract(stated2, noise2, out=np.zeros(len(stated2)), where=noise2 < stated2)
 
 
-def area_of_guesses(sides: tuple[Side, Side], usual: float) -> float:
-    """Return the assessed area [m2] where surfaces guess, of the side that has more of it."""
-    areas = []
-    for side in sides:
-        total = 0.0
+def areas_of_guesses(
+    sides: tuple[Side, Side], usual: float, regions: tuple[Ints, Ints], n: int
+) -> tuple[float, Floats]:
+    """Return the assessed area [m2] where surfaces guess, and that in each of the regions (n,) 1 to n; of the side that
+    has more of it."""
+    total, within = 0.0, np.zeros(n)
+    for side, region in zip(sides, regions, strict=True):
+        guessed = np.zeros(n + 1)
         for block in blocks(len(side.areas)):
             is_guess = (split_stated(side, usual, block)[1] > 0.0) & side.is_assessed[block]
-            total += float(side.areas[block][is_guess].sum())
-        areas.append(total)
-    return max(areas)
+            guessed += np.bincount(region[block][is_guess], side.areas[block][is_guess], minlength=n + 1)
+        total, within = max(total, float(guessed.sum())), np.maximum(within, guessed[1:])
+    return total, within
 
 
 def is_smooth(side: Side, which: Places = slice(None)) -> Bools:

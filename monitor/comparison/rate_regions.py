@@ -32,7 +32,15 @@ from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
 from monitor.comparison.region_figures import sigma_of_mean, sigma_of_noise
-from monitor.comparison.regions import Regions, areas_of, bear_out_parts, hold_patches, least_area, stand_out
+from monitor.comparison.regions import (
+    Regions,
+    assessed_area,
+    bear_out_parts,
+    hold_patches,
+    known_of,
+    least_area,
+    significant,
+)
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected
@@ -69,8 +77,8 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     size, measured, stated = (np.abs(ordered.table[c].to_numpy(dtype=float))
                               for c in ("mean_m", "sigma_measured_m", "sigma_mean_m"))  # fmt: skip
     none_gone = np.zeros(len(size), dtype=np.bool_)
-    areas, z = areas_of(sides, found.noise), (size / measured, size / stated)
-    shown, is_known = stand_out(ordered.table, areas, z, none_gone, level)
+    shown = significant(ordered.table, assessed_area(sides), size / measured, none_gone, level)
+    is_known = known_of(ordered.table, sides, ordered.seen, size / stated, found.noise.usual, none_gone, level)
     state[np.append(False, shown & ~is_known)[ordered.seen[0]]] = Assessment.NOT_ASSESSABLE
     held = ordered.keep(np.flatnonzero(shown & is_known))
     state[held.seen[0] > 0] = Assessment.CHANGED

@@ -29,7 +29,7 @@ from monitor.comparison.enclosure import (
     over_each_other,
     spread_over_assessed,
 )
-from monitor.comparison.guesses import area_of_guesses
+from monitor.comparison.guesses import SURE, areas_of_guesses
 from monitor.comparison.moved import name_moved
 from monitor.comparison.noise import Noise
 from monitor.comparison.reaches import members_of
@@ -120,23 +120,27 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
-    shown, is_known = stand_out(table, areas_of(sides, found.noise), (measured, stated), gone >= least, level)
+    shown = significant(table, assessed_area(sides), measured, gone >= least, level)
+    is_known = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
     return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
 
 
-def areas_of(sides: tuple[Side, Side], noise: Noise) -> tuple[float, float]:
-    """Return the area [m2] that is assessed, and of it that where the surfaces guess; of the side that has more."""
-    assessed = max(float(side.areas[side.is_assessed].sum()) for side in sides)
-    return assessed, area_of_guesses(sides, noise.usual)
+def known_of(table: pd.DataFrame, sides: tuple[Side, Side], seen: tuple[Ints, Ints], z: Floats, usual: float,
+             is_gone: Bools, level: float) -> Bools:  # fmt: skip
+    """Return which regions (r,), 1 to r of `seen`, no guess of the surfaces can have made.
+
+    Their means lie `z` (r,) sigmas off zero with what the surfaces guess; they are significant with that among all
+    places, or `SURE` and significant among the places where surfaces guess: as many as what is guessed of the region
+    has room in all that is guessed.
+    """
+    among_all = significant(table, assessed_area(sides), z, is_gone, level)
+    total, within = areas_of_guesses(sides, usual, seen, len(table))
+    return among_all | ((z >= SURE) & is_significant(z, total / np.maximum(within, 1e-300), level))
 
 
-def stand_out(table: pd.DataFrame, areas: tuple[float, float], z: tuple[Floats, Floats], is_gone: Bools,
-              level: float) -> tuple[Bools, Bools]:  # fmt: skip
-    """Return which regions (r,) are significant, and of which that is known: they are so with what the surfaces guess
-    too, among the places where they do. `z` are the sigmas (r,) that their means lie off zero without that and with it,
-    `areas` [m2] those of `areas_of`."""
-    shown, is_known = (significant(table, *own, is_gone, level) for own in zip(areas, z, strict=True))
-    return shown, is_known
+def assessed_area(sides: tuple[Side, Side]) -> float:
+    """Return the area [m2] that is assessed, of the side that has more of it."""
+    return max(float(side.areas[side.is_assessed].sum()) for side in sides)
 
 
 def significant(table: pd.DataFrame, area: float, z: Floats, is_gone: Bools, level: float) -> Bools:
@@ -147,8 +151,12 @@ def significant(table: pd.DataFrame, area: float, z: Floats, is_gone: Bools, lev
     out where the region around it, as it is reported, does not; what was looked through (`is_gone`) needs no such
     proof.
     """
-    n_places = np.maximum(area / table["area_m2"].to_numpy(dtype=float), 1.0)
-    return np.asarray(is_gone | ~(2.0 * norm.sf(z) * n_places > level))
+    return is_gone | is_significant(z, area / table["area_m2"].to_numpy(dtype=float), level)
+
+
+def is_significant(z: Floats, n_places: Floats, level: float) -> Bools:
+    """Return which of means (r,), `z` sigmas off zero, are significant among `n_places` (r,) like theirs."""
+    return np.asarray(~(2.0 * norm.sf(z) * np.maximum(n_places, 1.0) > level))
 
 
 def area_looked_through(sides: tuple[Side, Side], beyond: Beyond, parts: tuple[Ints, Ints], n_parts: int) -> Floats:

@@ -44,13 +44,15 @@ class TangentPlanes:
     lambda3, surface_variation : (n,) m2, 1: least eigenvalue (free of the bias of small n) and its share of the sum.
     relief2 : (n,) m2, mean square height of all neighbours over the plane: what roughness is told by.
     noise : (n,) m, noise alone, from the sills of the variograms around.
-    heights : (n,) m, height of the point above its plane, along the normal.
+    heights : (n,) m, height of the point above its plane, along the normal; 0 on a relief finer than the points are,
+        which has the normal of the plane around it (`tangents.is_relief`).
     sigma_normal : (n,) rad, one sigma of the normal about its less certain axis.
     n_neighbours : (n,) neighbourhood size used.
     stride : (n,) 1 where these are the nearest points, more where they are the nearest of every `stride`-th point.
     spacing : (n,) m, side of the square that a point has to itself: radius sqrt(pi / n).
     reach : (n,) m, distance to the sixth nearest point.
-    is_outlier : (n,) points that belong neither to the plane of their neighbours nor to a surface of their own.
+    is_outlier : (n,) points that belong neither to the plane of their neighbours nor to a relief on it, nor to a
+        surface of their own.
     """
 
     normals: Floats

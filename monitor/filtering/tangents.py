@@ -27,9 +27,10 @@ from monitor.filtering.covariance import (
 from monitor.filtering.mcd import GUESS, NARROW_ROWS, minimum_covariance_determinant
 
 # Columns of the result: unit normal (sign arbitrary), eigenvalues of the consistent covariance [m2], height of the
-# point above the plane [m], noise used to judge it [m], state, points that define the plane, radius of the
-# neighbourhood [m], determinant reached by the h-subset (NaN where none was needed), distance to the sixth nearest
-# [m], mean square height of all neighbours over the plane, far ones cut short [m2].
+# point above the plane [m] (0 on a relief, whose plane is that around it), noise used to judge
+# it [m], state, points that define the plane, radius of the neighbourhood [m], determinant reached by the h-subset (NaN
+# where none was needed), distance to the sixth nearest [m], mean square height of all neighbours over the plane, far
+# ones cut short [m2].
 COLUMNS = (
     "nx",
     "ny",
@@ -54,9 +55,10 @@ FAR = 5.0
 CUT2 = 9.348403604496148  # chi-square, 3 degrees of freedom, 0.975 (Rousseeuw and van Driessen, reweighting step)
 MOST = 0.7  # share of the neighbours
 NOTHING, PLANAR, LINEAR = 0, 1, 2  # what a point has with those outside of the plane
+NARROW = 0.25  # of the greater variance of a plane or a line, at most, is the lesser
 STEEPEST2 = 0.75  # squared sine of 60 degrees: a relief that rises more from the plane beside it may stand before air
-N_NEXT, MIN_BESIDE = 9, 3  # of the nearest points, the first itself, so many of a relief besides
-SECTORS, WIDEST = 8, 3  # of directions; so many beside each other without a point, and the plane is not all around
+NEXT, MIN_BESIDE = 8, 4  # nearest points; of so many of them a relief is where no line shows it, and rarely strays
+WIDEST_GAP = math.radians(165.0)  # between points of the plane around one (`silhouettes.RIM_GAP`)
 CHUNK = 256
 
 
@@ -199,7 +201,7 @@ def second_plane(x: Any, y: Any, z: Any, n: int, radius: float, scale: float, w:
 
     The other side of an edge, an ornament seen by few points: enough of them, as near as the points of a surface are,
     no thicker than the main plane's noise explains, and the origin among them. They are LINEAR where they are no wider
-    either: one line of the scan, which lies in a plane with the scanner and tells nothing of how its surface tilts.
+    either, as one line of a scan: that lies in a plane with the scanner, and tells nothing of how its surface tilts.
     """
     n_out, reach = companions(x, y, z, n, w, d2, work)
     if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
@@ -207,51 +209,74 @@ def second_plane(x: Any, y: Any, z: Any, n: int, radius: float, scale: float, w:
     s, m, c = moments(x, y, z, w, n)
     lambdas, _, height = plane_of(m, c)
     least, limit = lambdas[2] * s / (s - 3.0), CUT2 * scale * scale
-    if not (height * height <= limit and least <= limit and least <= 0.25 * lambdas[1]):
+    if not (height * height <= limit and least <= limit and least <= NARROW * lambdas[1]):
         return NOTHING, m, c, least
-    return LINEAR if lambdas[1] * s / (s - 2.0) <= limit else PLANAR, m, c, least
+    u = eigenvector(c, lambdas[0])
+    along = m[0] * u[0] + m[1] * u[1] + m[2] * u[2]
+    aside2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2] - along * along
+    is_line = lambdas[1] * s / (s - 2.0) <= limit and lambdas[1] <= NARROW * lambdas[0] and aside2 <= limit
+    return LINEAR if is_line else PLANAR, m, c, least
 
 
 @njit(cache=True, error_model="numpy")
-def is_relief(
-    x: Any, y: Any, z: Any, n: int, plane: Any, scale: float, is_line: bool, w: Any, d2: Any, work: Any
-) -> bool:
-    """Tell whether the origin, off the plane (mean, covariance), is of a relief on it finer than the points resolve;
-    `w` becomes 1 for the points of the plane.
-
-    It is on a line of points, or some of the nearest lie off the plane on its side; it rises no more steeply than
-    `STEEPEST2`, and the plane is all around it: beside a silhouette, where mixed pixels are, it lies on one side.
-    """
-    m, c = plane
-    _, v, own = plane_of(m, c)
-    u = eigenvector(c, eigenvalues(c)[0])
-    tx, ty, tz = v[1] * u[2] - v[2] * u[1], v[2] * u[0] - v[0] * u[2], v[0] * u[1] - v[1] * u[0]
-    for i in range(n):
-        d2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
-    next2, nearest2, limit = smallest(d2, n, min(n, N_NEXT), work), math.inf, math.sqrt(CUT2) * scale
-    seen, n_beside = 0, -1  # itself
+def take_plane(x: Any, y: Any, z: Any, n: int, plane: Any, scale: float, w: Any) -> None:
+    """Write weights 1 for the points as near to the plane (mean, covariance) as noise explains, 0 for the others."""
+    m, v = plane[0], plane_of(plane[0], plane[1])[1]
     for i in range(n):
         height = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
-        w[i] = 1.0 if abs(height) <= limit else 0.0
-        if w[i] == 0.0:
-            n_beside += 1 if d2[i] <= next2 and height * own > 0.0 else 0
-        else:
-            nearest2 = min(nearest2, d2[i])
-            turn = math.atan2(tx * x[i] + ty * y[i] + tz * z[i], u[0] * x[i] + u[1] * y[i] + u[2] * z[i])
-            seen |= 1 << min(int((turn + math.pi) * SECTORS / (2.0 * math.pi)), SECTORS - 1)
-    is_low = own * own <= STEEPEST2 * nearest2
-    return is_low and (is_line or n_beside >= MIN_BESIDE) and is_all_around(seen)
+        w[i] = 1.0 if height * height <= CUT2 * scale * scale else 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def is_all_around(seen: int) -> bool:
-    """Tell whether no `WIDEST` sectors beside each other are without a point (bit 0)."""
-    empty = 0
-    for k in range(2 * SECTORS):
-        empty = 0 if seen >> (k % SECTORS) & 1 else empty + 1
-        if empty >= WIDEST:
-            return False
-    return True
+def is_relief(x: Any, y: Any, z: Any, n: int, plane: Any, scale: float, is_line: bool, d2: Any, work: Any) -> bool:
+    """Tell whether the origin, off the plane (mean, covariance), is of a relief on it finer than the points resolve.
+
+    It is on a line of points, or half of the nearest lie off the plane on its side; it rises no more steeply than
+    `STEEPEST2` from the nearest point of the plane; and the plane is all around it: beside a silhouette, where mixed
+    pixels are, it lies on one side.
+    """
+    m, (_, v, own) = plane[0], plane_of(plane[0], plane[1])
+    for i in range(n):
+        d2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
+    next2, nearest2 = smallest(d2, n, min(n, NEXT + 1), work), math.inf
+    n_beside, n_around, limit = -1, 0, math.sqrt(CUT2) * scale  # the origin is beside itself
+    a, b, c = across(v)
+    e, f, g = v[1] * c - v[2] * b, v[2] * a - v[0] * c, v[0] * b - v[1] * a
+    for i in range(n):
+        height = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
+        if abs(height) > limit:
+            n_beside += 1 if d2[i] <= next2 and height * own > 0.0 else 0
+            continue
+        nearest2 = min(nearest2, d2[i])
+        work[n_around] = math.atan2(e * x[i] + f * y[i] + g * z[i], a * x[i] + b * y[i] + c * z[i])
+        n_around += 1
+    is_low = own * own <= STEEPEST2 * nearest2
+    return is_low and (is_line or n_beside >= MIN_BESIDE) and widest_turn(work[:n_around]) < WIDEST_GAP
+
+
+@njit(cache=True, error_model="numpy")
+def across(v: Any) -> Any:
+    """Return a unit vector across the unit vector v."""
+    if abs(v[0]) <= abs(v[1]) and abs(v[0]) <= abs(v[2]):
+        x, y, z = 0.0, v[2], -v[1]
+    elif abs(v[1]) <= abs(v[2]):
+        x, y, z = -v[2], 0.0, v[0]
+    else:
+        x, y, z = v[1], -v[0], 0.0
+    f = 1.0 / math.sqrt(x * x + y * y + z * z)
+    return x * f, y * f, z * f
+
+
+@njit(cache=True, error_model="numpy")
+def widest_turn(angles: Any) -> float:
+    """Return the widest gap [rad] between directions (k,) [rad] around a place; all of a turn where there is none."""
+    if len(angles) == 0:
+        return 2.0 * math.pi
+    turns = np.sort(angles)
+    gap = turns[0] + 2.0 * math.pi - turns[-1]
+    for i in range(1, len(turns)):
+        gap = max(gap, turns[i] - turns[i - 1])
+    return float(gap)
 
 
 @njit(cache=True, error_model="numpy")
@@ -275,16 +300,20 @@ def fit_tangent(
         scale = math.sqrt(max(least, noise * noise))
         height = plane_of(m, c)[2]
         state = INLIER if height * height <= CUT2 * scale * scale else OUTLIER
+    is_on_relief = False
     if state == OUTLIER:
         kind, m2, c2, least2 = second_plane(x, y, z, n, radius, scale, w, d2, work)
-        if kind != PLANAR and is_relief(x, y, z, n, (m, c), scale, kind == LINEAR, w, d2, work):
-            state = SECOND  # on a surface whose tilt nobody saw: that of the plane stands
+        is_on_relief = kind != PLANAR and is_relief(x, y, z, n, (m, c), scale, kind == LINEAR, d2, work)
+        if is_on_relief:  # nobody saw how its surface tilts: the plane around it stands
+            state = SECOND
+            take_plane(x, y, z, n, (m, c), scale, w)
         elif kind != NOTHING:
             state, m, c, least = SECOND, m2, c2, least2
     s = 0.0
     for i in range(n):
         s += w[i]
     lambdas, v, height = plane_of(m, c)
+    height = 0.0 if is_on_relief else height
     least = max(least, 0.0)
     relief2 = least if state == CLEAN else relief(x, y, z, n, m, v, scale) * n / max(n - 3.0, 1.0)
     return (v[0], v[1], v[2], lambdas[0], lambdas[1], least, height, scale, float(state), s, radius, det, near, relief2)

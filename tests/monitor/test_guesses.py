@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from monitor.comparison import blocks as blocks_of_vertices
 from monitor.comparison import compare, guesses
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import area_of_guesses, is_smooth, sigma_of_guess, split_stated, usual_sigma
+from monitor.comparison.guesses import areas_of_guesses, is_smooth, sigma_of_guess, split_stated, usual_sigma
 from monitor.comparison.noise import Noise
-from monitor.comparison.regions import stand_out
+from monitor.comparison.regions import known_of, significant
 from monitor.comparison.strata import N_STRATA
 from projects.model import Assessment, Bools, Comparison, Floats, Registration, Roughness, Surface
 
@@ -171,20 +173,52 @@ def test_a_moulding_that_lost_many_times_what_it_states_is_a_region(rng: np.rand
     assert found.iloc[0].sigma_mean_m == pytest.approx(0.9 * told, rel=0.15)  # by the noise's correlation a tenth
 
 
-def test_what_is_significant_is_known_where_it_is_so_with_a_guess_among_the_places_of_guesses() -> None:
-    small, whole = 1e-3, 1.0  # m2: of a thousand places, of one; a fiftieth of them is guessed
-    table = pd.DataFrame({"area_m2": [small, small, small, small, whole, small]})
-    measured, stated = np.array([10.0, 10.0, 3.5, 2.0, 2.5, 2.0]), np.array([2.9, 3.1, 3.5, 2.0, 2.5, 2.0])
-    shown, is_known = stand_out(table, (1.0, 0.02), (measured, stated), np.arange(6) == 5, 0.05)
-    assert shown.tolist() == [True, True, False, False, True, True]  # from 4.1 sigmas on, or 1.96; or looked through
-    assert is_known.tolist() == [False, True, True, False, True, True]  # from 3.02 on, or 1.96
+def guessing_sides(n: int) -> tuple[Any, Any]:
+    """Return sides of n vertices of 1 m2, of which the first 50 are guesses in either, and smooth ones."""
+    kinds = [ROUGH] * 50 + [SMOOTH] * (n - 50)
+    sides = side_of([3.0] * n, kinds), side_of([3.0] * n, kinds)
+    for side in sides:
+        side.areas = np.ones(n)
+    return sides
 
 
-def test_places_of_guesses_are_counted_by_their_area_on_the_side_that_has_more() -> None:
+def test_a_region_is_known_beyond_three_sigmas_where_it_is_significant_among_the_places_of_guesses() -> None:
+    """One m2 of guesses among 50 asks for 3.29 sigmas, ten among 50 for 2.58, and then for three."""
+    sides, region = guessing_sides(2000), np.zeros(2000, dtype=np.int64)
+    region[:10], region[10], region[50:60] = 1, 2, 3
+    table = pd.DataFrame({"area_m2": [10.0, 1.0, 10.0]})
+    gone = np.zeros(3, dtype=np.bool_)
+    for z, known in ((2.9, [False, False, False]), (3.1, [True, False, False]), (3.4, [True, True, False]),
+                     (4.1, [True, True, True])):  # fmt: skip
+        found = known_of(table, sides, (region, region), np.full(3, z), 1.0, gone, 0.05)
+        assert found.tolist() == known, z
+    table = pd.DataFrame({"area_m2": [2000.0, 1.0, 10.0]})  # all there is: one place
+    assert known_of(table, sides, (region, region), np.full(3, 2.5), 1.0, gone, 0.05).tolist() == [True, False, False]
+    gone[2] = True
+    assert known_of(table, sides, (region, region), np.full(3, 1.0), 1.0, gone, 0.05).tolist() == [False, False, True]
+
+
+def test_a_mean_is_significant_among_as_many_places_as_there_is_room_for() -> None:
+    table = pd.DataFrame({"area_m2": [1e-3, 1e-3, 1.0, 1.0]})
+    z, gone = np.array([4.0, 4.1, 1.9, 2.0]), np.zeros(4, dtype=np.bool_)
+    assert significant(table, 1.0, z, gone, 0.05).tolist() == [False, True, False, True]  # 4.06 sigmas, or 1.96
+    gone[0] = True
+    assert significant(table, 1.0, z, gone, 0.05).tolist() == [True, True, False, True]
+
+
+@pytest.mark.parametrize("block", [2, 1000])
+def test_places_of_guesses_are_counted_by_their_area_on_the_side_that_has_more(
+    monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr(blocks_of_vertices, "BLOCK", block)
     kinds = [ROUGH, ROUGH, ROUGH, SMOOTH]
     few, more = side_of([1.9, 2.1, 1.0, 9.0], kinds), side_of([9.0, 9.0, 9.0, 9.0], kinds)
     for side in (few, more):
         side.areas = np.array([1.0, 2.0, 4.0, 8.0])
     more.is_assessed[2] = False
-    assert area_of_guesses((few, more), 1.0) == 3.0
-    assert area_of_guesses((few, few), 1.0) == 2.0
+    region = np.array([0, 2, 1, 1])
+    total, within = areas_of_guesses((few, more), 1.0, (region, region), 2)
+    assert total == 3.0
+    assert within.tolist() == [0.0, 2.0]
+    total, within = areas_of_guesses((few, few), 1.0, (region, region), 2)
+    assert total == 2.0
