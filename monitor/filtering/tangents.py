@@ -54,7 +54,6 @@ MAX_COMPANIONS = 16
 FAR = 5.0
 CUT2 = 9.348403604496148  # chi-square, 3 degrees of freedom, 0.975 (Rousseeuw and van Driessen, reweighting step)
 MOST = 0.7  # share of the neighbours
-NOTHING, PLANAR, LINEAR = 0, 1, 2  # what a point has with those outside of the plane
 NARROW = 0.25  # of the greater variance of a plane or a line, at most, is the lesser
 STEEPEST2 = 0.75  # squared sine of 60 degrees: a relief that rises more from the plane beside it may stand before air
 NEXT, MIN_BESIDE = 8, 4  # nearest points; of so many of them a relief is where no line shows it, and rarely strays
@@ -197,25 +196,42 @@ def relief(x: Any, y: Any, z: Any, n: int, m: Any, v: Any, scale: float) -> floa
 
 @njit(cache=True, error_model="numpy")
 def second_plane(x: Any, y: Any, z: Any, n: int, radius: float, scale: float, w: Any, d2: Any, work: Any) -> Any:
-    """Return (kind, mean, covariance, lambda3) of a surface that the origin has with points outside of the plane `w`.
+    """Return (found, mean, covariance, lambda3) of a surface that the origin has with points outside of the plane `w`.
 
     The other side of an edge, an ornament seen by few points: enough of them, as near as the points of a surface are,
-    no thicker than the main plane's noise explains, and the origin among them. They are LINEAR where they are no wider
-    either, as one line of a scan: that lies in a plane with the scanner, and tells nothing of how its surface tilts.
+    no thicker than the main plane's noise explains, and the origin among them.
     """
     n_out, reach = companions(x, y, z, n, w, d2, work)
     if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
-        return NOTHING, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), 0.0
+        return False, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), 0.0
     s, m, c = moments(x, y, z, w, n)
     lambdas, _, height = plane_of(m, c)
     least, limit = lambdas[2] * s / (s - 3.0), CUT2 * scale * scale
-    if not (height * height <= limit and least <= limit and least <= NARROW * lambdas[1]):
-        return NOTHING, m, c, least
-    u = eigenvector(c, lambdas[0])
+    return height * height <= limit and least <= limit and least <= NARROW * lambdas[1], m, c, least
+
+
+@njit(cache=True, error_model="numpy")
+def is_on_line(
+    x: Any, y: Any, z: Any, n: int, plane: Any, radius: float, scale: float, w: Any, d2: Any, work: Any
+) -> bool:
+    """Tell whether the origin lies on a line with points as far off the plane (mean, covariance) as itself, within half
+    of that: one of a scan, on a ridge or in a furrow. `w` is overwritten.
+
+    A line of a scan lies in a plane with the scanner, and tells nothing of how its surface tilts.
+    """
+    m, (_, v, own) = plane[0], plane_of(plane[0], plane[1])
+    for i in range(n):
+        height = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
+        w[i] = 0.0 if abs(height - own) <= 0.5 * abs(own) else 1.0  # 0: outside of the plane
+    n_out, reach = companions(x, y, z, n, w, d2, work)
+    if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
+        return False
+    s, m, c = moments(x, y, z, w, n)
+    largest, middle, _ = eigenvalues(c)
+    u, limit = eigenvector(c, largest), CUT2 * scale * scale
     along = m[0] * u[0] + m[1] * u[1] + m[2] * u[2]
     aside2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2] - along * along
-    is_line = lambdas[1] * s / (s - 2.0) <= limit and lambdas[1] <= NARROW * lambdas[0] and aside2 <= limit
-    return LINEAR if is_line else PLANAR, m, c, least
+    return middle * s / (s - 2.0) <= limit and middle <= NARROW * largest and aside2 <= limit
 
 
 @njit(cache=True, error_model="numpy")
@@ -302,12 +318,14 @@ def fit_tangent(
         state = INLIER if height * height <= CUT2 * scale * scale else OUTLIER
     is_on_relief = False
     if state == OUTLIER:
-        kind, m2, c2, least2 = second_plane(x, y, z, n, radius, scale, w, d2, work)
-        is_on_relief = kind != PLANAR and is_relief(x, y, z, n, (m, c), scale, kind == LINEAR, d2, work)
+        found, m2, c2, least2 = second_plane(x, y, z, n, radius, scale, w, d2, work)
+        is_line = is_on_line(x, y, z, n, (m, c), radius, scale, narrow[0], d2, work)
+        if is_line or not found:
+            is_on_relief = is_relief(x, y, z, n, (m, c), scale, is_line, d2, work)
         if is_on_relief:  # nobody saw how its surface tilts: the plane around it stands
             state = SECOND
             take_plane(x, y, z, n, (m, c), scale, w)
-        elif kind != NOTHING:
+        elif found:
             state, m, c, least = SECOND, m2, c2, least2
     s = 0.0
     for i in range(n):
