@@ -108,13 +108,36 @@ def test_a_line_of_a_scan_far_over_a_plane_is_its_own_and_counts_its_own_points(
     assert row["n_inliers"] == 9
 
 
-def test_points_off_the_axis_of_a_line_are_not_on_it(rng):
-    """Nine in a line and one beside it, 0.2 off: ten times what noise explains, a sixth of the least that a variance of
-    all ten tells."""
-    line = dict.fromkeys([(1, k) for k in range(-4, 5)], 0.6)
-    points, _ = neighbourhood(rng, {(0, 0): 0.6, **line})
-    assert row_of(points)["state"] == tangents.SECOND  # of a plane, with them
-    assert abs(row_of(points)["height"]) > 0.0
+def is_on_line(rng, places, heights):
+    """Tell whether the first of some points over a plane, at places (k, 2) and heights (k,), lies on a line of them."""
+    flat = np.c_[rng.uniform(-4.5, 4.5, (60, 2)), SCALE * rng.normal(size=60)]
+    points = np.r_[np.c_[places, heights], flat] - [*places[0], heights[0]]
+    x, y, z = np.ascontiguousarray((points @ rotation_from_vector(rng.normal(size=3)).T).T)
+    n, scratch = len(x), np.empty((3, len(x)))
+    _, m, c = moments(x, y, z, (np.arange(n) >= len(places)).astype(float), n)
+    return tangents.is_on_line(x, y, z, n, (m, c), 5.0, SCALE, *scratch)
+
+
+@pytest.mark.parametrize(
+    ("n", "across", "aside", "expected"),
+    [(9, 1.0, 0.0, True), (6, 1.0, 0.0, True), (5, 1.0, 0.0, False), (9, 6.0, 0.0, False), (9, 1.0, 2.0, True),
+     (9, 1.0, 8.0, False)],
+)  # fmt: skip
+def test_a_line_is_narrow_and_goes_through_the_point(rng, n, across, aside, expected):
+    """`across` and `aside` in sigmas: what its points scatter by, and by how much the point itself lies off them."""
+    found = []
+    for _ in range(40):
+        along = np.r_[0.0, np.arange(1, n) * np.where(np.arange(1, n) % 2, 0.5, -0.5)]
+        scatter = across * SCALE * np.where(np.arange(n) // 2 % 2, 1.0, -1.0) + 0.1 * SCALE * rng.normal(size=n)
+        scatter[0] = aside * SCALE
+        found.append(is_on_line(rng, np.c_[scatter, along], np.full(n, 0.6)))
+    assert np.mean(found) == (1.0 if expected else 0.0)
+
+
+def test_a_stray_beside_a_line_does_not_break_it(rng):
+    """It lies off the plane too, but not as far."""
+    places = np.r_[np.c_[np.zeros(9), np.r_[0.0, np.arange(1, 9) * 0.5]], [[0.7, 0.2]]]
+    assert all(is_on_line(rng, places, np.append(np.full(9, 0.6), 0.1)) for _ in range(20))
 
 
 def test_strays_here_and_there_stay_outliers(rng):
