@@ -19,7 +19,7 @@ from monitor.filtering.tangents import CUT2, MAX_COMPANIONS, MIN_COMPANIONS
 from projects.model import Bools, Floats, Ints, PointCloud
 
 N_NEAR = 128  # points looked at around each: about those of the neighbourhoods of two scans
-N_PLANE, N_AROUND = 8, 96  # nearest points that its own scan kept: the plane that it lies off, what is on all sides
+N_PLANE, N_AROUND = 24, 96  # nearest points that its own scan kept: most are of the plane, and what is on all sides
 REACH = 4.1  # spacings, within which six points of a surface lie even beside its border (`tangents.second_plane`)
 MIN_OTHERS = 2  # companions that another station saw
 MIN_OF_BOWL = 8  # companions: a bowl has four coefficients
