@@ -17,7 +17,7 @@ METHODS = [("mode", False), ("voxel_median", False), ("mode", True)]
 
 
 def scan_of(rng, xy, aside=0.0):
-    """Return a wall seen from 3 m with 0.3 mm noise, three points in a pit, 25 points twice and one stray in the air."""
+    """Return a wall seen from 3 m with 0.3 mm noise, three points in a pit, 25 twice and one stray in the air."""
     xy = np.where(np.linalg.norm(xy, axis=1)[:, None] < 0.004, xy + 0.01, xy)
     xy[25:28] = 0.0012 * np.array([[1, 0], [-0.5, 0.87], [-0.5, -0.87]]) + rng.normal(0, 1e-4, (3, 2))
     points = np.column_stack([xy, rng.normal(0, 0.0003, len(xy))])
