@@ -14,13 +14,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
+from monitor.filtering.off_plane import CUT2, MAX_COMPANIONS, MIN_COMPANIONS
 from monitor.filtering.silhouettes import RIM_GAP, widest_gap
-from monitor.filtering.tangents import CUT2, MAX_COMPANIONS, MIN_COMPANIONS
 from projects.model import Bools, Floats, Ints, PointCloud
 
 N_NEAR = 128  # points looked at around each: about those of the neighbourhoods of two scans
 N_PLANE, N_AROUND = 24, 96  # nearest points that its own scan kept: most are of the plane, and what is on all sides
-REACH = 4.1  # spacings, within which six points of a surface lie even beside its border (`tangents.second_plane`)
+REACH = 4.1  # spacings, within which six points of a surface lie even beside its border (`off_plane.find_companions`)
 MIN_OTHERS = 2  # companions that another station saw
 MIN_OF_BOWL = 8  # companions: a bowl has four coefficients
 FLAT = 0.25  # of the lesser variance along a surface, at most, is that across it

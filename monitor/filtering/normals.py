@@ -22,12 +22,13 @@ from monitor.filtering.nearest import (
     find_nearest_of_every,
 )
 from monitor.filtering.neighbourhoods import undo_ball
+from monitor.filtering.off_plane import MIN_COMPANIONS
 from monitor.filtering.orientation import consistent_signs
 from monitor.filtering.roughness import classify_roughness
 from monitor.filtering.rounding import find_step, spread_rounded
 from monitor.filtering.sizes import NormalSettings, fit_rows, sample_neighbourhoods
 from monitor.filtering.soundness import MIN_POINTS, require_points
-from monitor.filtering.tangents import COLUMNS, MIN_COMPANIONS, OUTLIER
+from monitor.filtering.tangents import COLUMNS, OUTLIER
 from projects.model import Bools, Floats, Ints, PointCloud, require_noun
 
 BLOCK = 32_768  # points whose neighbours are in memory at once; a multiple of LEAF
@@ -45,7 +46,7 @@ class TangentPlanes:
     relief2 : (n,) m2, mean square height of all neighbours over the plane: what roughness is told by.
     noise : (n,) m, noise alone, from the sills of the variograms around.
     heights : (n,) m, height of the point above its plane, along the normal; 0 on a relief finer than the points are,
-        which has the normal of the plane around it (`tangents.is_relief`).
+        which has the normal of the plane around it (`off_plane.is_relief`).
     sigma_normal : (n,) rad, one sigma of the normal about its less certain axis.
     n_neighbours : (n,) neighbourhood size used.
     stride : (n,) 1 where these are the nearest points, more where they are the nearest of every `stride`-th point.

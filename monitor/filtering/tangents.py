@@ -18,19 +18,19 @@ from monitor.filtering.covariance import (
     FLOOR2,
     ORDER_FREE,
     eigenvalues,
-    eigenvector,
     keep_smallest,
     mahalanobis2,
     moments,
     smallest,
 )
 from monitor.filtering.mcd import GUESS, NARROW_ROWS, minimum_covariance_determinant
+from monitor.filtering.off_plane import CUT2, MIN_COMPANIONS, is_on_line, is_relief, plane_of, second_plane, take_plane
 
 # Columns of the result: unit normal (sign arbitrary), eigenvalues of the consistent covariance [m2], height of the
-# point above the plane [m] (0 on a relief, whose plane is that around it), noise used to judge
-# it [m], state, points that define the plane, radius of the neighbourhood [m], determinant reached by the h-subset (NaN
-# where none was needed), distance to the sixth nearest [m], mean square height of all neighbours over the plane, far
-# ones cut short [m2].
+# point above the plane [m] (0 on a relief, whose plane is that around it), noise used to judge it [m], state, points
+# that define the plane, radius of the neighbourhood [m], determinant reached by the h-subset (NaN where none was
+# needed), distance to the sixth nearest [m], mean square height of all neighbours over the plane, far ones cut short
+# [m2].
 COLUMNS = (
     "nx",
     "ny",
@@ -49,15 +49,8 @@ COLUMNS = (
 )
 N_COLUMNS = len(COLUMNS)
 CLEAN, INLIER, SECOND, OUTLIER = 0, 1, 2, 3  # state of a point
-MIN_COMPANIONS = 6
-MAX_COMPANIONS = 16
 FAR = 5.0
-CUT2 = 9.348403604496148  # chi-square, 3 degrees of freedom, 0.975 (Rousseeuw and van Driessen, reweighting step)
 MOST = 0.7  # share of the neighbours
-NARROW = 0.25  # of the greater variance of a plane or a line, at most, is the lesser
-STEEPEST2 = 0.75  # squared sine of 60 degrees: a relief that rises more from the plane beside it may stand before air
-NEXT, MIN_BESIDE = 8, 4  # nearest points; of so many of them a relief is where no line shows it, and rarely strays
-WIDEST_GAP = math.radians(165.0)  # between points of the plane around one (`silhouettes.RIM_GAP`)
 CHUNK = 256
 
 
@@ -77,14 +70,6 @@ def reweighted_factor(n: int) -> float:
 def final_factor(n: int) -> float:
     """Return the same after the second reweighting, for the median of lambda3."""
     return 1.0 + 9.3 / n + 60.0 / n**2
-
-
-@njit(cache=True, error_model="numpy")
-def plane_of(m: Any, c: Any) -> Any:
-    """Return eigenvalues and normal of a covariance, and the height of the origin above the plane through its mean."""
-    largest, middle, least = eigenvalues(c)
-    v = eigenvector(c, least)
-    return (largest, middle, max(least, 0.0)), v, -(m[0] * v[0] + m[1] * v[1] + m[2] * v[2])
 
 
 @njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")
@@ -114,25 +99,6 @@ def clean_plane(x: Any, y: Any, z: Any, n: int, noise: float, limit: float, m: A
         h = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
         worst = max(worst, h * h)
     return worst <= 12.0 * noise * noise
-
-
-@njit(cache=True, error_model="numpy")
-def companions(x: Any, y: Any, z: Any, n: int, w: Any, d2: Any, work: Any) -> Any:
-    """Select, among the points outside of the plane, those nearest to the origin; return their number and reach."""
-    n_out = 0
-    for i in range(n):
-        if w[i] == 0.0:
-            work[n_out] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
-            n_out += 1
-    if n_out < MIN_COMPANIONS:
-        return n_out, math.inf
-    for i in range(n_out):
-        d2[i] = work[i]
-    reach2 = smallest(d2, n_out, min(n_out, MAX_COMPANIONS), work)
-    near2 = smallest(d2, n_out, MIN_COMPANIONS, work)
-    for i in range(n):
-        w[i] = 1.0 if w[i] == 0.0 and x[i] * x[i] + y[i] * y[i] + z[i] * z[i] <= reach2 else 0.0
-    return n_out, math.sqrt(near2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -192,107 +158,6 @@ def relief(x: Any, y: Any, z: Any, n: int, m: Any, v: Any, scale: float) -> floa
         h = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
         total += min(h * h, limit)
     return total / n
-
-
-@njit(cache=True, error_model="numpy")
-def second_plane(x: Any, y: Any, z: Any, n: int, radius: float, scale: float, w: Any, d2: Any, work: Any) -> Any:
-    """Return (found, mean, covariance, lambda3) of a surface that the origin has with points outside of the plane `w`.
-
-    The other side of an edge, an ornament seen by few points: enough of them, as near as the points of a surface are,
-    no thicker than the main plane's noise explains, and the origin among them.
-    """
-    n_out, reach = companions(x, y, z, n, w, d2, work)
-    if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
-        return False, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), 0.0
-    s, m, c = moments(x, y, z, w, n)
-    lambdas, _, height = plane_of(m, c)
-    least, limit = lambdas[2] * s / (s - 3.0), CUT2 * scale * scale
-    return height * height <= limit and least <= limit and least <= NARROW * lambdas[1], m, c, least
-
-
-@njit(cache=True, error_model="numpy")
-def is_on_line(
-    x: Any, y: Any, z: Any, n: int, plane: Any, radius: float, scale: float, w: Any, d2: Any, work: Any
-) -> bool:
-    """Tell whether the origin lies on a line with points as far off the plane (mean, covariance) as itself, within half
-    of that: one of a scan, on a ridge or in a furrow. `w` is overwritten.
-
-    A line of a scan lies in a plane with the scanner, and tells nothing of how its surface tilts.
-    """
-    m, (_, v, own) = plane[0], plane_of(plane[0], plane[1])
-    for i in range(n):
-        height = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
-        w[i] = 0.0 if abs(height - own) <= 0.5 * abs(own) else 1.0  # 0: outside of the plane
-    n_out, reach = companions(x, y, z, n, w, d2, work)
-    if n_out < MIN_COMPANIONS or reach > 3.0 * radius * math.sqrt(MIN_COMPANIONS / n):
-        return False
-    s, m, c = moments(x, y, z, w, n)
-    largest, middle, _ = eigenvalues(c)
-    u, limit = eigenvector(c, largest), CUT2 * scale * scale
-    along = m[0] * u[0] + m[1] * u[1] + m[2] * u[2]
-    aside2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2] - along * along
-    return middle * s / (s - 2.0) <= limit and middle <= NARROW * largest and aside2 <= limit
-
-
-@njit(cache=True, error_model="numpy")
-def take_plane(x: Any, y: Any, z: Any, n: int, plane: Any, scale: float, w: Any) -> None:
-    """Write weights 1 for the points as near to the plane (mean, covariance) as noise explains, 0 for the others."""
-    m, v = plane[0], plane_of(plane[0], plane[1])[1]
-    for i in range(n):
-        height = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
-        w[i] = 1.0 if height * height <= CUT2 * scale * scale else 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def is_relief(x: Any, y: Any, z: Any, n: int, plane: Any, scale: float, is_line: bool, d2: Any, work: Any) -> bool:
-    """Tell whether the origin, off the plane (mean, covariance), is of a relief on it finer than the points resolve.
-
-    It is on a line of points, or half of the nearest lie off the plane on its side; it rises no more steeply than
-    `STEEPEST2` from the nearest point of the plane; and the plane is all around it: beside a silhouette, where mixed
-    pixels are, it lies on one side.
-    """
-    m, (_, v, own) = plane[0], plane_of(plane[0], plane[1])
-    for i in range(n):
-        d2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
-    next2, nearest2 = smallest(d2, n, min(n, NEXT + 1), work), math.inf
-    n_beside, n_around, limit = -1, 0, math.sqrt(CUT2) * scale  # the origin is beside itself
-    a, b, c = across(v)
-    e, f, g = v[1] * c - v[2] * b, v[2] * a - v[0] * c, v[0] * b - v[1] * a
-    for i in range(n):
-        height = v[0] * (x[i] - m[0]) + v[1] * (y[i] - m[1]) + v[2] * (z[i] - m[2])
-        if abs(height) > limit:
-            n_beside += 1 if d2[i] <= next2 and height * own > 0.0 else 0
-            continue
-        nearest2 = min(nearest2, d2[i])
-        work[n_around] = math.atan2(e * x[i] + f * y[i] + g * z[i], a * x[i] + b * y[i] + c * z[i])
-        n_around += 1
-    is_low = own * own <= STEEPEST2 * nearest2
-    return is_low and (is_line or n_beside >= MIN_BESIDE) and widest_turn(work[:n_around]) < WIDEST_GAP
-
-
-@njit(cache=True, error_model="numpy")
-def across(v: Any) -> Any:
-    """Return a unit vector across the unit vector v."""
-    if abs(v[0]) <= abs(v[1]) and abs(v[0]) <= abs(v[2]):
-        x, y, z = 0.0, v[2], -v[1]
-    elif abs(v[1]) <= abs(v[2]):
-        x, y, z = -v[2], 0.0, v[0]
-    else:
-        x, y, z = v[1], -v[0], 0.0
-    f = 1.0 / math.sqrt(x * x + y * y + z * z)
-    return x * f, y * f, z * f
-
-
-@njit(cache=True, error_model="numpy")
-def widest_turn(angles: Any) -> float:
-    """Return the widest gap [rad] between directions (k,) [rad] around a place; all of a turn where there is none."""
-    if len(angles) == 0:
-        return 2.0 * math.pi
-    turns = np.sort(angles)
-    gap = turns[0] + 2.0 * math.pi - turns[-1]
-    for i in range(1, len(turns)):
-        gap = max(gap, turns[i] - turns[i - 1])
-    return float(gap)
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from monitor.filtering import tangents
+from monitor.filtering import off_plane, tangents
 from monitor.filtering.covariance import moments
 from monitor.filtering.sizes import clean_limits
 from projects.transforms import rotation_from_vector
@@ -30,7 +30,7 @@ def is_relief(points, flat, is_line=False):
     """Tell whether the first point is of a relief on the plane of the flat ones."""
     x, y, z = np.ascontiguousarray(points.T)
     _, m, c = moments(x, y, z, flat.astype(float), len(x))
-    return tangents.is_relief(x, y, z, len(x), (m, c), SCALE, is_line, np.empty(len(x)), np.empty(len(x)))
+    return off_plane.is_relief(x, y, z, len(x), (m, c), SCALE, is_line, np.empty(len(x)), np.empty(len(x)))
 
 
 def row_of(points):
@@ -76,13 +76,13 @@ def test_the_widest_turn_is_that_between_sorted_angles(rng):
             angles = rng.uniform(-np.pi, np.pi, n)
             turns = np.sort(angles % (2.0 * np.pi))
             expected = np.diff(np.append(turns, turns[0] + 2.0 * np.pi)).max()
-            assert tangents.widest_turn(angles) == pytest.approx(expected)
-    assert tangents.widest_turn(np.zeros(0)) == 2.0 * np.pi
+            assert off_plane.widest_turn(angles) == pytest.approx(expected)
+    assert off_plane.widest_turn(np.zeros(0)) == 2.0 * np.pi
 
 
 def test_a_vector_across_is_a_unit_vector_and_across(rng):
     for v in (*np.eye(3), *-np.eye(3), *(w / np.linalg.norm(w) for w in rng.normal(size=(20, 3)))):
-        found = np.array(tangents.across(tuple(v)))
+        found = np.array(off_plane.across(tuple(v)))
         assert np.linalg.norm(found) == pytest.approx(1.0)
         assert found @ v == pytest.approx(0.0, abs=1e-12)
 
@@ -115,7 +115,7 @@ def is_on_line(rng, places, heights):
     x, y, z = np.ascontiguousarray((points @ rotation_from_vector(rng.normal(size=3)).T).T)
     n, scratch = len(x), np.empty((3, len(x)))
     _, m, c = moments(x, y, z, (np.arange(n) >= len(places)).astype(float), n)
-    return tangents.is_on_line(x, y, z, n, (m, c), 5.0, SCALE, *scratch)
+    return off_plane.is_on_line(x, y, z, n, (m, c), 5.0, SCALE, *scratch)
 
 
 @pytest.mark.parametrize(
