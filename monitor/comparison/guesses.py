@@ -1,11 +1,12 @@
 """What surfaces state beyond the noise of their points: a guess, since the points do not tell the shape there.
 
-In: a side, and what its surfaces state of most places. Out: the part of each vertex's variance that is a guess, what of
-it the sum over a region keeps, and how much of a surface and of each region is guessed. The noise of most of a surface is scaled to what its calm places show, and
-averages out over patches. A guess does neither: that most places err by less than they state says nothing of an
-ornament that the points are too sparse for, and there fits err alike as far as the ornament goes on. A scanner's
-columns cross a moulding along all of its length as they cross it at one place, in each epoch at other heights of its
-profile; both surfaces lie off it then by millimetres and decimetres long, and off each other.
+In: a side, and what its surfaces state of most places. Out: the part of each vertex's variance that is a guess, what
+of it the sum over a region keeps, and how much of a surface and its regions is guessed. The noise of most of a surface
+is scaled to what its calm places show, and averages out over patches. A guess does neither: that most places err by
+less than they state says nothing of an ornament that the points are too sparse for, and there fits err alike as far as
+the ornament goes on. A scanner's columns cross a moulding along all of its length as they cross it at one place, in
+each epoch at other heights of its profile; both surfaces lie off it then by millimetres and decimetres long, and off
+each other.
 """
 
 from __future__ import annotations
