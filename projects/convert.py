@@ -27,7 +27,7 @@ NAMES = {
     "origins": ("origin_x", "origin_y", "origin_z"),
     "colors": ("red", "green", "blue"),
 }
-COMPARED = ("distances", "lod95", "assessment", "region", "reasons")
+COMPARED = ("distances", "lod95", "assessment", "region", "reasons", "told_from")
 
 
 def _known(noun: PointCloud | Surface | ComparedSurface, n: int) -> dict[str, Any]:
@@ -55,7 +55,12 @@ def surface_to_pandas(surface: Surface) -> pd.DataFrame:
 def compared_to_pandas(compared: ComparedSurface) -> pd.DataFrame:
     """Return a table with one row a vertex: the surface's columns, then distances, lod95, assessment and so on."""
     table = surface_to_pandas(compared.surface)
-    return table.assign(**{name: getattr(compared, name) for name in COMPARED})
+    return table.assign(**_changes(compared))
+
+
+def _changes(compared: ComparedSurface) -> dict[str, Any]:
+    """Return the arrays of a compared surface that are known, by name."""
+    return {name: values for name in COMPARED if (values := getattr(compared, name)) is not None}
 
 
 def _table(known: dict[str, Any]) -> pd.DataFrame:
@@ -130,7 +135,7 @@ def surface_to_pyvista(surface: Surface) -> pyvista.PolyData:
 
 def compared_to_pyvista(compared: ComparedSurface) -> pyvista.PolyData:
     """Return one side of a comparison as triangles, with distances, lod95, assessment and so on as point data."""
-    return _with_point_data(surface_to_pyvista(compared.surface), {name: getattr(compared, name) for name in COMPARED})
+    return _with_point_data(surface_to_pyvista(compared.surface), _changes(compared))
 
 
 def _with_point_data(mesh: pyvista.PolyData, known: dict[str, Any]) -> pyvista.PolyData:

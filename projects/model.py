@@ -296,6 +296,9 @@ class ComparedSurface:
     with its changed vertices lies outside or inside of the other surface without a perpendicular, as a piece that broke
     off and its fracture do: its area is that of all of them, the mean of both sides, but of a piece that is gone, or
     came, as a whole that of its own surface, before a loss and after a gain.
+    `told_from` [m], NaN where not assessed, is how large the mean change of a patch around a vertex must at least be to
+    be told: `lod95`, or more where the surfaces guess what lies between their points. Where it exceeds `coarse_from`
+    [m] "unchanged" says much less than on most of the surface. None and NaN: not known.
     """
 
     surface: Surface
@@ -304,6 +307,15 @@ class ComparedSurface:
     assessment: NDArray[np.uint8]
     region: Ints
     reasons: NDArray[np.uint8]
+    told_from: Floats | None = None
+    coarse_from: float = float("nan")
+
+    @property
+    def is_coarse(self) -> Bools:
+        """Which vertices (n,) are unchanged as far as can be told, though only much larger changes could be."""
+        if self.told_from is None:
+            return np.zeros(len(self.assessment), dtype=np.bool_)
+        return np.asarray((self.assessment == Assessment.UNCHANGED) & (self.told_from > self.coarse_from))
 
     @property
     def is_changed(self) -> Bools:

@@ -18,6 +18,7 @@ from reports.wholemotion import describe_motion
 NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
 MOSTLY = 0.5  # of the surface not assessable: the headline says so
+LEAST_COARSE = 0.001  # of the assessed surface tells only large changes: the report says so
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
 NO_CONTROL = (
     "The margins are those of the fit of the two surfaces; the coordinates of each epoch are only as good as the poses "
@@ -54,6 +55,7 @@ def state_answer(
     sure = (
         *_lies_off(comparison),
         _how_small(comparison, bool(regions)),
+        *_coarse(comparison),
         *_beyond_tolerance(comparison),
         _whole(comparison, has_control),
         _not_assessed(comparison, (before, after)),
@@ -174,6 +176,25 @@ def _how_small(comparison: Comparison, changed: bool) -> str:
     if changed:
         return f"The smallest change that can be told from measurement error is {level} (95\u00a0%, median)."
     return f"The smallest change that would have been seen is {level} (95\u00a0%, median over the surface)."
+
+
+def coarse_from(comparison: Comparison) -> float:
+    """Return from which change [m] on the dotted places tell one at best, NaN where there is none worth telling."""
+    is_worth_it = comparison.statistics.get("coarse_area_share", NAN) >= LEAST_COARSE
+    return float(comparison.statistics["coarse_from_m"]) if is_worth_it else NAN
+
+
+def _coarse(comparison: Comparison) -> tuple[str, ...]:
+    """Return how much of the surface tells only much larger changes, where some does."""
+    least = coarse_from(comparison)
+    if not math.isfinite(least):
+        return ()
+    share, most = comparison.statistics["coarse_area_share"], comparison.statistics["coarse_told_from_m"]
+    return (
+        f"On {percent(share)} of the assessed surface (dotted in the pictures) the points do not say as much: there "
+        f"only changes larger than {millimetres(least)} would have been told, in the coarsest places "
+        f"{millimetres(most)}.",
+    )
 
 
 def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:

@@ -5,9 +5,10 @@ In: the facts of a report. Out: sentences.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from reports.answer import is_beside_layer
+from reports.answer import coarse_from, is_beside_layer
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
 from reports.quantities import NBSP
@@ -40,6 +41,8 @@ def write_captions(facts: ReportFacts) -> Captions:
         if facts.is_room
         else "Dark grey: the inside, seen through where nothing was recorded."
     )
+    is_dotted = math.isfinite(coarse_from(facts.comparison))
+    dotted = " Dotted: unchanged as far as can be told, which is only large changes." if is_dotted else ""
     numbers = " Numbers are those of the table of regions." if facts.regions else ""
     moved = f", the {after.order} moved onto the {before.order}" if facts.mode == "relative" else ""
     sides = (
@@ -57,7 +60,8 @@ def write_captions(facts: ReportFacts) -> Captions:
         difference=(
             f"What changed from {before.date} to {after.date}, drawn on the {after.order} surface; all views at one "
             "scale. Warm colours: material lost, paler where it stood before what is there now. Blue: material gained. "
-            "The darkest colours: as much or more. Light grey: assessed and unchanged. Hatched: not assessable. "
+            f"The darkest colours: as much or more. Light grey: assessed and unchanged.{dotted} Hatched: not "
+            "assessable. "
             f"{inside}{numbers}"
         ),
         strips=f"The same fixed views of both epochs{moved}.",

@@ -1,7 +1,8 @@
 """The colours of change: one diverging, colour-blind safe map with fixed rules, the same on screen, paper and in files.
 
 Lost is warm (sand to dark red), gained is cool (pale to dark blue), both darker the larger the change; unchanged is a
-light grey, and what is not assessable a cool grey, hatched in pictures, that neither sign can be taken for. The ramps
+light grey, darker (in pictures dotted) where only large changes would be told, and what is not assessable a cool grey,
+hatched in pictures, that neither sign can be taken for. The ramps
 begin beside the grey and not in it: only significant vertices are coloured, so a change is seen however small.
 """
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from projects.model import Assessment, Bools, ComparedSurface, Comparison, Floats, NotAssessed
 
 UNCHANGED = (214, 213, 210)
+COARSE, DOTS = (186, 184, 180), (132, 129, 124)  # unchanged, but only large changes would be told; its dots
 NOT_ASSESSABLE = (158, 164, 174)
 HATCH_LIGHT = (228, 230, 234)
 HATCH_DARK = (142, 147, 156)
@@ -91,6 +93,7 @@ def vertex_colours(compared_surface: ComparedSurface, limit_m: float) -> RGB:
     state = compared_surface.assessment
     colours = np.empty((len(state), 3))
     colours[:] = UNCHANGED
+    colours[compared_surface.is_coarse] = COARSE
     colours[state == Assessment.NOT_ASSESSABLE] = NOT_ASSESSABLE
     changed: Bools = state == Assessment.CHANGED
     colours[changed] = change_ramp(compared_surface.distances[changed], limit_m)

@@ -9,12 +9,13 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from projects.model import Assessment, ComparedSurface, Comparison, Floats
 from reports.cameras import face_normals
-from reports.colours import HATCH_DARK, HATCH_LIGHT, UNCHANGED, change_ramp, choose_limit
+from reports.colours import DOTS, HATCH_DARK, HATCH_LIGHT, UNCHANGED, change_ramp, choose_limit
 from reports.drawing import FAINT, INK, SOFT, WIDTH, drawing, plain_number, say_mm, write_svg
 from reports.quantities import MM
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison
@@ -27,13 +28,14 @@ def _hex(colour: tuple[int, int, int]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
-def draw_colour_bar(limit_m: float, lod95_m: float) -> bytes:
-    """Return the legend of every difference picture: the colours in mm, and what grey and hatch mean.
+def draw_colour_bar(limit_m: float, lod95_m: float, coarse_m: float = float("nan")) -> bytes:
+    """Return the legend of every difference picture: the colours in mm, and what grey, dots and hatch mean.
 
     Parameters
     ----------
     limit_m : m, where the colours end (`colours.choose_limit`).
     lod95_m : m, the median level of detection; smaller differences are grey. NaN where there is none.
+    coarse_m : m, at least so large a change goes untold where the surface is dotted. NaN where it is nowhere.
     """
     with drawing(0.78) as figure:
         axes = figure.add_axes((0.03, 0.40, 0.54, 0.26))
@@ -49,16 +51,24 @@ def draw_colour_bar(limit_m: float, lod95_m: float) -> bytes:
         axes.annotate("lost", (0, 1), (0, 4), "axes fraction", textcoords="offset points", weight="bold")
         axes.annotate("gained", (1, 1), (0, 4), "axes fraction", textcoords="offset points", ha="right", weight="bold")
         axes.annotate("change [mm]", (0.5, 1), (0, 4), "axes fraction", textcoords="offset points", ha="center")
-        for colour, y, text, hatch in (
-            (UNCHANGED, 0.66, _say_unchanged(lod95_m), ""),
-            (HATCH_LIGHT, 0.22, "not assessable", "/////"),
-        ):
-            figure.add_artist(
-                Rectangle((0.63, y - 0.11), 0.042, 0.26, facecolor=_hex(colour), edgecolor=_hex(HATCH_DARK), lw=0,
-                          hatch=hatch)
-            )  # fmt: skip
-            figure.text(0.685, y + 0.02, text, va="center", ha="left")
+        _add_states(figure, lod95_m, coarse_m)
         return write_svg(figure)
+
+
+def _add_states(figure: Figure, lod95_m: float, coarse_m: float) -> None:
+    """Add what grey, dots and hatch mean beside the colours."""
+    states = [
+        (UNCHANGED, HATCH_DARK, _say_unchanged(lod95_m), ""),
+        (HATCH_LIGHT, HATCH_DARK, "not assessable", "/////"),
+    ]
+    if np.isfinite(coarse_m):
+        states.insert(1, (UNCHANGED, DOTS, f"unchanged (up to {say_mm(coarse_m)} or more)", "....."))
+    step = 0.44 if len(states) == 2 else 0.32
+    for k, (colour, lines, text, hatch) in enumerate(states):
+        y = 0.44 + step * (0.5 * (len(states) - 1) - k)
+        box = Rectangle((0.63, y - 0.11), 0.042, 0.26, facecolor=_hex(colour), edgecolor=_hex(lines), lw=0, hatch=hatch)
+        figure.add_artist(box)
+        figure.text(0.685, y + 0.02, text, va="center", ha="left")
 
 
 def _say_unchanged(lod95_m: float) -> str:

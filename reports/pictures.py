@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from projects.model import Comparison
+from reports.answer import coarse_from
 from reports.colours import choose_limit
 from reports.courses import draw_courses
 from reports.facts import ReportFacts
@@ -106,7 +107,9 @@ def draw_change(comparison: Comparison) -> Pictures:
         )
         for n in numbers
     }
-    bar = show_drawing(draw_colour_bar(limit, level), "Colours of the differences in millimetres")
+    bar = show_drawing(
+        draw_colour_bar(limit, level, coarse_from(comparison)), "Colours of the differences in millimetres"
+    )
     histogram = show_drawing(draw_histogram(comparison), "Histogram of all differences")
     return Pictures(show_views(drawn), bar, histogram, regions)
 

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints
 from reports.colours import (
+    DOTS,
     HATCH_DARK,
     HATCH_LIGHT,
     INSIDE,
@@ -23,6 +24,7 @@ from reports.raycast import Pixels
 
 FILL_LIGHT = np.array([0.72, -0.05, 0.69])
 HATCH_PERIOD = 9.0  # pixels of the picture
+DOT_PERIOD, DOT_RADIUS = 6.0, 1.3  # pixels of the picture
 OUTLINE = (30, 30, 36)
 GHOST, BEFORE = 0.45, 0.75  # how strongly a place is drawn that only the earlier surface has: on paper, before a later
 
@@ -67,13 +69,23 @@ def hatch(rows: int, columns: int) -> Floats:
     return (along < 0.34 * HATCH_PERIOD).astype(np.float32)
 
 
+def dots(rows: int, columns: int) -> Floats:
+    """Return dots in staggered rows (rows, columns) of sub-pixels: 1 in a dot, 0 between."""
+    y, x = np.mgrid[:rows, :columns] / SUBPIXELS
+    row = np.floor(y / DOT_PERIOD)
+    dx = np.mod(x + 0.5 * DOT_PERIOD * np.mod(row, 2.0), DOT_PERIOD) - 0.5 * DOT_PERIOD
+    dy = np.mod(y, DOT_PERIOD) - 0.5 * DOT_PERIOD
+    return (dx**2 + dy**2 < DOT_RADIUS**2).astype(np.float32)
+
+
 def paint_stone(pixels: Pixels) -> Floats:
     """Return the material's linear colour (rows, columns, 3): stone, and a cool grey on the inside of the surface."""
     return np.where(pixels.inside[..., None], to_linear(np.array(INSIDE)) * 0.8, to_linear(np.array(STONE)))
 
 
 def paint_change(pixels: Pixels, side: ComparedSurface, limit_m: float) -> Floats:
-    """Return the linear colour (rows, columns, 3) of change: by distance, grey where unchanged, hatched where unknown.
+    """Return the linear colour (rows, columns, 3) of change: by distance, grey where unchanged, with dots where only
+    large changes would be told, hatched where unknown.
 
     A state holds where the corners that have it make up half of the place; the distance is interpolated over the
     changed corners of the triangle.
@@ -82,6 +94,8 @@ def paint_change(pixels: Pixels, side: ComparedSurface, limit_m: float) -> Float
     changed = (share_of(pixels, side.assessment == Assessment.CHANGED) >= 0.5) & ~unknown
     colour = np.empty((*pixels.hit.shape, 3), dtype=np.float32)
     colour[:] = to_linear(np.array(UNCHANGED))
+    coarse = (share_of(pixels, side.is_coarse) >= 0.5) & ~unknown
+    colour[coarse & (dots(*coarse.shape) > 0.0)] = to_linear(np.array(DOTS))
     colour[changed] = to_linear(change_ramp(_interpolate(pixels, side, changed), limit_m))
     lines = hatch(*pixels.hit.shape)[unknown][:, None]
     colour[unknown] = lines * to_linear(np.array(HATCH_DARK)) + (1 - lines) * to_linear(np.array(HATCH_LIGHT))

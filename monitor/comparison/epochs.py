@@ -29,6 +29,7 @@ from monitor.comparison.side import Side, drop_contradicted, larger_of, map_side
 from monitor.comparison.stood_there import drop_where_it_stood
 from monitor.comparison.summary import summarize
 from monitor.comparison.tested import Detected, Detection
+from monitor.comparison.told_from import add_told_from
 from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
 from projects.model import (
@@ -158,8 +159,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         regions = regions.without_chips()
     sides = drop_unexplained(sides, found, regions.whole)
     told = finish_sides(sides, found, regions, beyond)
+    told, coarse = add_told_from(told, sides, found, settings.false_discovery_rate)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
-    statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes}
+    statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes, **coarse}
     if layer:
         table, statistics["lod95_beside_layer_median_m"] = name_beside(table, layer), level_beside(told[1])
         measured = measure_sides(make_shells(reference, compared, limits, T), held, left)

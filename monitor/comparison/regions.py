@@ -159,6 +159,11 @@ def is_significant(z: Floats, n_places: Floats, level: float) -> Bools:
     return np.asarray(~(2.0 * norm.sf(z) * np.maximum(n_places, 1.0) > level))
 
 
+def sigmas_needed(n_places: float, level: float) -> float:
+    """Return from how many sigmas off zero on a mean is significant among so many like it (`is_significant`)."""
+    return float(norm.isf(0.5 * level / max(n_places, 1.0)))
+
+
 def area_looked_through(sides: tuple[Side, Side], beyond: Beyond, parts: tuple[Ints, Ints], n_parts: int) -> Floats:
     """Return the area [m2] of each part that a scan of the other epoch looked through, on the larger side."""
     area = np.zeros(n_parts)

@@ -91,7 +91,7 @@ def example_comparison(rng: np.random.Generator, n_regions: int = 2) -> Comparis
         distances = rng.normal(size=30)
         distances[:4] = np.nan
         return ComparedSurface(example_surface(rng), distances, rng.random(30), np.ones(30, np.uint8),
-                               np.zeros(30, np.int32), np.zeros(30, np.uint8))  # fmt: skip
+                               np.zeros(30, np.int32), np.zeros(30, np.uint8), rng.random(30), 0.5)  # fmt: skip
 
     rows = [[k + 1, "lost", *rng.normal(size=11)] for k in range(n_regions)]
     regions = pd.DataFrame(rows, columns=list(REGION_COLUMNS))

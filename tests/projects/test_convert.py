@@ -96,6 +96,9 @@ def test_comparison_keeps_unknown_distances_unknown(surface):
     table = convert.compared_to_pandas(side)
     np.testing.assert_array_equal(table["distances"], distances)
     assert table["assessment"].tolist() == [2, 0, 2, 1]
+    assert "told_from" not in table
+    known = convert.compared_to_pandas(dataclasses.replace(side, told_from=2.0 * abs(distances)))
+    np.testing.assert_array_equal(known["told_from"], 2.0 * abs(distances))
     mesh = convert.compared_to_pyvista(side)
     np.testing.assert_array_equal(mesh.point_data["distances"], distances)
     assert mesh.n_cells == len(surface.faces)

@@ -1,11 +1,14 @@
 """The colours of change: range, signs, states, and whether people with colour-blind eyes can tell them apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from small_comparison import DEPTH, make_comparison
+from small_comparison import DEPTH, LEVEL, make_comparison
 
 from projects.model import Assessment
 from reports.colours import (
+    COARSE,
     NOT_ASSESSABLE,
     UNCHANGED,
     change_ramp,
@@ -72,6 +75,18 @@ def test_vertices_have_the_colour_of_their_state_and_sign():
     gained, lost = colours[side.region == 1], colours[side.region == 2]
     assert (gained[:, 2] > gained[:, 0] + 40).all()  # blue
     assert (lost[:, 0] > lost[:, 2] + 40).all()  # red
+
+
+def test_vertices_that_tell_only_large_changes_are_darker():
+    side = make_comparison(60).on_compared
+    top = side.surface.vertices[:, 2] > 0.05
+    known = replace(side, told_from=np.where(top, 5 * LEVEL, LEVEL), coarse_from=4 * LEVEL)
+    colours = vertex_colours(known, DEPTH)
+    is_coarse = top & (side.assessment == Assessment.UNCHANGED)
+    assert (colours[is_coarse] == COARSE).all()
+    assert (colours[~is_coarse] == vertex_colours(side, DEPTH)[~is_coarse]).all()
+    grey, darker, unknown = (lab(linear(np.array([c])))[0] for c in (UNCHANGED, COARSE, NOT_ASSESSABLE))
+    assert min(np.linalg.norm(darker - grey), np.linalg.norm(darker - unknown)) > 8.0  # 2.3 can just be seen
 
 
 def test_ramps_darken_with_the_change_and_end_at_the_limit():

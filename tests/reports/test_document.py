@@ -269,6 +269,22 @@ def test_where_nothing_changed_the_smallest_change_that_would_have_been_seen_is_
     assert "Region" not in text
 
 
+def test_what_tells_only_large_changes_is_said_with_its_share_and_what_it_tells():
+    coarse = {"coarse_from_m": 4 * 0.00035, "coarse_area_share": 0.062, "coarse_told_from_m": 0.0123}
+    facts = facts_of(example_comparison(**coarse))
+    assert (
+        "On 6.2 % of the assessed surface (dotted in the pictures) the points do not say as much: there only changes "
+        "larger than 1.4 mm would have been told, in the coarsest places 12 mm."
+    ) in said(facts)
+    told = {plain(row[0]): plain(row[1]) for table in facts.certainty for row in table.rows}
+    assert told["assessed surface that tells none below 1.4 mm (dotted)"] == "6.2 %"
+    assert "Dotted: unchanged as far as can be told" in write_captions(facts).difference
+    for little in ({}, {**coarse, "coarse_area_share": 0.0004}, {**coarse, "coarse_area_share": NAN}):
+        facts = facts_of(example_comparison(**little))
+        assert "dotted" not in said(facts)
+        assert "Dotted" not in write_captions(facts).difference
+
+
 def test_many_regions_are_counted_and_only_the_largest_are_told():
     rows = [(k, *DENT[1:]) for k in range(1, 16)]
     text = said(facts_of(example_comparison(rows=rows)))

@@ -88,6 +88,12 @@ def test_colour_bar_says_millimetres_signs_and_states():
     assert "unchanged (up to about 0.60 mm)" in said
 
 
+def test_colour_bar_says_what_dots_mean_where_there_are_any():
+    said = words(draw_colour_bar(0.02, 0.0006, 0.0024))
+    assert {"unchanged (up to about 0.60 mm)", "unchanged (up to 2.4 mm or more)", "not assessable"} <= set(said)
+    assert not any("or more" in word for word in words(draw_colour_bar(0.02, 0.0006)))
+
+
 def test_colour_bar_without_a_level_of_detection_is_drawn():
     assert "unchanged" in words(draw_colour_bar(0.001, float("nan")))
 

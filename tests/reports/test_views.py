@@ -1,5 +1,6 @@
 """Pictures looked at by value: colours, hatch, scale bar, numbers and framing are where the truth says."""
 
+import dataclasses
 import io
 
 import numpy as np
@@ -22,7 +23,7 @@ from reports.annotations import (
 from reports.cameras import Frame, all_views, choose_views, find_front, frame_views, project_points
 from reports.lighting import SUBPIXELS
 from reports.raycast import build_scene, cast_view
-from reports.shading import HATCH_PERIOD
+from reports.shading import DOT_PERIOD, DOT_RADIUS, HATCH_PERIOD
 from reports.views import draw_close_up, draw_comparison, draw_difference, draw_surface
 
 SIZE = 340  # pixels
@@ -90,6 +91,21 @@ def test_not_assessable_is_hatched_with_its_period(drawn, frames):
     assert np.ptp(middle) > 50
     stone = pixels_of(drawn["left"].after)[frame.height // 2 - frame.foot // 2, :, 1]
     assert np.ptp(stone[frame.width // 2 - 36 : frame.width // 2 + 36]) < 40  # no hatch there
+
+
+def test_unchanged_places_that_tell_only_large_changes_are_dotted(comparison, drawn, frames):
+    side, frame = comparison.on_compared, frames["back"]
+    below = side.surface.vertices[:, 2] < 0.0
+    known = dataclasses.replace(side, told_from=np.where(below, 0.01, 0.001), coarse_from=0.005)
+    picture = draw_difference(known, choose_views(comparison.on_reference.surface)[2], limit_m=DEPTH, frame=frame)
+    plain = draw_difference(side, choose_views(comparison.on_reference.surface)[2], limit_m=DEPTH, frame=frame)
+    darker = (pixels_of(plain) - pixels_of(picture)).max(axis=-1) > 25
+    middle = int(project_points(frame, np.zeros((1, 3)))[0][1])
+    assert not darker[: middle - 3].any()
+    share = darker[middle + 15 : middle + 60, frame.width // 2 - 40 : frame.width // 2 + 40].mean()
+    assert share == pytest.approx(np.pi * DOT_RADIUS**2 / DOT_PERIOD**2, rel=0.3)
+    rows = darker[middle + 15 : middle + 15 + 48].mean(axis=1)
+    assert 48 / (1 + np.abs(np.fft.rfft(rows))[1:].argmax()) == pytest.approx(DOT_PERIOD, abs=0.9)
 
 
 def test_what_only_the_reference_has_is_drawn_pale_beyond_the_outline(drawn, frames):

@@ -43,11 +43,13 @@ def places_of_regions(comparison: Comparison, places: Sequence[Floats], near: fl
     return out
 
 
-def is_called_unchanged(comparison: Comparison, place: Floats) -> bool:
-    """Return whether the vertex of the earlier surface next to a place (3,) [m] is called unchanged."""
+def look_at(comparison: Comparison, place: Floats) -> tuple[bool, float]:
+    """Return whether the vertex of the earlier surface next to a place (3,) [m] is called unchanged, and from how large
+    a change [m] on it tells one."""
     side = comparison.on_reference
     nearest = int(np.linalg.norm(side.surface.vertices - place, axis=1).argmin())
-    return bool(side.assessment[nearest] == Assessment.UNCHANGED)
+    told_from = float("nan") if side.told_from is None else float(side.told_from[nearest])
+    return bool(side.assessment[nearest] == Assessment.UNCHANGED), told_from
 
 
 def row_of_place(
@@ -64,8 +66,10 @@ def row_of_place(
         others |= {"told": f"{1e3 * deepest:+.1f}", f"told, {unit.name}": in_unit}
         pairs = (("extreme_m", truth.extreme), ("area_m2", truth.area), ("volume_m3", truth.volume))
         others["within 1.96 sigma: deepest, area, volume"] = ", ".join(within(told, *pair) for pair in pairs)
-    unchanged = sum(is_called_unchanged(c, changed.place) for c in found)
-    others["its middle called unchanged"] = f"{unchanged} of {len(found)}"
+    seen = [look_at(c, changed.place) for c in found]
+    others["its middle called unchanged"] = f"{sum(is_unchanged for is_unchanged, _ in seen)} of {len(found)}"
+    least = [told_from for _, told_from in seen if np.isfinite(told_from)]
+    others["it tells from, mm"] = f"{1e3 * np.median(least):.1f}" if least else ""
     return Row(f"{changed.edit.name}: told", f"{len(told)} of {len(found)}", others=others, value=float(len(told)))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 import open3d as o3d
 import trimesh
 from front_door import Epoch
-from region_places import is_called_unchanged, places_of_regions
+from region_places import look_at, places_of_regions
 from rows import Row, Size, in_percent, in_words, judge
 from set_up_elsewhere import set_up_elsewhere
 
@@ -165,7 +165,7 @@ def rows_of(name: str, pairs: list[tuple[Comparison, Comparison]]) -> list[Row]:
     ]  # fmt: skip
     for k, hollow in enumerate(HOLLOWS):
         n = sum(k in hollows_of(c) for c in later)
-        unchanged = sum(is_called_unchanged(c, np.array(hollow.place)) for c in later)
+        unchanged = sum(look_at(c, np.array(hollow.place))[0] for c in later)
         rows.append(Row(f"{name}: a hollow {hollow.name}: told", f"{n} of {len(later)}", judge(n == len(later)),
                         asked="all", value=n,
                         others={"its middle called unchanged": f"{unchanged} of {len(later)}"}))  # fmt: skip
