@@ -197,6 +197,14 @@ def _coarse(comparison: Comparison) -> tuple[str, ...]:
     )
 
 
+def _coarse_beside(comparison: Comparison) -> str:
+    """Return on how much of the surface only larger changes would be told, for a figure to remember."""
+    least = coarse_from(comparison)
+    if not math.isfinite(least):
+        return ""
+    return f"; {millimetres(least)} or more on {percent(comparison.statistics['coarse_area_share'])} of it"
+
+
 def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:
     """Return how much of the surface lies beyond the client's own limit, where one was given."""
     tolerance = comparison.statistics.get("tolerance_m")
@@ -279,7 +287,7 @@ def _figures(
     beside = f"; {level_beside(comparison)} against the rest" if is_beside_layer(comparison) else ""
     return (
         _how_many(comparison, regions),
-        KeyFigure("Smallest detectable change", level, f"95\u00a0%, median{beside}"),
+        KeyFigure("Smallest detectable change", level, f"95\u00a0%, median{beside}{_coarse_beside(comparison)}"),
         KeyFigure("Object as a whole", motion.displacement.text, sure),
         KeyFigure(
             "Not assessable", unknown[k], f"of the {here.order} epoch’s surface; {unknown[1 - k]} of the other’s"

@@ -276,6 +276,8 @@ def test_what_tells_only_large_changes_is_said_with_its_share_and_what_it_tells(
         "On 6.2 % of the assessed surface (dotted in the pictures) the points do not say as much: there only changes "
         "larger than 1.4 mm would have been told, in the coarsest places 12 mm."
     ) in said(facts)
+    notes = {figure.label: plain(figure.note) for figure in facts.answer.figures}
+    assert notes["Smallest detectable change"] == "95 %, median; 1.4 mm or more on 6.2 % of it"
     told = {plain(row[0]): plain(row[1]) for table in facts.certainty for row in table.rows}
     assert told["assessed surface that tells none below 1.4 mm (dotted)"] == "6.2 %"
     assert "Dotted: unchanged as far as can be told" in write_captions(facts).difference
