@@ -296,9 +296,10 @@ class ComparedSurface:
     with its changed vertices lies outside or inside of the other surface without a perpendicular, as a piece that broke
     off and its fracture do: its area is that of all of them, the mean of both sides, but of a piece that is gone, or
     came, as a whole that of its own surface, before a loss and after a gain.
-    `told_from` [m], NaN where not assessed, is how large the mean change of a patch around a vertex must at least be to
-    be told: `lod95`, or more where the surfaces guess what lies between their points. Where it exceeds `coarse_from`
-    [m] "unchanged" says much less than on most of the surface. None and NaN: not known.
+    `told_from` [m] float32, NaN where not assessed, is from about how large a mean change of the place of a vertex, as
+    wide as errors agree or less, on it is told: `lod95`, or more where the surfaces guess what lies between their
+    points. Where it exceeds `coarse_from` [m] "unchanged" says much less than on most of the surface. None and NaN: not
+    known.
     """
 
     surface: Surface
@@ -312,7 +313,7 @@ class ComparedSurface:
 
     @property
     def is_coarse(self) -> Bools:
-        """Which vertices (n,) are unchanged as far as can be told, though only much larger changes could be."""
+        """Which vertices (n,) are unchanged as far as can be told, where only much larger changes are told."""
         if self.told_from is None:
             return np.zeros(len(self.assessment), dtype=np.bool_)
         return np.asarray((self.assessment == Assessment.UNCHANGED) & (self.told_from > self.coarse_from))

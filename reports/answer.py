@@ -178,31 +178,34 @@ def _how_small(comparison: Comparison, changed: bool) -> str:
     return f"The smallest change that would have been seen is {level} (95\u00a0%, median over the surface)."
 
 
-def coarse_from(comparison: Comparison) -> float:
-    """Return from which change [m] on the dotted places tell one at best, NaN where there is none worth telling."""
-    is_worth_it = comparison.statistics.get("coarse_area_share", NAN) >= LEAST_COARSE
-    return float(comparison.statistics["coarse_from_m"]) if is_worth_it else NAN
+def dotted_from(comparison: Comparison) -> float:
+    """Return from which change [m] on dotted places tell one at best, NaN where pictures have no dots."""
+    sides = comparison.on_compared, comparison.on_reference
+    return comparison.on_compared.coarse_from if any(s.is_coarse.any() for s in sides) else NAN
+
+
+def _tells_coarse(comparison: Comparison) -> bool:
+    """Return whether the surface that tells only large changes is worth a sentence."""
+    return bool(comparison.statistics.get("coarse_area_share", NAN) >= LEAST_COARSE)
 
 
 def _coarse(comparison: Comparison) -> tuple[str, ...]:
     """Return how much of the surface tells only much larger changes, where some does."""
-    least = coarse_from(comparison)
-    if not math.isfinite(least):
+    if not _tells_coarse(comparison):
         return ()
-    share, most = comparison.statistics["coarse_area_share"], comparison.statistics["coarse_told_from_m"]
+    share, least, most = (comparison.statistics[f"coarse_{n}"] for n in ("area_share", "from_m", "told_from_m"))
     return (
-        f"On {percent(share)} of the assessed surface (dotted in the pictures) the points do not say as much: there "
-        f"only changes larger than {millimetres(least)} would have been told, in the coarsest places "
-        f"{millimetres(most)}.",
+        f"On {percent(share)} of the assessed surface (dotted in the pictures) only larger changes are told: above "
+        f"{millimetres(least)}, on the coarsest twentieth of it above {millimetres(most)}.",
     )
 
 
 def _coarse_beside(comparison: Comparison) -> str:
-    """Return on how much of the surface only larger changes would be told, for a figure to remember."""
-    least = coarse_from(comparison)
-    if not math.isfinite(least):
+    """Return on how much of the surface only larger changes are told, for a figure to remember."""
+    if not _tells_coarse(comparison):
         return ""
-    return f"; {millimetres(least)} or more on {percent(comparison.statistics['coarse_area_share'])} of it"
+    share, least = (comparison.statistics[f"coarse_{name}"] for name in ("area_share", "from_m"))
+    return f"; {millimetres(least)} or more on {percent(share)} of the surface"
 
 
 def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:
@@ -210,8 +213,14 @@ def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:
     tolerance = comparison.statistics.get("tolerance_m")
     if tolerance is None:
         return ()
-    share = percent(comparison.statistics.get("share_beyond_tolerance", NAN))
-    return (f"{share} of the assessed surface differs by more than the tolerance of {tolerance_in_words(tolerance)}.",)
+    beyond, unsure = (
+        comparison.statistics.get(name, NAN) for name in ("share_beyond_tolerance", "share_coarser_than_tolerance")
+    )
+    limit = tolerance_in_words(tolerance)
+    told = f"{percent(beyond)} of the assessed surface differs by more than the tolerance of {limit}"
+    return (
+        f"{told}; {percent(unsure)} tells only larger changes than that." if unsure >= LEAST_COARSE else f"{told}.",
+    )
 
 
 def tolerance_in_words(tolerance: float) -> str:

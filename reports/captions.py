@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from reports.answer import coarse_from, is_beside_layer
+from reports.answer import dotted_from, is_beside_layer
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
 from reports.quantities import NBSP
@@ -41,8 +41,8 @@ def write_captions(facts: ReportFacts) -> Captions:
         if facts.is_room
         else "Dark grey: the inside, seen through where nothing was recorded."
     )
-    is_dotted = math.isfinite(coarse_from(facts.comparison))
-    dotted = " Dotted: unchanged as far as can be told, which is only large changes." if is_dotted else ""
+    is_dotted = math.isfinite(dotted_from(facts.comparison))
+    dotted = " Dotted: unchanged as far as can be told; only larger changes are told there." if is_dotted else ""
     numbers = " Numbers are those of the table of regions." if facts.regions else ""
     moved = f", the {after.order} moved onto the {before.order}" if facts.mode == "relative" else ""
     sides = (

@@ -103,7 +103,7 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     rows = [
         ("Smallest change seen at 95\u00a0%, median", millimetres(statistics.get("lod95_median_m", NAN))),
         *beside,
-        ("on nine tenths of the surface between", f"{millimetres(float(low))} and {millimetres(float(high))}"),
+        ("of single vertices, nine tenths between", f"{millimetres(float(low))} and {millimetres(float(high))}"),
         *_coarse_rows(statistics),
         ("mean difference where nothing changed (bias)", millimetres(statistics.get("bias_m", NAN), signed=True)),
         ("the same by area, without a motion of the whole", _offset(statistics)),
@@ -141,8 +141,8 @@ def _coarse_rows(statistics: Mapping[str, Any]) -> list[tuple[str, str]]:
     share, least, most = (statistics.get(f"coarse_{name}", NAN) for name in ("area_share", "from_m", "told_from_m"))
     if not np.isfinite(share):
         return []
-    rows = [(f"assessed surface that tells none below {millimetres(least)} (dotted)", percent(share))]
-    return [*rows, ("on 95\u00a0% of that changes are told from", millimetres(most))] if np.isfinite(most) else rows
+    rows = [(f"assessed surface that tells only changes above {millimetres(least)} (dotted)", percent(share))]
+    return [*rows, ("on 95\u00a0% of that, changes are told above", millimetres(most))] if np.isfinite(most) else rows
 
 
 def not_assessed_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -> Table:

@@ -35,7 +35,7 @@ def draw_colour_bar(limit_m: float, lod95_m: float, coarse_m: float = float("nan
     ----------
     limit_m : m, where the colours end (`colours.choose_limit`).
     lod95_m : m, the median level of detection; smaller differences are grey. NaN where there is none.
-    coarse_m : m, at least so large a change goes untold where the surface is dotted. NaN where it is nowhere.
+    coarse_m : m, the surface is dotted where only changes larger than that, or than more, are told. NaN: nowhere.
     """
     with drawing(0.78) as figure:
         axes = figure.add_axes((0.03, 0.40, 0.54, 0.26))

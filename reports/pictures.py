@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from projects.model import Comparison
-from reports.answer import coarse_from
+from reports.answer import dotted_from
 from reports.colours import choose_limit
 from reports.courses import draw_courses
 from reports.facts import ReportFacts
@@ -108,7 +108,7 @@ def draw_change(comparison: Comparison) -> Pictures:
         for n in numbers
     }
     bar = show_drawing(
-        draw_colour_bar(limit, level, coarse_from(comparison)), "Colours of the differences in millimetres"
+        draw_colour_bar(limit, level, dotted_from(comparison)), "Colours of the differences in millimetres"
     )
     histogram = show_drawing(draw_histogram(comparison), "Histogram of all differences")
     return Pictures(show_views(drawn), bar, histogram, regions)

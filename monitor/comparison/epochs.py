@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from monitor.boxes import box_of
-from monitor.comparison.beside_layer import lay_back, level_beside, name_beside, peel, peel_points, thickness_of
+from monitor.comparison.beside_layer import (
+    lay_back,
+    level_beside,
+    level_with,
+    name_beside,
+    peel,
+    peel_points,
+    thickness_of,
+)
 from monitor.comparison.borne_out import Points, drop_guessed, keep_borne_out
 from monitor.comparison.chips import drop_unexplained
 from monitor.comparison.comparable import require_common, require_comparable, settle_motion
@@ -29,7 +37,7 @@ from monitor.comparison.side import Side, drop_contradicted, larger_of, map_side
 from monitor.comparison.stood_there import drop_where_it_stood
 from monitor.comparison.summary import summarize
 from monitor.comparison.tested import Detected, Detection
-from monitor.comparison.told_from import add_told_from
+from monitor.comparison.told_from import add_told_from, coarse_figures, level_of_coarse, tell_smallest
 from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
 from projects.model import (
@@ -148,6 +156,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate)
+    smallest = tell_smallest(sides, found, settings.false_discovery_rate)
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
@@ -159,13 +168,16 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         regions = regions.without_chips()
     sides = drop_unexplained(sides, found, regions.whole)
     told = finish_sides(sides, found, regions, beyond)
-    told, coarse = add_told_from(told, sides, found, settings.false_discovery_rate)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
-    statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes, **coarse}
+    statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes}
     if layer:
         table, statistics["lod95_beside_layer_median_m"] = name_beside(table, layer), level_beside(told[1])
         measured = measure_sides(make_shells(reference, compared, limits, T), held, left)
         told, sides = lay_back(told, measured, layer)
+        smallest = level_with(smallest[0], layer), level_with(smallest[1], layer)
+    coarse_from = level_of_coarse(told[1])
+    told = add_told_from(told[0], smallest[0], coarse_from), add_told_from(told[1], smallest[1], coarse_from)
+    statistics |= coarse_figures(told[1], sides[1].areas, tolerance)
     statistics = {**summarize(told[1], sides, found, registration, tolerance), **statistics}
     return Comparison(told[1], told[0], table, registration, mode, statistics)
 

@@ -159,9 +159,9 @@ def is_significant(z: Floats, n_places: Floats, level: float) -> Bools:
     return np.asarray(~(2.0 * norm.sf(z) * np.maximum(n_places, 1.0) > level))
 
 
-def sigmas_needed(n_places: float, level: float) -> float:
-    """Return from how many sigmas off zero on a mean is significant among so many like it (`is_significant`)."""
-    return float(norm.isf(0.5 * level / max(n_places, 1.0)))
+def sigmas_needed(n_places: Floats, level: float) -> Floats:
+    """Return from how many sigmas off zero on means (r,) are significant among `n_places` (r,) like theirs."""
+    return np.asarray(norm.isf(0.5 * level / np.maximum(n_places, 1.0)))
 
 
 def area_looked_through(sides: tuple[Side, Side], beyond: Beyond, parts: tuple[Ints, Ints], n_parts: int) -> Floats:

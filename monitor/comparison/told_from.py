@@ -1,8 +1,8 @@
-"""How large a change must at least be to be told, place by place, and how much of a surface tells only large ones.
+"""From about how large a change on each place tells one, and how much of a surface tells only large ones.
 
-In: the sides and what was detected on them. Out: metres at each vertex, and figures of the whole. "Unchanged" says that
-no change was told; the median level of detection says of most of a surface how small one may be. On ornament that the
-points are too sparse for, along edges and between samples only much larger ones are.
+In: the sides, what was detected on them, the answer. Out: metres at each vertex, and figures of the whole. "Unchanged"
+says that no change was told; the median level of detection says of most of a surface how small one may be. On ornament
+that the points are too sparse for, along edges and between samples only much larger ones are told.
 """
 
 from __future__ import annotations
@@ -12,67 +12,83 @@ from typing import Any
 
 import numpy as np
 
-from monitor.comparison.guesses import SURE, areas_of_guesses, split_stated
+from monitor.comparison.blocks import blocks
+from monitor.comparison.guesses import SURE, areas_of_guesses
+from monitor.comparison.noise import Noise
 from monitor.comparison.quantile import median
 from monitor.comparison.regions import assessed_area, sigmas_needed
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.tested import Detected
-from projects.model import ComparedSurface, Floats, Ints
+from monitor.comparison.units import average_by_unit
+from projects.model import ComparedSurface, Floats, NotAssessed
 
-Told = tuple[ComparedSurface, ComparedSurface]  # on the reference and the compared surface
 COARSE = 4.0  # times the median level of detection, beyond which a place tells only large changes
-WORST = 0.95  # of the coarse area tells smaller changes than the figure given
-
-
-def add_told_from(told: Told, sides: tuple[Side, Side], found: Detected, level: float) -> tuple[Told, dict[str, Any]]:
-    """Return both sides (reference, compared) with `told_from` and `coarse_from`, and the figures of the compared one:
-    from which change on a place is coarse `coarse_from_m`, which share of the assessed area is so, `coarse_area_share`,
-    and from how large a change on nearly all of that tells one, `coarse_told_from_m`, NaN without any."""
-    assessed = told[1].lod95[sides[1].is_assessed]
-    coarse_from = COARSE * median(assessed) if len(assessed) else float("nan")
-    smallest = tell_smallest(sides, found, level)
-    before, after = (replace(t, told_from=s, coarse_from=coarse_from) for t, s in zip(told, smallest, strict=True))
-    areas, is_coarse = sides[1].areas, after.is_coarse
-    whole = float(areas[sides[1].is_assessed].sum())
-    figures = {
-        "coarse_from_m": coarse_from,
-        "coarse_area_share": float(areas[is_coarse].sum()) / whole if whole else float("nan"),
-        "coarse_told_from_m": quantile_by_area(smallest[1][is_coarse], areas[is_coarse], WORST),
-    }
-    return (before, after), figures
+NEARLY_ALL = 0.95  # of the coarse area tells changes of the size given
 
 
 def tell_smallest(sides: tuple[Side, Side], found: Detected, level: float) -> tuple[Floats, Floats]:
-    """Return of each side how large the mean change [m] around a vertex (n,) must at least be to be told, NaN where it
-    is not assessed: its level of detection, or what a region of one unit must have where surfaces guess
-    (`regions.known_of`)."""
-    usual, size2 = found.noise.usual, found.test.size**2
+    """Return of each side from how large a mean change [m] of the unit of a vertex (n,) float32 on a region is told.
+
+    That is its level of detection, or, where the surfaces guess, what a region must have that is the guessed part of
+    the unit (`regions.known_of`): a guess errs alike all over it.
+    """
+    usual = found.noise.usual
     no_region = (np.zeros(len(sides[0].areas), dtype=np.int32), np.zeros(len(sides[1].areas), dtype=np.int32))
-    guessed, _ = areas_of_guesses(sides, usual, no_region, 0)
-    among = max(SURE, sigmas_needed(guessed / size2, level))
-    needed = min(among, sigmas_needed(assessed_area(sides) / size2, level))
+    guessed, whole = areas_of_guesses(sides, usual, no_region, 0)[0], assessed_area(sides)
 
     def of_side(k: int) -> Floats:
         """Return that of side k."""
-        side = sides[k]
-        guess = needed * guess_of_units(side, usual, found.test.units[k].number)
-        return keep_on_disk(np.where(side.is_assessed, np.maximum(found.sides[k].lod95, guess), np.nan))
+        side, units, told = sides[k], found.test.units[k], found.sides[k].lod95.astype(np.float32)
+        guess2 = guess_of(side, found.noise)
+        number = np.where((guess2 > 0.0) & side.is_assessed, units.number, -1)
+        areas, mean2 = average_by_unit(number, side.areas, guess2, len(units.areas))
+        among = np.maximum(SURE, sigmas_needed(guessed / areas, level))
+        least = np.minimum(among, sigmas_needed(whole / areas, level)) * np.sqrt(mean2)
+        told[number >= 0] = np.maximum(told, least.astype(np.float32)[number])[number >= 0]
+        return keep_on_disk(told)
 
     return map_sides(of_side, larger_of(sides))
 
 
-def guess_of_units(side: Side, usual: float, number: Ints) -> Floats:
-    """Return one sigma [m] of what surfaces guess of the mean of the unit of each vertex (n,): they err alike in it.
+def guess_of(side: Side, noise: Noise) -> Floats:
+    """Return the variance [m2] of each vertex (n,) that is a guess of the surfaces, as regions hold it."""
+    out = np.empty(len(side.areas))
+    for block in blocks(len(out)):
+        out[block] = noise.parts_of(side, block)[1]
+    return out
 
-    `number` (n,) are the units, -1 for none: 0 there.
-    """
-    n = int(number.max(initial=-1)) + 1
-    guess2 = split_stated(side, usual)[1]
-    counts = side.is_assessed & (number >= 0)
-    areas, at = side.areas[counts], number[counts]
-    total = np.bincount(at, areas * guess2[counts], minlength=n) / np.maximum(np.bincount(at, areas, n), 1e-300)
-    return np.append(np.sqrt(total), 0.0)[number]  # -1 is the last
+
+def add_told_from(told: ComparedSurface, smallest: Floats, coarse_from: float) -> ComparedSurface:
+    """Return a side's answer with how small a change (n,) [m] it tells where it is assessed, and from where on that is
+    coarse."""
+    is_assessed = told.reasons == NotAssessed.ASSESSED
+    return replace(told, told_from=keep_on_disk(np.where(is_assessed, smallest, np.float32(np.nan))),
+                   coarse_from=coarse_from)  # fmt: skip
+
+
+def level_of_coarse(told: ComparedSurface) -> float:
+    """Return beyond how large a change [m] a place that tells none smaller is coarse; NaN where nothing is assessed."""
+    levels = told.lod95[told.reasons == NotAssessed.ASSESSED]
+    return COARSE * median(levels) if len(levels) else float("nan")
+
+
+def coarse_figures(told: ComparedSurface, areas: Floats, tolerance: float | None) -> dict[str, Any]:
+    """Return what a side with vertices of so large `areas` (n,) [m2] tells too little of: beyond which change a place
+    is coarse (`coarse_from_m`), which share of the assessed area is (`coarse_area_share`), from how large a change on
+    nearly all of that tells one (`coarse_told_from_m`, NaN where there is none), and, where a client's `tolerance` [m]
+    is given, which share tells no change of that size (`share_coarser_than_tolerance`)."""
+    assert told.told_from is not None
+    is_coarse, is_assessed = told.is_coarse, told.reasons == NotAssessed.ASSESSED
+    whole = float(areas[is_assessed].sum()) or float("nan")
+    figures = {
+        "coarse_from_m": told.coarse_from,
+        "coarse_area_share": float(areas[is_coarse].sum()) / whole,
+        "coarse_told_from_m": quantile_by_area(told.told_from[is_coarse], areas[is_coarse], NEARLY_ALL),
+    }
+    if tolerance is not None:
+        figures["share_coarser_than_tolerance"] = float(areas[is_assessed & (told.told_from > tolerance)].sum()) / whole
+    return figures
 
 
 def quantile_by_area(values: Floats, areas: Floats, share: float) -> float:

@@ -135,6 +135,13 @@ def _kinds_of(side: Side, number: Ints, areas: Floats) -> Ints:
     return (_average(number, side.areas, areas, is_rough[:, None])[:, 0] >= ROUGH_FROM).astype(np.int64)
 
 
+def average_by_unit(number: Ints, areas: Floats, values: Floats, n_units: int) -> tuple[Floats, Floats]:
+    """Return the area [m2] and the mean (u,) by area of the values (n,) over the vertices of each unit `number` (n,),
+    -1 for none; a unit without vertices has hardly any area, and 0."""
+    whole = np.maximum(_sum_areas(number, areas, n_units)[0], 1e-300)
+    return whole, _average(number, areas, whole, values[:, None])[:, 0]
+
+
 def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
     """Return the units with what the noise says of their vertices, and how much of them is in `calm` (n,)."""
     variance = np.empty(len(calm))

@@ -56,6 +56,8 @@ def test_distances_and_levels_hold_with_the_layer(rng: np.random.Generator, laye
     assert found.statistics["lod95_median_m"] == pytest.approx(one_sided + abs(found.registration.layer), abs=1e-7)
     for side in (found.on_compared, found.on_reference):
         assert (side.assessment == Assessment.CHANGED).any()
+        assert side.told_from is not None
+        assert not (side.told_from < 0.999 * side.lod95).any()  # with the layer, too
         unchanged = side.distances[side.assessment == Assessment.UNCHANGED]
         assert np.median(unchanged) == pytest.approx(-layer, abs=1e-4)
     deepest = found.on_compared.distances[lost > 2.9e-3]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -10,27 +11,89 @@ import pytest
 from scipy.stats import norm
 from test_guesses import EDGE, GUESSED, NOISE, N, along_one, compared, mouldings, side_of
 
+from monitor.comparison.correlation import Correlation
 from monitor.comparison.guesses import SURE
+from monitor.comparison.noise import Noise
 from monitor.comparison.regions import is_significant, sigmas_needed
-from monitor.comparison.told_from import COARSE, guess_of_units, quantile_by_area
+from monitor.comparison.strata import N_STRATA
+from monitor.comparison.told_from import (
+    COARSE,
+    add_told_from,
+    coarse_figures,
+    level_of_coarse,
+    quantile_by_area,
+    tell_smallest,
+)
 from projects.model import Assessment, Comparison, Roughness
 
-ROUGH = Roughness.ROUGH
+ROUGH, SMOOTH = Roughness.ROUGH, Roughness.SMOOTH
 GUESS = np.sqrt(2.0 * (GUESSED**2 - (2.0 * NOISE) ** 2))  # m, of both surfaces on a moulding
 
 
-def test_the_guess_of_a_unit_is_the_root_of_its_mean_square_by_area() -> None:
-    side = cast(Any, side_of([5.0, 0.1, 5.0, 5.0], [ROUGH] * 4))
-    side.areas, side.is_assessed[2] = np.array([1.0, 3.0, 1.0, 1.0]), False
-    found = guess_of_units(side, 0.5, np.array([0, 0, 0, -1]))
-    assert found == pytest.approx([np.sqrt(24.0 / 4.0)] * 3 + [0.0])  # a vertex left out counts nothing, nor has it any
+def found_on(lod95: tuple[Any, Any], numbers: tuple[Any, Any], scale: float) -> Any:
+    """Return what was detected as far as it matters: levels and units of both sides, and how stated noise is scaled."""
+    scales = np.full(N_STRATA, scale)
+    noise = Noise(np.zeros(N_STRATA), *[scales] * 3, Correlation(np.zeros(1), np.ones(1)), 1.0, usual=0.5)
+    units = [SimpleNamespace(number=n, areas=np.ones(n.max() + 1)) for n in numbers]
+    return SimpleNamespace(noise=noise, test=SimpleNamespace(units=units),
+                           sides=[SimpleNamespace(lod95=level) for level in lod95])  # fmt: skip
+
+
+@pytest.mark.parametrize("scale", [0.2, 3.0])
+def test_a_guessed_place_tells_from_what_a_region_of_its_part_of_a_unit_must_have(scale: float) -> None:
+    """Of 100 m2 60 are guessed: of unit 0 one, of unit 1 ten, of unit 2 the rest."""
+    first = cast(Any, side_of([3.0] * 60 + [0.3] * 40, [ROUGH] * 60 + [SMOOTH] * 40))
+    second = cast(Any, side_of([0.3] * 50, [SMOOTH] * 50))
+    first.areas, second.areas = np.ones(100), np.ones(50)
+    first.sigma_surfaces[1] = 5.0
+    numbers = np.repeat([0, 1, 2, 0, 3], [1, 10, 49, 5, 35]), np.zeros(50, dtype=np.int64)
+    levels = np.full(100, 0.1), np.full(50, 7.0)
+    levels[0][2] = 1000.0
+    told = tell_smallest((first, second), found_on(levels, numbers, scale), 0.05)
+    more = max(scale, 1.0)  # than what is stated: as regions hold it
+    among = [norm.isf(0.025 / 60.0), norm.isf(0.025 * 10.0 / 100.0), norm.isf(0.025 * 49.0 / 100.0)]
+    mean2 = [8.0, (9.0 * 8.0 + 24.0) / 10.0, 8.0]  # of the guessed vertices: 3.0 (one 5.0) beyond twice 0.5
+    expected = [more * z * np.sqrt(g) for z, g in zip(among, mean2, strict=True)]
+    assert told[0][[0, 1, 20]] == pytest.approx(expected, rel=1e-5)
+    assert among[0] > SURE > among[1]
+    assert told[0][2] == 1000.0  # its own level is more
+    assert told[0][60:] == pytest.approx(0.1)  # nor does what a unit guesses elsewhere touch what is known
+    assert told[1] == pytest.approx(7.0)
+
+
+def test_three_sigmas_are_asked_of_what_is_half_of_all_that_is_guessed() -> None:
+    side = cast(Any, side_of([3.0] * 4 + [0.3] * 996, [ROUGH] * 4 + [SMOOTH] * 996))
+    side.areas = np.ones(1000)
+    number = np.repeat([0, 1, 2], [2, 2, 996])
+    told = tell_smallest((side, side), found_on((np.full(1000, 0.1),) * 2, (number, number), 1.0), 0.05)
+    assert told[0][:4] == pytest.approx(SURE * np.sqrt(8.0), rel=1e-5)
+
+
+def test_figures_are_of_the_assessed_area(unchanged: Comparison) -> None:
+    n = 4
+    state, reasons = np.array([1, 1, 2, 0], np.uint8), np.array([0, 0, 0, 3], np.uint8)
+    side = replace(unchanged.on_compared, assessment=state, lod95=np.array([1.0, 1.0, 2.0, 9.0]), reasons=reasons,
+                   distances=np.zeros(n), region=np.zeros(n, np.int32))  # fmt: skip
+    assert level_of_coarse(side) == COARSE * 1.0
+    told = add_told_from(side, np.array([1.0, 6.0, 8.0, 9.0]), 4.0)
+    assert told.told_from is not None
+    assert told.told_from[:3].tolist() == [1.0, 6.0, 8.0]
+    assert np.isnan(told.told_from[3])
+    assert told.is_coarse.tolist() == [False, True, False, False]
+    figures = coarse_figures(told, np.array([1.0, 2.0, 5.0, 9.0]), 0.5)
+    assert figures == {"coarse_from_m": 4.0, "coarse_area_share": 0.25, "coarse_told_from_m": 6.0,
+                       "share_coarser_than_tolerance": 1.0}  # fmt: skip
+    assert coarse_figures(told, np.array([1.0, 2.0, 5.0, 9.0]), 7.0)["share_coarser_than_tolerance"] == 5.0 / 8.0
+    nothing = replace(side, reasons=np.full(n, 3, np.uint8))
+    assert np.isnan(level_of_coarse(nothing))
+    assert np.isnan(coarse_figures(add_told_from(nothing, np.ones(n), np.nan), np.ones(n), None)["coarse_area_share"])
 
 
 def test_a_mean_of_so_many_sigmas_is_just_significant() -> None:
     for n, level in ((1.0, 0.05), (40.0, 0.05), (3000.0, 0.01)):
-        z = sigmas_needed(n, level)
+        z = float(sigmas_needed(np.array(n), level))
         assert is_significant(np.array([z + 1e-6, z - 1e-6]), np.full(2, n), level).tolist() == [True, False]
-    assert sigmas_needed(0.2, 0.05) == pytest.approx(1.95996, abs=1e-5)  # of what there is once
+    assert sigmas_needed(np.array(0.2), 0.05) == pytest.approx(1.95996, abs=1e-5)  # of what there is once
 
 
 def test_a_quantile_by_area_is_that_of_the_area() -> None:
@@ -48,15 +111,12 @@ def unchanged() -> Comparison:
 def test_mouldings_tell_from_what_surfaces_guess_there_and_the_rest_from_its_level(unchanged: Comparison) -> None:
     side, on = unchanged.on_compared, mouldings().ravel()
     assessed = side.assessment != Assessment.NOT_ASSESSABLE
-    guessed, unit = on.mean() * (EDGE * N) ** 2, unchanged.statistics["unit_size_m"]
-    needed = max(SURE, norm.isf(0.025 * unit**2 / guessed))
     told = side.told_from
     assert told is not None
     assert np.isnan(told[~assessed]).all()
-    assert np.nanmax(told) == pytest.approx(needed * GUESS, rel=0.05)  # of a unit all of which is guessed
-    far = assessed & ~on & (told == side.lod95)
-    assert far.sum() > 0.5 * (assessed & ~on).sum()  # beside a moulding units hold some of it
-    assert (told[assessed & on] > 1.2 * side.lod95[assessed & on]).mean() > 0.9
+    assert told[assessed & ~on] == pytest.approx(side.lod95[assessed & ~on])
+    assert (told[assessed & on] >= SURE * 0.95 * GUESS).all()
+    assert (told[assessed & on] <= norm.isf(0.025 * EDGE**2 / (EDGE * N) ** 2) * 1.05 * GUESS).all()
 
 
 def test_what_is_coarse_is_counted_by_area(unchanged: Comparison) -> None:

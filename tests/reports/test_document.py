@@ -17,6 +17,7 @@ from report_examples import (
 from projects.errors import StoreError
 from projects.model import ControlPoint, Step
 from projects.store import Project
+from reports.answer import dotted_from
 from reports.captions import write_captions
 from reports.certainty import registration_table
 from reports.document import gather_facts, make_facts
@@ -273,18 +274,36 @@ def test_what_tells_only_large_changes_is_said_with_its_share_and_what_it_tells(
     coarse = {"coarse_from_m": 4 * 0.00035, "coarse_area_share": 0.062, "coarse_told_from_m": 0.0123}
     facts = facts_of(example_comparison(**coarse))
     assert (
-        "On 6.2 % of the assessed surface (dotted in the pictures) the points do not say as much: there only changes "
-        "larger than 1.4 mm would have been told, in the coarsest places 12 mm."
+        "On 6.2 % of the assessed surface (dotted in the pictures) only larger changes are told: above 1.4 mm, on the "
+        "coarsest twentieth of it above 12 mm."
     ) in said(facts)
     notes = {figure.label: plain(figure.note) for figure in facts.answer.figures}
-    assert notes["Smallest detectable change"] == "95 %, median; 1.4 mm or more on 6.2 % of it"
+    assert notes["Smallest detectable change"] == "95 %, median; 1.4 mm or more on 6.2 % of the surface"
     told = {plain(row[0]): plain(row[1]) for table in facts.certainty for row in table.rows}
-    assert told["assessed surface that tells none below 1.4 mm (dotted)"] == "6.2 %"
-    assert "Dotted: unchanged as far as can be told" in write_captions(facts).difference
+    assert told["assessed surface that tells only changes above 1.4 mm (dotted)"] == "6.2 %"
+    assert told["on 95 % of that, changes are told above"] == "12 mm"
     for little in ({}, {**coarse, "coarse_area_share": 0.0004}, {**coarse, "coarse_area_share": NAN}):
-        facts = facts_of(example_comparison(**little))
-        assert "dotted" not in said(facts)
-        assert "Dotted" not in write_captions(facts).difference
+        assert "dotted" not in said(facts_of(example_comparison(**little)))
+
+
+@pytest.mark.parametrize("side", ["on_compared", "on_reference"])
+def test_dots_have_their_words_where_either_surface_has_any(side):
+    known = {
+        name: dataclasses.replace(s, told_from=np.full(len(s.lod95), 0.001), coarse_from=0.0014)
+        for name, s in ((n, getattr(example_comparison(), n)) for n in ("on_compared", "on_reference"))
+    }
+    plain_facts = facts_of(dataclasses.replace(example_comparison(), **known))
+    assert np.isnan(dotted_from(plain_facts.comparison))
+    assert "Dotted" not in write_captions(plain_facts).difference
+    known[side].told_from[:] = 0.01
+    facts = facts_of(dataclasses.replace(example_comparison(), **known))
+    assert dotted_from(facts.comparison) == 0.0014
+    assert "Dotted: unchanged as far as can be told; only larger changes are told there." in said_below(facts)
+
+
+def said_below(facts):
+    """Return what stands below the pictures of change."""
+    return plain(write_captions(facts).difference)
 
 
 def test_many_regions_are_counted_and_only_the_largest_are_told():
@@ -330,6 +349,9 @@ def test_a_tolerance_is_reported_where_one_was_given():
     text = said(facts_of(example_comparison(tolerance_m=0.01, share_beyond_tolerance=0.0031)))
     assert "0.31 % of the assessed surface differs by more than the tolerance of 10 mm." in text
     assert "tolerance" not in said(facts_of())
+    figures = {"tolerance_m": 0.01, "share_beyond_tolerance": 0.0031, "share_coarser_than_tolerance": 0.043}
+    text = said(facts_of(example_comparison(**figures)))
+    assert "differs by more than the tolerance of 10 mm; 4.3 % tells only larger changes than that." in text
     exact = said(facts_of(example_comparison(tolerance_m=0.000125, share_beyond_tolerance=0.0031)))
     assert "more than the tolerance of 0.125 mm." in exact
 
