@@ -479,6 +479,7 @@ class EpochRecord:
 
     `scanner` is a preset of the instruments, where one was named; with `repeated` the scans are of one station, to be
     averaged. `sources` name the files: see `projects/FORMAT.md`. `control` are the points that hold the epoch's frame.
+    `unit` [m] is what the numbers of its files were taken for; None: not known.
     """
 
     object_id: str
@@ -491,6 +492,7 @@ class EpochRecord:
     operator: str = ""
     sources: tuple[Mapping[str, Any], ...] = ()
     control: tuple[ControlPoint, ...] = ()
+    unit: float | None = None
 
 
 @dataclass(frozen=True)

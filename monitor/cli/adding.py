@@ -95,6 +95,7 @@ def _record(request: EpochRequest, unit: UnitCheck) -> EpochRecord:
         is_mesh=request.mesh,
         operator=request.operator,
         control=_control(request, unit),
+        unit=unit.metres,
     )
 
 

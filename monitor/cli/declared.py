@@ -93,6 +93,7 @@ def _require_same_epoch(project: Project, kept: EpochRecord, request: EpochReque
         (f"the date {kept.date.isoformat()}, not {wanted.date.isoformat()}", kept.date != wanted.date),
         (f"the scanner {kept.scanner or 'not named'}, not {wanted.scanner or 'not named'}",
          kept.scanner != wanted.scanner),
+        (f"a unit of {kept.unit} m, not {wanted.unit} m", kept.unit is not None and kept.unit != wanted.unit),
         ("other control points", not _are_same_points(kept.control, wanted.control)),
         ("other poses", not _are_same_poses(project.scan_headers(request.object_id, request.epoch_id), lines)),
         (_as(kept.repeated, "repeated scans"), kept.repeated != wanted.repeated),

@@ -216,6 +216,7 @@ def test_what_is_wrong_in_the_file_is_said_before_anything_is_done(
         ('extent = "box.json"', "", "is in the project with the extent"),
         ("31256", "31257", "has the reference system EPSG:31256, not EPSG:31257"),
         ('id = "first"', 'id = "first"\nscanner = "phase-2020"', "with the scanner not named, not phase-2020"),
+        ('id = "first"', 'id = "first"\nunit = "mm"', "is in the project with a unit of 1.0 m, not 0.001 m"),
         ('id = "first"', 'id = "first"\ncontrol = "control.csv"', "is in the project with other control points"),
         ('mesh = true\nfiles = ["juno.ply"]', JUNO, "its files as a finished mesh, which the file no longer says"),
     ],
