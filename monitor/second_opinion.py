@@ -7,16 +7,19 @@ of the second opinion, which the comparison's record keeps beside its own.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from monitor.comparison.beam_grid import GridBuilder
 from monitor.comparison.m3c2 import M3C2Result, m3c2
 from monitor.comparison.sight import StationSight, gather_sight
 from monitor.comparison.stars import make_mesh, vertex_areas
 from monitor.record import Place
 from monitor.registration.propagation import propagate
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
+from projects.raw import ScanHeader
 from projects.transforms import apply
 
 MOST_CORES = 5000  # core points, evenly drawn: shares are known to 1 %
@@ -36,13 +39,23 @@ def gather_sights(place: Place) -> list[StationSight]:
     ):  # repeated scans have one motion and sight
         pose = motion @ header.pose
         if np.isfinite(header.origin).all():
-            found.append(gather_sight(apply(pose, header.origin[None])[0], _points(place, header.index, pose)))
+            found.append(_gather_sight(place, header, pose))
     return [sight for sight in found if sight is not None]
 
 
-def _points(place: Place, index: int, pose: Floats) -> Iterator[Floats]:
-    """Yield the points of a raw scan, all of them, in the epoch's coordinates."""
-    for chunk in place.project.iterate_scan(place.object_id, place.epoch_id, index):
+def _gather_sight(place: Place, header: ScanHeader, pose: Floats) -> StationSight | None:
+    """Return what a station saw whose scan stands at `pose` (4, 4) in the epoch's coordinates, and, of a grid, where
+    its beams met nothing."""
+    builder = GridBuilder()
+    sight = gather_sight(apply(pose, header.origin[None])[0], _points(place, header, pose, builder))
+    return None if sight is None else replace(sight, grid=builder.finish(pose[:3, :3]))
+
+
+def _points(place: Place, header: ScanHeader, pose: Floats, builder: GridBuilder) -> Iterator[Floats]:
+    """Yield the points of a raw scan, all of them, in the epoch's coordinates, and count them as what its grid met."""
+    for chunk in place.project.iterate_scan(place.object_id, place.epoch_id, header.index):
+        if header.is_grid and chunk.rows is not None and chunk.columns is not None:
+            builder.add(chunk.rows, chunk.columns, chunk.cloud.points - header.origin)
         yield apply(pose, chunk.cloud.points)
 
 

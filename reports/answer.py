@@ -43,6 +43,7 @@ WHY_NOT = {
     NotAssessed.BEYOND_SEARCH: "the other epoch has no surface near by",
     NotAssessed.LOOKED_THROUGH: "the other epoch’s scanner looked through it, over less than a region’s area",
     NotAssessed.NO_ONE_SURFACE: "most of what was measured there lies off any one surface (plants, spray, joints)",
+    NotAssessed.MET_NOTHING: "the other epoch’s beams brought nothing back from there (gone, too dark, or cut out)",
     NotAssessed.UNEXPLAINED: "what was measured there differs by more than errors do, in spots too small to be told",
 }
 
@@ -59,6 +60,7 @@ def state_answer(
         *_beyond_tolerance(comparison),
         _whole(comparison, has_control),
         _not_assessed(comparison, (before, after)),
+        *_met_nothing(comparison, (before, after)),
     )
     return Answer(_headline(comparison, regions), changed, sure, _figures(comparison, regions, before, after))
 
@@ -278,6 +280,19 @@ def _not_assessed(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts])
     if known:
         said += f", mostly because {WHY_NOT[max(known, key=lambda r: known[r])]}"
     return f"{said}; of the {there.order} epoch’s it is {shares[1 - k]}."
+
+
+def _met_nothing(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts]) -> tuple[str, ...]:
+    """Return how much of each surface stood where the other epoch's beams brought nothing back, where that is more than
+    a change of the least size that is told."""
+    areas = comparison.statistics.get("met_nothing_area_m2", (0.0, 0.0))
+    least = comparison.statistics.get("unit_size_m", NAN) ** 2
+    return tuple(
+        f"{square(area)} of the {here.order} epoch’s surface lie where the {there.order} epoch’s beams went and "
+        f"brought nothing back: {word}, or too dark for them, or cut out of the {there.order} epoch’s files."
+        for area, here, there, word in zip(areas, epochs, epochs[::-1], ("gone", "new"), strict=True)
+        if area > least
+    )
 
 
 def _figures(

@@ -29,7 +29,7 @@ def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_com
     Looked through is a vertex without a counterpart, farther than `least` [m] from all of the other surface, beside
     which a beam of a station went through the surface that it is of, to something farther all around. Where no station
     measured in its direction, or something hid it, or beams may have passed beside it, it is NOT_SEEN, and no surface
-    tells that it is exposed.
+    tells that it is exposed; so where beams of a grid went there and brought nothing back, which is MET_NOTHING.
     """
     new_sides, change, through = [], [], []
     for k, side in enumerate(sides):
@@ -43,9 +43,10 @@ def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_com
         T_sights_side = np.eye(4) if k else T_compared_reference
         points, around = part_around(side, which, T_sights_side, sights[1 - k])
         seen[which] = look_at(sights[1 - k], points, least, around)
-        is_through = (seen == Sighted.LOOKED_THROUGH) & is_apart(side, beyond.gaps[k], least)
-        new_sides.append(name_not_seen(side, seen))
-        change.append(bear_out(beyond, k, is_through, seen == Sighted.NOT_SEEN))
+        apart, not_seen = is_apart(side, beyond.gaps[k], least), (seen >= 0) & (seen <= Sighted.MET_NOTHING)
+        is_through = (seen == Sighted.LOOKED_THROUGH) & apart
+        new_sides.append(name_not_seen(side, not_seen, (seen == Sighted.MET_NOTHING) & apart))
+        change.append(bear_out(beyond, k, is_through, not_seen))
         through.append(is_through)
     borne_out = dataclasses.replace(beyond, change=(change[0], change[1]), is_through=(through[0], through[1]))
     return (new_sides[0], new_sides[1]), borne_out
@@ -77,7 +78,9 @@ def bear_out(beyond: Beyond, k: int, is_through: Bools, not_seen: Bools) -> Floa
     return change
 
 
-def name_not_seen(side: Side, seen: Ints) -> Side:
-    """Return the side with the reason NOT_SEEN where no station measured in that direction, or something hid it."""
-    reasons = np.where(seen == Sighted.NOT_SEEN, NotAssessed.NOT_SEEN, side.reasons).astype(side.reasons.dtype)
-    return dataclasses.replace(side, reasons=reasons)
+def name_not_seen(side: Side, not_seen: Bools, met_nothing: Bools) -> Side:
+    """Return the side with the reason NOT_SEEN where no station measured in that direction, or something hid it, but
+    MET_NOTHING where beams went all around and nothing came back."""
+    reasons = np.where(not_seen, NotAssessed.NOT_SEEN, side.reasons)
+    reasons[met_nothing] = NotAssessed.MET_NOTHING
+    return dataclasses.replace(side, reasons=reasons.astype(side.reasons.dtype))

@@ -42,7 +42,7 @@ def is_volume_known(sides: Pair, regions: tuple[Ints, Ints], beyond: Beyond, wid
     area, unknown = np.zeros(n_regions), np.zeros(n_regions)
     for side, region, change, is_end in zip(sides, regions, beyond.change, beyond.is_end, strict=True):
         around = spread_margin(side, region, width)
-        is_seen_end = is_end & (side.reasons != NotAssessed.NOT_SEEN)
+        is_seen_end = is_end & ~np.isin(side.reasons, (NotAssessed.NOT_SEEN, NotAssessed.MET_NOTHING))
         is_unknown = ~side.is_assessed & np.isnan(change) & ~is_seen_end & (region == 0)
         beside = np.bincount(around, np.where(is_unknown, side.areas, 0.0), minlength=n_regions + 1)[1:]
         area = np.maximum(area, np.bincount(region, side.areas, minlength=n_regions + 1)[1:])

@@ -8,15 +8,16 @@ with the number of directions, not of points: a cell of some four beams knows it
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.comparison.beam_grid import BeamGrid
 from monitor.comparison.directions import Bits, direction_keys, face_of_key, join_key, part_bits
-from monitor.comparison.mesh_tree import build_tree
+from monitor.comparison.mesh_tree import MeshTree, build_tree
 from monitor.comparison.pierced import find_pierced
 from projects.model import Bools, Floats, Ints, Surface
 
@@ -32,8 +33,9 @@ class Sighted(IntEnum):
     """What was seen of a place, the strongest over all stations."""
 
     NOT_SEEN = 0  # no station measured in that direction, or something nearer stood in the way
-    MEASURED = 1  # something was measured at that range
-    LOOKED_THROUGH = 2  # the way goes on, all around, to something farther
+    MET_NOTHING = 1  # the way goes on, all around, to something farther or to nothing that came back
+    MEASURED = 2  # something was measured at that range
+    LOOKED_THROUGH = 3  # the way goes on, all around, to something farther
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class StationSight:
     """The nearest range in each direction that a station measured in, and where in it the beams went.
 
     `origin` (3,) [m]; `cell` [rad]; `keys` (k,) of the cells, rising; `nearest` (k,) [m]; `beams` (k,) where in
-    them something was measured (`part_bits`).
+    them something was measured (`part_bits`). `grid` tells of beams that met nothing, None where it is not known.
     """
 
     origin: Floats
@@ -49,6 +51,17 @@ class StationSight:
     keys: Ints
     nearest: Floats
     beams: Bits
+    grid: BeamGrid | None = None
+
+    def with_empty(self, points: Floats) -> StationSight:
+        """Return the sight with the beams near the directions of points (n, 3) that met nothing, infinitely far."""
+        if self.grid is None:
+            return self
+        beams = self.grid.empty_near(unit(points - self.origin), CLEAR_CELLS * self.cell)
+        empty = direction_keys(beams, self.cell)[0], np.full(len(beams), np.inf), part_bits(beams, self.cell)
+        cells = (np.concatenate(both) for both in zip((self.keys, self.nearest, self.beams), empty, strict=True))
+        keys, nearest, bits = _join_cells(*cells)
+        return replace(self, keys=keys, nearest=nearest, beams=bits, grid=None)
 
 
 def gather_sight(origin: Floats, chunks: Iterable[Floats]) -> StationSight | None:
@@ -86,15 +99,34 @@ def _join_cells(keys: Ints, ranges: Floats, bits: Bits) -> Cells:
     return keys[first], np.minimum.reduceat(ranges, first), np.bitwise_or.reduceat(bits, first)
 
 
-def look_at(sights: Iterable[StationSight], points: Floats, least: float, surface: Surface | None = None) -> Ints:
+def unit(beams: Floats) -> Floats:
+    """Return the directions (n, 3) of beams (n, 3)."""
+    return np.asarray(beams / np.maximum(np.linalg.norm(beams, axis=1), 1e-300)[:, None])
+
+
+def look_at(sights: Sequence[StationSight], points: Floats, least: float, surface: Surface | None = None) -> Ints:
     """Return `Sighted` (n,) of points (n, 3) in the frame of the stations.
 
     Looked through is what lies nearer, by a window's width and `least` [m], than everything measured in a window of
     three by three cells about its direction, each of which has a measurement: edges, mixed pixels and thin parts that a
     beam met do not pass. Of thinner ones that stand between the beams nothing would be nearer either: where the
     `surface` that the points are of is given, a beam must have gone through it beside the point (`find_pierced`).
+    Where all that is so but that some of the beams met nothing, the way may have been free, or what stood there did not
+    come back.
     """
     tree = None if surface is None else build_tree(surface, surface.vertices[0], math.pi)
+    out = _look(sights, points, least, tree)
+    unseen = np.flatnonzero(out == Sighted.NOT_SEEN)
+    if len(unseen):
+        fuller = (sight.with_empty(points[unseen]) for sight in sights if sight.grid is not None)
+        is_free = _look(fuller, points[unseen], least, tree) == Sighted.LOOKED_THROUGH
+        out[unseen[is_free]] = Sighted.MET_NOTHING
+    return out
+
+
+def _look(sights: Iterable[StationSight], points: Floats, least: float, tree: MeshTree | None) -> Ints:
+    """Return `Sighted` (n,) of points (n, 3) by what was measured, beams of the `tree`'s surface told where it is
+    given."""
     out = np.full(len(points), Sighted.NOT_SEEN, dtype=np.int64)
     for sight in sights:
         ranges = np.linalg.norm(points - sight.origin, axis=1)

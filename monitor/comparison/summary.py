@@ -53,6 +53,7 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         "assessed_area_share_reference": _share_of_area(sides[0].areas, sides[0].is_assessed),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
         "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
+        "met_nothing_area_m2": [float(s.areas[s.reasons == NotAssessed.MET_NOTHING].sum()) for s in sides],
         "floor_m": float(np.median(found.noise.floor_of(side))),
         "error_scale": float(np.median(found.noise.scale_of(side))) if side.states_noise else float("nan"),
         "error_share_discord": float(np.median(found.noise.discord_share_of(side)))

@@ -10,7 +10,9 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
+from monitor.comparison.beam_grid import GridBuilder, directions_of
 from monitor.comparison.epoch_change import EpochChange
+from monitor.comparison.evidence import Sights
 from monitor.comparison.series import follow
 from monitor.comparison.sight import StationSight, gather_sight
 from monitor.simulation.solid import contour
@@ -51,15 +53,18 @@ def shifted(sights: list[StationSight], by: np.ndarray) -> list[StationSight]:
     return [dataclasses.replace(s, origin=s.origin + by) for s in sights]
 
 
-def run(rng: np.random.Generator, fingers: tuple[bool, bool], walls: tuple[float, float] | None) -> Comparison:
-    """Compare two plates in relative mode, the compared one shifted by `MOTION`; stations see walls so far away."""
+def run(rng: np.random.Generator, fingers: tuple[bool, bool], walls: tuple[float, float] | None,
+        sights: Sights | None = None) -> Comparison:  # fmt: skip
+    """Compare two plates in relative mode, the compared one shifted by `MOTION`; stations see walls so far away, or
+    what is given."""
     reference, there = plate(rng, fingers[0]), plate(rng, fingers[1])
     compared = Surface(there.vertices + MOTION, there.faces, sigma=there.sigma)
     T = np.eye(4)
     T[:3, 3] = -MOTION
     known = Registration(T, np.diag([1e-6] * 3 + [1e-7] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
                          is_stable=np.ones(len(compared.vertices), dtype=bool))  # fmt: skip
-    sights = None if walls is None else (look(walls[0]), shifted(look(walls[1]), MOTION))
+    if sights is None and walls is not None:
+        sights = (look(walls[0]), shifted(look(walls[1]), MOTION))
     return compare(reference, compared, known, sights=sights)
 
 
@@ -95,6 +100,34 @@ def test_a_finger_that_something_hid_is_not_called_gone(rng: np.random.Generator
     if walls is not None:
         assert (result.on_reference.reasons[upper] == NotAssessed.NOT_SEEN).all()
         assert result.statistics["not_assessed"]["looked_through"] == 0
+
+
+def look_into_the_sky(is_grid: bool) -> list[StationSight]:
+    """Return the sight of a station that measured a wall 2 m away, up to the finger's lower third, and beside it."""
+    row, column = (i.ravel() for i in np.mgrid[:500, :500])
+    turn, height = np.pi - 0.25 + 0.001 * column, 0.1 - 0.001 * row
+    way = directions_of(turn, height)
+    has_met = (height < -0.12) | (np.abs(turn - np.pi) > 0.2)
+    builder = GridBuilder()
+    builder.add(row[has_met], column[has_met], 2.0 * way[has_met])
+    sight = gather_sight(STATION, [STATION + 2.0 * way[has_met]])
+    assert sight is not None
+    return [dataclasses.replace(sight, grid=builder.finish(np.eye(3)) if is_grid else None)]
+
+
+@pytest.mark.parametrize("is_grid", [True, False])
+def test_a_finger_before_the_sky_is_not_called_gone_but_said_to_have_met_nothing(
+    rng: np.random.Generator, is_grid: bool
+) -> None:
+    result = run(rng, (True, False), (2.0, 2.0), (look(2.0), shifted(look_into_the_sky(is_grid), MOTION)))
+    side = result.on_reference
+    upper = side.surface.vertices[:, 2] > 0.04
+    assert (side.assessment[upper] == Assessment.NOT_ASSESSABLE).all()
+    assert (side.reasons[upper] == (NotAssessed.MET_NOTHING if is_grid else NotAssessed.NOT_SEEN)).mean() > 0.9
+    of_finger = 2.0 * np.pi * 0.006 * 0.030  # m2, above 0.03 m: where it meets no wall any more, and a window beside it
+    reference, compared = result.statistics["met_nothing_area_m2"]
+    assert reference == pytest.approx(of_finger if is_grid else 0.0, rel=0.35)
+    assert compared == 0.0
 
 
 def test_how_steeply_places_were_seen_enters_the_noise_where_stations_are_known(rng: np.random.Generator) -> None:

@@ -306,6 +306,21 @@ def said_below(facts):
     return plain(write_captions(facts).difference)
 
 
+def test_what_brought_no_beam_back_is_told_with_all_that_it_may_be():
+    figures = {"met_nothing_area_m2": [12.4e-4, 0.2e-4], "unit_size_m": 0.01}
+    text = said(facts_of(example_comparison(**figures)))
+    assert (
+        "12.4 cm² of the earlier epoch’s surface lie where the later epoch’s beams went and brought nothing back: "
+        "gone, or too dark for them, or cut out of the later epoch’s files."
+    ) in text
+    assert "12.4 cm² of the later" not in text
+    text = said(facts_of(example_comparison(**{**figures, "met_nothing_area_m2": [0.5e-4, 30e-4]})))
+    assert "30.0 cm² of the later epoch’s surface lie where the earlier epoch’s beams went" in text
+    assert "brought nothing back: new, or too dark" in text
+    assert "of the earlier epoch’s surface lie" not in text
+    assert "nothing back" not in said(facts_of())
+
+
 def test_many_regions_are_counted_and_only_the_largest_are_told():
     rows = [(k, *DENT[1:]) for k in range(1, 16)]
     text = said(facts_of(example_comparison(rows=rows)))
