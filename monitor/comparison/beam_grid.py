@@ -17,6 +17,7 @@ from projects.model import Bools, Floats, Ints
 
 STEEPEST = 1.2  # rad: beams higher or lower tell the turn of their columns badly
 MOST_OFF = 0.5  # steps: beams that lie farther off the angles of their rows and columns make no grid
+DRIFT = 0.01  # of a step, by which steps without any beam may differ in the mean from others
 FEWEST = 8  # rows and columns
 
 
@@ -111,17 +112,23 @@ def even_angles(sums: Floats | None) -> tuple[Floats, slice] | None:
     if sums is None:
         return None
     at = np.flatnonzero(sums[2] > 0.0)
-    if len(at) < FEWEST or 2 * len(at) < at[-1] - at[0]:
+    if len(at) < FEWEST or not (np.diff(at) == 1).any():
         return None
     length = np.hypot(sums[0, at], sums[1, at]) / sums[2, at]
-    angle = np.unwrap(np.arctan2(sums[1, at], sums[0, at]))
-    steps = np.diff(angle) / np.diff(at)
-    step = float(np.median(steps))
+    angle, n = np.arctan2(sums[1, at], sums[0, at]), np.diff(at)
+    step = float(np.median(part_of_turn(np.diff(angle)[n == 1])))
+    off = part_of_turn(np.diff(angle) - n * step)
     spread = np.sqrt(np.average(2.0 * np.maximum(1.0 - length, 0.0), weights=sums[2, at]))
-    if not (spread <= MOST_OFF * abs(step) and (np.sign(step) * steps > 0.0).all()):
+    if spread > MOST_OFF * abs(step) or (np.abs(off) > (MOST_OFF + DRIFT * n) * abs(step)).any():
         return None
     every = np.arange(at[0], at[-1] + 1)
+    angle = angle[0] + np.concatenate([[0.0], np.cumsum(n * step + off)])
     return np.interp(every, at, angle), slice(int(at[0]), int(at[-1]) + 1)
+
+
+def part_of_turn(angles: Floats) -> Floats:
+    """Return angles [rad] without whole turns: -pi to pi."""
+    return np.asarray(angles - 2.0 * math.pi * np.round(angles / (2.0 * math.pi)))
 
 
 def angles_of(beams: Floats) -> tuple[Floats, Floats]:

@@ -75,6 +75,22 @@ def test_a_scan_all_around_is_asked_across_its_seam() -> None:
     assert turn.max() > 7.0 * STEP
 
 
+def test_beams_went_between_two_posts_more_than_half_a_turn_apart() -> None:
+    n = 2800
+    row, column = (i.ravel() for i in np.mgrid[:40, :n])
+    way = directions_of(-2.5 + STEP * column, 0.04 - STEP * row)
+    has_met = (column < 60) | (column > n - 60)
+    builder = GridBuilder()
+    builder.add(row[has_met], column[has_met], 3.0 * way[has_met])
+    grid = builder.finish(np.eye(3))
+    assert grid is not None
+    np.testing.assert_allclose(grid.turns, -2.5 + STEP * np.arange(n), atol=1e-9)
+    asked = directions_of(np.array([0.4]), np.array([0.0]))
+    found = grid.empty_near(asked, 5.2 * STEP)
+    assert len(found) == 13 * 13
+    assert np.linalg.norm(found - asked, axis=1).min() < STEP
+
+
 @pytest.mark.parametrize("kind", ["no grid", "two faces", "few", "jittered"])
 def test_what_is_no_even_grid_tells_of_no_beams(kind: str) -> None:
     row, column, way = beams_of()
