@@ -46,7 +46,7 @@ def gather_sights(place: Place) -> list[StationSight]:
 def _gather_sight(place: Place, header: ScanHeader, pose: Floats) -> StationSight | None:
     """Return what a station saw whose scan stands at `pose` (4, 4) in the epoch's coordinates, and, of a grid, where
     its beams met nothing."""
-    builder = GridBuilder()
+    builder = GridBuilder(header.n_points + sum(header.dropped.values()))
     sight = gather_sight(apply(pose, header.origin[None])[0], _points(place, header, pose, builder))
     return None if sight is None else replace(sight, grid=builder.finish(pose[:3, :3]))
 

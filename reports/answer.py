@@ -43,7 +43,7 @@ WHY_NOT = {
     NotAssessed.BEYOND_SEARCH: "the other epoch has no surface near by",
     NotAssessed.LOOKED_THROUGH: "the other epoch’s scanner looked through it, over less than a region’s area",
     NotAssessed.NO_ONE_SURFACE: "most of what was measured there lies off any one surface (plants, spray, joints)",
-    NotAssessed.MET_NOTHING: "the other epoch’s beams brought nothing back from there (gone, too dark, or cut out)",
+    NotAssessed.MET_NOTHING: "the other epoch’s scans hold nothing in that direction (gone, too dark, or cut out)",
     NotAssessed.UNEXPLAINED: "what was measured there differs by more than errors do, in spots too small to be told",
 }
 
@@ -283,15 +283,13 @@ def _not_assessed(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts])
 
 
 def _met_nothing(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts]) -> tuple[str, ...]:
-    """Return how much of each surface stood where the other epoch's beams brought nothing back, where that is more than
-    a change of the least size that is told."""
+    """Return how much of each surface lies where the other epoch's scans hold nothing in its direction."""
     areas = comparison.statistics.get("met_nothing_area_m2", (0.0, 0.0))
-    least = comparison.statistics.get("unit_size_m", NAN) ** 2
     return tuple(
-        f"{square(area)} of the {here.order} epoch’s surface lie where the {there.order} epoch’s beams went and "
-        f"brought nothing back: {word}, or too dark for them, or cut out of the {there.order} epoch’s files."
+        f"In the direction of {square(area)} of the {here.order} epoch’s surface the {there.order} epoch’s scans hold "
+        f"nothing: it is {word}, or it or something before it was too dark for them, or it was cut out of the files."
         for area, here, there, word in zip(areas, epochs, epochs[::-1], ("gone", "new"), strict=True)
-        if area > least
+        if area > 0.0
     )
 
 

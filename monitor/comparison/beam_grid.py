@@ -1,17 +1,20 @@
 """Where the beams of a scan went that met nothing: a grid of rows and columns has a place for each of them.
 
 In: the rows, columns and beams of what a scan measured. Out: at which angles its rows and columns lie, and near which
-directions beams went and brought nothing back. What stood there is gone, or does not reflect, or was cut out of the
-file. Only between the first and the last row and column that brought anything back is it known that beams went.
+directions the scan holds nothing where beams of it went. What stood there is gone, or it or something before it does
+not reflect, or it was cut out of the file. Between the first and the last row and column that hold anything beams are
+taken to have gone everywhere; not in scans that were thinned (`FULL`). Scans over the zenith in both faces, and those
+whose points a compensator turned by more than half a step, are not known as grids.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter
+from numpy.typing import NDArray
 
 from projects.model import Bools, Floats, Ints
 
@@ -19,66 +22,91 @@ STEEPEST = 1.2  # rad: beams higher or lower tell the turn of their columns badl
 MOST_OFF = 0.5  # steps: beams that lie farther off the angles of their rows and columns make no grid
 DRIFT = 0.01  # of a step, by which steps without any beam may differ in the mean from others
 FEWEST = 8  # rows and columns
+FULL = 0.5  # of the beams that met something have all four beside them, at least: else the scan was thinned
+SPARSEST = 30  # places of a grid for each that was fired, at most
 
 
 @dataclass(frozen=True)
 class BeamGrid:
     """The turns [rad] of the columns (c,) of a scan, rising or falling, the heights [rad] of its rows (r,), which beams
-    (r, c) met something, and the rotation (3, 3) that puts the frame of the scan into that of the epoch."""
+    met something, eight columns to a byte (r, c / 8), and the rotation (3, 3) that puts the frame of the scan into that
+    of the epoch."""
 
     turns: Floats
     heights: Floats
-    has_met: Bools
+    has_met: NDArray[np.uint8]
     rotation: Floats
 
     def empty_near(self, directions: Floats, reach: float) -> Floats:
-        """Return the unit vectors (k, 3) of all beams within `reach` [rad] of directions (n, 3) that met nothing, and
+        """Return the unit vectors (k, 3) of the beams within `reach` [rad] of directions (n, 3) that met nothing, and
         some around, in the epoch's frame."""
         turn, height = angles_of(directions @ self.rotation)
         turn += 2.0 * math.pi * np.round((self.turns.mean() - turn) / (2.0 * math.pi))
-        asked = np.zeros(self.has_met.shape, dtype=np.bool_)
+        row, row_is_in = place_among(self.heights, height, reach)
+        found = []
         for shift in (-2.0 * math.pi, 0.0, 2.0 * math.pi):  # a scan all around has each direction but once
-            row, row_is_in = place_among(self.heights, height, reach)
             column, column_is_in = place_among(self.turns, turn + shift, reach)
             at = row_is_in & column_is_in & (np.abs(height) < STEEPEST)
-            asked[row[at], column[at]] = True
-        if not asked.any():
+            if at.any():
+                slant = math.cos(float(np.abs(height[at]).max()))
+                found.append(self._empty_around(row[at], column[at], reach, slant))
+        if not found:
             return np.zeros((0, 3))
-        slant = math.cos(float(np.abs(height[np.abs(height) < STEEPEST]).max()))
-        wide = [2 * math.ceil(reach / step) + 1 for step in (step_of(self.heights), slant * step_of(self.turns))]
-        row, column = np.nonzero(maximum_filter(asked, size=wide, mode="constant") & ~self.has_met)
+        row, column = np.unique(np.concatenate(found, axis=1), axis=1)
         return directions_of(self.turns[column], self.heights[row]) @ self.rotation.T
+
+    def _empty_around(self, row: Ints, column: Ints, reach: float, slant: float) -> Ints:
+        """Return the rows and columns (2, k) of the beams without any return within `reach` [rad] of some (n,), of
+        which none is steeper than `slant`, the cosine of its height, tells."""
+        up, aside = (math.ceil(reach / step) for step in (step_of(self.heights), slant * step_of(self.turns)))
+        low = max(int(row.min()) - up, 0), max(int(column.min()) - aside, 0)
+        high = min(int(row.max()) + up + 1, len(self.heights)), min(int(column.max()) + aside + 1, len(self.turns))
+        met = np.unpackbits(self.has_met[low[0] : high[0]], axis=1, count=len(self.turns))[:, low[1] : high[1]]
+        asked = np.zeros(met.shape, dtype=np.bool_)
+        places = np.unique(np.stack([row - low[0], column - low[1]]), axis=1)
+        for i, j in itertools.product(range(-up, up + 1), range(-aside, aside + 1)):
+            near = places + np.array([[i], [j]])
+            is_in = ((near >= 0) & (near < np.array([met.shape]).T)).all(axis=0)
+            asked[near[0, is_in], near[1, is_in]] = True
+        return np.stack(np.nonzero(asked & (met == 0))) + np.array([low]).T
 
 
 class GridBuilder:
-    """Gathers from the chunks of a scan at which angle each of its rows and columns lies, and which beams met
-    something."""
+    """Gathers from the chunks of a scan of so many fired beams at which angle each of its rows and columns lies, and
+    which beams met something. Rows and columns that ask for many more places are given up."""
 
-    def __init__(self) -> None:
+    def __init__(self, n_fired: int) -> None:
+        self.most_places = SPARSEST * n_fired
         self.has_met = np.zeros((0, 0), dtype=np.bool_)
         self.sums: dict[str, Floats] = {}
 
     def add(self, rows: Ints, columns: Ints, beams: Floats) -> None:
-        """Count beams (n, 3) [m], in the scan's frame, of these rows and columns (n,)."""
-        if not len(rows) or min(rows.min(), columns.min()) < 0:
+        """Count beams (n, 3) [m], in the scan's frame, of these rows and columns (n,), -1 for none."""
+        is_placed = (rows >= 0) & (columns >= 0)
+        rows, columns, beams = rows[is_placed], columns[is_placed], beams[is_placed]
+        if not len(rows) or not self._has_room(int(rows.max()) + 1, int(columns.max()) + 1):
             return
         turn, height = angles_of(beams)
         is_low = np.abs(height) < STEEPEST
-        self._make_room(int(rows.max()) + 1, int(columns.max()) + 1)
         self.has_met[rows, columns] = True
         for index, name in ((rows, "row"), (columns, "column")):
             self._sum(f"height of {name}", index, height)
             self._sum(f"turn of {name}", index[is_low], turn[is_low])
 
-    def _make_room(self, n_rows: int, n_columns: int) -> None:
-        """Make the grid as large as asked, or by half larger than it is."""
+    def _has_room(self, n_rows: int, n_columns: int) -> bool:
+        """Make the grid as large as asked, or by half larger than it is; return whether that is no more than it may
+        be."""
         old = self.has_met.shape
-        if n_rows <= old[0] and n_columns <= old[1]:
-            return
-        shape = [n if n <= have else max(n, have + have // 2) for n, have in zip((n_rows, n_columns), old, strict=True)]
-        larger = np.zeros([max(s, have) for s, have in zip(shape, old, strict=True)], dtype=np.bool_)
-        larger[: old[0], : old[1]] = self.has_met
-        self.has_met = larger
+        wanted = max(n_rows, old[0]), max(n_columns, old[1])
+        if wanted[0] * wanted[1] > self.most_places:
+            self.most_places = 0
+            return False
+        if wanted != old:
+            shape = [n if n == have else max(n, have + have // 2) for n, have in zip(wanted, old, strict=True)]
+            larger = np.zeros(shape, dtype=np.bool_)
+            larger[: old[0], : old[1]] = self.has_met
+            self.has_met = larger
+        return True
 
     def _sum(self, name: str, index: Ints, angle: Floats) -> None:
         """Add the unit vectors of angles (n,) to those of their rows or columns, and count them."""
@@ -93,13 +121,22 @@ class GridBuilder:
 
     def finish(self, rotation: Floats) -> BeamGrid | None:
         """Return the grid, turned into the epoch's frame; None where rows and columns are not of one height and one
-        turn each, in either order."""
+        turn each, in either order, or the scan was thinned."""
         for upright, across, has_met in (("row", "column", self.has_met), ("column", "row", self.has_met.T)):
             heights = even_angles(self.sums.get(f"height of {upright}"))
             turns = even_angles(self.sums.get(f"turn of {across}"))
-            if heights is not None and turns is not None:
-                return BeamGrid(turns[0], heights[0], np.ascontiguousarray(has_met[heights[1], turns[1]]), rotation)
+            if heights is not None and turns is not None and self.most_places:
+                met = has_met[heights[1], turns[1]]
+                return BeamGrid(turns[0], heights[0], np.packbits(met, axis=1), rotation) if is_full(met) else None
         return None
+
+
+def is_full(has_met: Bools) -> bool:
+    """Return whether beams (r, c) that met something mostly have all four beside them that did: in a scan that was
+    thinned, those between were fired no more."""
+    inner = has_met[1:-1, 1:-1]
+    beside = has_met[:-2, 1:-1] & has_met[2:, 1:-1] & has_met[1:-1, :-2] & has_met[1:-1, 2:]
+    return bool((inner & beside).sum() >= FULL * has_met.sum())
 
 
 def even_angles(sums: Floats | None) -> tuple[Floats, slice] | None:

@@ -35,7 +35,7 @@ from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
 from monitor.comparison.stood_there import drop_where_it_stood
-from monitor.comparison.summary import summarize
+from monitor.comparison.summary import area_met_nothing, summarize
 from monitor.comparison.tested import Detected, Detection
 from monitor.comparison.told_from import add_told_from, coarse_figures, level_of_coarse, tell_smallest
 from monitor.comparison.views import look_from
@@ -178,6 +178,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     coarse_from = level_of_coarse(told[1])
     told = add_told_from(told[0], smallest[0], coarse_from), add_told_from(told[1], smallest[1], coarse_from)
     statistics |= coarse_figures(told[1], sides[1].areas, tolerance)
+    statistics["met_nothing_area_m2"] = [
+        area_met_nothing(*both, found.test.size) for both in zip(told, sides, strict=True)
+    ]
     statistics = {**summarize(told[1], sides, found, registration, tolerance), **statistics}
     return Comparison(told[1], told[0], table, registration, mode, statistics)
 

@@ -29,7 +29,7 @@ def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_com
     Looked through is a vertex without a counterpart, farther than `least` [m] from all of the other surface, beside
     which a beam of a station went through the surface that it is of, to something farther all around. Where no station
     measured in its direction, or something hid it, or beams may have passed beside it, it is NOT_SEEN, and no surface
-    tells that it is exposed; so where beams of a grid went there and brought nothing back, which is MET_NOTHING.
+    tells that it is exposed; so where a scan's grid mostly holds nothing in its direction, which is MET_NOTHING.
     """
     new_sides, change, through = [], [], []
     for k, side in enumerate(sides):
@@ -80,7 +80,7 @@ def bear_out(beyond: Beyond, k: int, is_through: Bools, not_seen: Bools) -> Floa
 
 def name_not_seen(side: Side, not_seen: Bools, met_nothing: Bools) -> Side:
     """Return the side with the reason NOT_SEEN where no station measured in that direction, or something hid it, but
-    MET_NOTHING where beams went all around and nothing came back."""
+    MET_NOTHING where beams of a grid went and mostly nothing came back."""
     reasons = np.where(not_seen, NotAssessed.NOT_SEEN, side.reasons)
     reasons[met_nothing] = NotAssessed.MET_NOTHING
     return dataclasses.replace(side, reasons=reasons.astype(side.reasons.dtype))

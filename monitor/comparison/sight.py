@@ -33,7 +33,7 @@ class Sighted(IntEnum):
     """What was seen of a place, the strongest over all stations."""
 
     NOT_SEEN = 0  # no station measured in that direction, or something nearer stood in the way
-    MET_NOTHING = 1  # the way goes on, all around, to something farther or to nothing that came back
+    MET_NOTHING = 1  # nothing is measured nearer all around, and mostly nothing at all, where a grid's beams went
     MEASURED = 2  # something was measured at that range
     LOOKED_THROUGH = 3  # the way goes on, all around, to something farther
 
@@ -54,9 +54,9 @@ class StationSight:
     grid: BeamGrid | None = None
 
     def with_empty(self, points: Floats) -> StationSight:
-        """Return the sight with the beams near the directions of points (n, 3) that met nothing, infinitely far."""
-        if self.grid is None:
-            return self
+        """Return the sight with the beams of its grid near the directions of points (n, 3) that met nothing, infinitely
+        far."""
+        assert self.grid is not None
         beams = self.grid.empty_near(unit(points - self.origin), CLEAR_CELLS * self.cell)
         empty = direction_keys(beams, self.cell)[0], np.full(len(beams), np.inf), part_bits(beams, self.cell)
         cells = (np.concatenate(both) for both in zip((self.keys, self.nearest, self.beams), empty, strict=True))
@@ -111,22 +111,22 @@ def look_at(sights: Sequence[StationSight], points: Floats, least: float, surfac
     three by three cells about its direction, each of which has a measurement: edges, mixed pixels and thin parts that a
     beam met do not pass. Of thinner ones that stand between the beams nothing would be nearer either: where the
     `surface` that the points are of is given, a beam must have gone through it beside the point (`find_pierced`).
-    Where all that is so but that some of the beams met nothing, the way may have been free, or what stood there did not
-    come back.
+    Where all that is so but that most of the window, its middle among it, holds nothing of a scan whose beams went
+    there, the way may have been free, or what stood in it did not come back.
     """
     tree = None if surface is None else build_tree(surface, surface.vertices[0], math.pi)
     out = _look(sights, points, least, tree)
     unseen = np.flatnonzero(out == Sighted.NOT_SEEN)
     if len(unseen):
         fuller = (sight.with_empty(points[unseen]) for sight in sights if sight.grid is not None)
-        is_free = _look(fuller, points[unseen], least, tree) == Sighted.LOOKED_THROUGH
+        is_free = _look(fuller, points[unseen], least, tree) == Sighted.MET_NOTHING
         out[unseen[is_free]] = Sighted.MET_NOTHING
     return out
 
 
 def _look(sights: Iterable[StationSight], points: Floats, least: float, tree: MeshTree | None) -> Ints:
-    """Return `Sighted` (n,) of points (n, 3) by what was measured, beams of the `tree`'s surface told where it is
-    given."""
+    """Return `Sighted` (n,) of points (n, 3), of the `tree`'s surface where it is given, by what was measured and by
+    beams that met nothing, infinitely far."""
     out = np.full(len(points), Sighted.NOT_SEEN, dtype=np.int64)
     for sight in sights:
         ranges = np.linalg.norm(points - sight.origin, axis=1)
@@ -140,7 +140,10 @@ def _look(sights: Iterable[StationSight], points: Floats, least: float, tree: Me
                 sight.origin, sight.cell, tree, points[which], margin[which], sight.beams[window[:, which]]
             )  # fmt: skip
         there = np.abs(in_window[4] - ranges) <= margin
-        out = np.maximum(out, np.where(clear, Sighted.LOOKED_THROUGH, np.where(there, Sighted.MEASURED, 0)))
+        empty = np.isinf(in_window)
+        is_empty = empty[4] & (empty.sum(axis=0) > len(empty) / 2)
+        free = np.where(is_empty, Sighted.MET_NOTHING, np.where(empty.any(axis=0), 0, Sighted.LOOKED_THROUGH))
+        out = np.maximum(out, np.where(clear, free, np.where(there, Sighted.MEASURED, 0)))
     return out
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.comparison.connected import connect_like
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
 from monitor.comparison.tested import Detected
@@ -53,7 +54,6 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         "assessed_area_share_reference": _share_of_area(sides[0].areas, sides[0].is_assessed),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
         "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
-        "met_nothing_area_m2": [float(s.areas[s.reasons == NotAssessed.MET_NOTHING].sum()) for s in sides],
         "floor_m": float(np.median(found.noise.floor_of(side))),
         "error_scale": float(np.median(found.noise.scale_of(side))) if side.states_noise else float("nan"),
         "error_share_discord": float(np.median(found.noise.discord_share_of(side)))
@@ -70,6 +70,15 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         figures["tolerance_m"] = float(tolerance)
         figures["share_beyond_tolerance"] = _share_of_area(areas[assessed], np.abs(d) > tolerance)
     return figures
+
+
+def area_met_nothing(told: ComparedSurface, side: Side, size: float) -> float:
+    """Return the area [m2] of a side, in connected places no smaller than a square of `size` [m], in the direction of
+    which the other epoch's scans hold nothing."""
+    is_empty = (told.assessment == Assessment.NOT_ASSESSABLE) & (told.reasons == NotAssessed.MET_NOTHING)
+    place = connect_like(np.where(is_empty, 0, -1), [side.neighbours])
+    areas = np.bincount(place[is_empty], side.areas[is_empty], minlength=1)
+    return float(areas[areas >= size**2].sum())
 
 
 def _share_of_area(areas: Floats, which: Bools) -> float:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from monitor.comparison.beam_grid import BeamGrid, GridBuilder, angles_of, directions_of
 from monitor.comparison.sight import Sighted, StationSight, gather_sight, look_at, unit
+from monitor.second_opinion import _gather_sight
 from projects.model import Bools, Floats
 
 STEP, N_ROWS, N_COLUMNS = 0.002, 240, 300
@@ -28,7 +30,7 @@ def beams_of(first_turn: float = -0.3, falling: bool = False) -> tuple[Floats, F
 def grid_of(has_met: Bools, swapped: bool = False, **turned: float) -> BeamGrid | None:
     """Return the grid of a scan of which so many beams (n,) met something, given in three chunks."""
     row, column, way = beams_of(**turned)  # type: ignore[arg-type]
-    builder = GridBuilder()
+    builder = GridBuilder(10**6)
     rng = np.random.default_rng(3)
     for part in np.array_split(rng.permutation(np.flatnonzero(has_met)), 3):
         beams = rng.uniform(2.0, 9.0, len(part))[:, None] * way[part]
@@ -47,7 +49,7 @@ def hole() -> Bools:
 def test_beams_that_met_nothing_are_found_near_what_is_asked(swapped: bool, turned: dict) -> None:
     grid = grid_of(hole(), swapped, **turned)
     assert grid is not None
-    assert grid.has_met.shape == (N_ROWS, N_COLUMNS)
+    assert (len(grid.heights), len(grid.turns)) == (N_ROWS, N_COLUMNS)
     row, column, way = beams_of(**turned)
     asked = way[(row == 120) & (column == 150)]
     found = grid.empty_near(asked @ TILT.T, 10.2 * STEP) @ TILT
@@ -65,7 +67,7 @@ def test_a_scan_all_around_is_asked_across_its_seam() -> None:
     row, column = (i.ravel() for i in np.mgrid[:40, :n])
     way = directions_of(0.3 + 2.0 * np.pi / n * column, 0.04 - STEP * row)
     has_met = ~((row > 5) & (row < 35) & ((column < 20) | (column > n - 20)))
-    builder = GridBuilder()
+    builder = GridBuilder(10**6)
     builder.add(row[has_met], column[has_met], 3.0 * way[has_met])
     grid = builder.finish(np.eye(3))
     assert grid is not None
@@ -80,7 +82,7 @@ def test_beams_went_between_two_posts_more_than_half_a_turn_apart() -> None:
     row, column = (i.ravel() for i in np.mgrid[:40, :n])
     way = directions_of(-2.5 + STEP * column, 0.04 - STEP * row)
     has_met = (column < 60) | (column > n - 60)
-    builder = GridBuilder()
+    builder = GridBuilder(10**6)
     builder.add(row[has_met], column[has_met], 3.0 * way[has_met])
     grid = builder.finish(np.eye(3))
     assert grid is not None
@@ -91,25 +93,80 @@ def test_beams_went_between_two_posts_more_than_half_a_turn_apart() -> None:
     assert np.linalg.norm(found - asked, axis=1).min() < STEP
 
 
-@pytest.mark.parametrize("kind", ["no grid", "two faces", "few", "jittered"])
-def test_what_is_no_even_grid_tells_of_no_beams(kind: str) -> None:
+@pytest.mark.parametrize("kind", ["no grid", "two faces", "few", "jittered", "gap", "thinned", "chequered", "numbered"])
+def test_what_is_no_full_grid_tells_of_no_beams(kind: str) -> None:
     row, column, way = beams_of()
     rng = np.random.default_rng(1)
+    keep, n_fired = np.ones(len(row), dtype=np.bool_), len(row)
     if kind == "no grid":
         row, column = rng.permutation(row), rng.permutation(column)
     elif kind == "two faces":  # the second half of each column was measured over the top
         way = np.where((row < N_ROWS // 2)[:, None], way, way * [-1.0, -1.0, 1.0])
     elif kind == "few":
-        row, column, way = (v[(column < 7)] for v in (row, column, way))
+        keep = column < 7
+    elif kind == "jittered":
+        way = unit(way + rng.normal(scale=0.65 * STEP, size=way.shape))
+    elif kind == "gap":  # the later columns lie farther round by ten steps than their numbers say
+        way = directions_of(-0.3 + STEP * (column + 10 * (column > 150)), 0.25 - STEP * row)
+    elif kind == "thinned":
+        keep = rng.random(len(row)) < 0.7
+    elif kind == "chequered":
+        keep = (row + column) % 2 == 0
     else:
-        way = unit(way + rng.normal(scale=STEP, size=way.shape))
-    builder = GridBuilder()
-    builder.add(row, column, 4.0 * way)
+        row = column = np.arange(len(row))
+    builder = GridBuilder(n_fired)
+    builder.add(row[keep], column[keep], 4.0 * way[keep])
     assert builder.finish(np.eye(3)) is None
-    empty = GridBuilder()
+    empty = GridBuilder(n_fired)
     empty.add(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
     empty.add(np.array([-1, 3]), np.array([2, -1]), np.ones((2, 3)))
     assert empty.finish(np.eye(3)) is None
+
+
+def test_a_beam_without_a_place_is_left_out_of_its_grid() -> None:
+    row, column, way = beams_of()
+    builder = GridBuilder(len(row))
+    builder.add(np.append(row, -1), np.append(column, 5), np.vstack([4.0 * way, [[0.0, 0.0, 1.0]]]))
+    grid = builder.finish(np.eye(3))
+    assert grid is not None
+    np.testing.assert_allclose(grid.heights, 0.25 - STEP * np.arange(N_ROWS), atol=1e-9)
+
+
+def test_before_the_first_row_and_column_no_beam_is_known_and_steep_ones_are_asked_as_wide_as_flat_ones() -> None:
+    row, column = (i.ravel() for i in np.mgrid[:700, :300])
+    way = directions_of(0.01 * column, 0.002 * row)  # up to 1.4 rad
+    has_met = (row >= 50) & (column >= 40) & ~((row > 540) & (row < 560) & (column > 100) & (column < 200))
+    builder = GridBuilder(len(row))
+    builder.add(row[has_met], column[has_met], 3.0 * way[has_met])
+    grid = builder.finish(np.eye(3))
+    assert grid is not None
+    np.testing.assert_allclose(grid.turns, 0.01 * np.arange(40, 300), atol=1e-9)
+    reach = 0.012
+    found = grid.empty_near(directions_of(np.array([1.5]), np.array([1.1])), reach)
+    turn, height = angles_of(found)
+    assert np.abs(height - 1.1).max() == pytest.approx(0.012, abs=1e-9)
+    assert np.cos(1.1) * np.abs(turn - 1.5).max() >= reach  # at 63 degrees more columns lie as near
+    assert len(grid.empty_near(directions_of(np.array([0.2]), np.array([0.5])), reach)) == 0  # before the first
+    assert len(grid.empty_near(directions_of(np.array([1.5]), np.array([1.3])), reach)) == 0  # steeper than is known
+
+
+def test_a_station_s_grid_stands_as_its_scan_does() -> None:
+    """Through the store's words: rows and columns in the scan's frame, its origin off zero, its pose tilted."""
+    row, column, way = beams_of()
+    origin, pose = np.array([0.3, -0.2, 1.1]), np.eye(4)
+    pose[:3, :3], pose[:3, 3] = TILT, STATION
+    cloud = SimpleNamespace(points=origin + 4.0 * way[hole()])
+    chunk = SimpleNamespace(cloud=cloud, rows=row[hole()], columns=column[hole()])
+    place = SimpleNamespace(object_id="o", epoch_id="e", project=SimpleNamespace(iterate_scan=lambda *_: iter([chunk])))
+    header = SimpleNamespace(index=0, origin=origin, is_grid=True, n_points=int(hole().sum()), dropped={"empty": 100})
+    sight = _gather_sight(place, header, pose)  # type: ignore[arg-type]
+    assert sight is not None
+    there = STATION + TILT @ (origin + 2.0 * way[120 * N_COLUMNS + 150])
+    assert look_at([sight], there[None], 0.001).tolist() == [Sighted.MET_NOTHING]
+    header.is_grid = False
+    blind = _gather_sight(place, header, pose)  # type: ignore[arg-type]
+    assert blind is not None
+    assert blind.grid is None
 
 
 def sight_of(has_met: Bools, with_grid: bool = True) -> StationSight:
@@ -128,12 +185,30 @@ def test_what_stood_before_the_sky_met_nothing_and_is_not_looked_through() -> No
         return STATION + reach * way[r * N_COLUMNS + c] @ TILT.T
 
     places = np.array([at(120, 150, 2.0), at(120, 150, 5.0), at(60, 60, 2.0), at(60, 60, 4.0), at(60, 60, 5.0),
-                       at(120, 123, 5.0), at(120, 123, 2.0)])  # fmt: skip
+                       at(120, 123, 5.0), at(120, 123, 2.0), at(138, 178, 2.0)])  # fmt: skip
     found = look_at([sight_of(hole())], places, 0.001)
     nothing, hidden = Sighted.MET_NOTHING, Sighted.NOT_SEEN
-    assert found.tolist() == [nothing, nothing, Sighted.LOOKED_THROUGH, Sighted.MEASURED, hidden, hidden, nothing]
+    assert found.tolist() == [
+        nothing,
+        nothing,
+        Sighted.LOOKED_THROUGH,
+        Sighted.MEASURED,
+        hidden,
+        hidden,
+        nothing,
+        hidden,
+    ]
     without = look_at([sight_of(hole(), with_grid=False)], places, 0.001)
-    assert without.tolist() == [hidden, hidden, Sighted.LOOKED_THROUGH, Sighted.MEASURED, hidden, hidden, hidden]
+    assert without.tolist() == [
+        hidden,
+        hidden,
+        Sighted.LOOKED_THROUGH,
+        Sighted.MEASURED,
+        hidden,
+        hidden,
+        hidden,
+        hidden,
+    ]
     outside = STATION + 2.0 * directions_of(np.array([-0.3 - 20 * STEP]), np.array([0.0])) @ TILT.T
     assert look_at([sight_of(hole())], outside, 0.001).tolist() == [hidden]
 

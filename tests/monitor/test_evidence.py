@@ -108,7 +108,7 @@ def look_into_the_sky(is_grid: bool) -> list[StationSight]:
     turn, height = np.pi - 0.25 + 0.001 * column, 0.1 - 0.001 * row
     way = directions_of(turn, height)
     has_met = (height < -0.12) | (np.abs(turn - np.pi) > 0.2)
-    builder = GridBuilder()
+    builder = GridBuilder(len(row))
     builder.add(row[has_met], column[has_met], 2.0 * way[has_met])
     sight = gather_sight(STATION, [STATION + 2.0 * way[has_met]])
     assert sight is not None
