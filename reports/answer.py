@@ -13,6 +13,7 @@ import numpy as np
 from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
 from reports.quantities import MM, NBSP, NOT_KNOWN, estimate, in_words, listed, millimetres, percent, square
+from reports.whereabouts import Setting, locate_most
 from reports.wholemotion import describe_motion
 
 NAN = float("nan")
@@ -49,9 +50,11 @@ WHY_NOT = {
 
 
 def state_answer(
-    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts, has_control: bool
-) -> Answer:
-    """Return the answer of a comparison; `has_control`: control points tie both epochs to the same ground."""
+    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts, has_control: bool,
+    setting: Setting,
+) -> Answer:  # fmt: skip
+    """Return the answer of a comparison; `has_control`: control points tie both epochs to the same ground; `setting`:
+    what words of place go by."""
     changed = _what_changed(comparison, regions, before, after)
     sure = (
         *_lies_off(comparison),
@@ -60,7 +63,7 @@ def state_answer(
         *_beyond_tolerance(comparison),
         _whole(comparison, has_control),
         _not_assessed(comparison, (before, after)),
-        *_met_nothing(comparison, (before, after)),
+        *_met_nothing(comparison, (before, after), setting),
     )
     return Answer(_headline(comparison, regions), changed, sure, _figures(comparison, regions, before, after))
 
@@ -282,15 +285,20 @@ def _not_assessed(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts])
     return f"{said}; of the {there.order} epoch’s it is {shares[1 - k]}."
 
 
-def _met_nothing(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts]) -> tuple[str, ...]:
-    """Return how much of each surface lies where the other epoch's scans hold nothing in its direction."""
+def _met_nothing(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts], setting: Setting) -> tuple[str, ...]:
+    """Return how much of each surface lies where the other epoch's scans hold nothing in its direction, and where."""
     areas = comparison.statistics.get("met_nothing_area_m2", (0.0, 0.0))
-    return tuple(
-        f"In the direction of {square(area)} of the {here.order} epoch’s surface the {there.order} epoch’s scans hold "
-        f"nothing: it is {word}, or it or something before it was too dark for them, or it was cut out of the files."
-        for area, here, there, word in zip(areas, epochs, epochs[::-1], ("gone", "new"), strict=True)
-        if area > 0.0
-    )
+    told = []
+    for k, word in enumerate(("gone", "new")):
+        side, here, there = (comparison.on_reference, comparison.on_compared)[k], epochs[k], epochs[1 - k]
+        if areas[k] > 0.0:
+            where = locate_most(side, side.reasons == NotAssessed.MET_NOTHING, setting)
+            what = f"{square(areas[k])} of the {here.order} epoch’s surface{f' ({where})' if where else ''}"
+            told.append(
+                f"In the direction of {what} the {there.order} epoch’s scans hold nothing: it is {word}, or it or "
+                "something before it was too dark for them, or it was cut out of the files."
+            )
+    return tuple(told)
 
 
 def _figures(

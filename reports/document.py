@@ -148,7 +148,7 @@ def make_facts(
         remarks=(*_remarks(made, before, after), *_doubts(comparison, (before, after))),
         before=first,
         after=second,
-        answer=state_answer(comparison, regions, first, second, has_control),
+        answer=state_answer(comparison, regions, first, second, has_control, setting),
         regions=regions,
         measures=measures,
         certainty=(

@@ -9,8 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
-from projects.model import ComparedSurface, Comparison, Floats, Surface
+from projects.model import Bools, ComparedSurface, Comparison, Floats, Surface
 from reports.cameras import UP, choose_views, face_normals, find_front
 from reports.quantities import NOT_KNOWN, height
 
@@ -85,6 +87,29 @@ def locate(comparison: Comparison, number: int, place: Floats, setting: Setting)
     if not np.isfinite(place).all():
         return NOT_KNOWN
     normal = facing(comparison.on_compared, number) + facing(comparison.on_reference, number)
+    return say_where(normal, place, setting)
+
+
+def locate_most(side: ComparedSurface, which: Bools, setting: Setting) -> str:
+    """Return where the largest connected place of some vertices (n,) of a side lies; nothing where no face is all of
+    them."""
+    faces = side.surface.faces[which[side.surface.faces].all(axis=1)]
+    if not len(faces):
+        return ""
+    used, corners = np.unique(faces, return_inverse=True)
+    corners = corners.reshape(-1, 3)
+    ways = face_normals(Surface(side.surface.vertices[used], corners))
+    edges = np.concatenate([corners[:, :2], corners[:, 1:]])
+    links = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(used), len(used)))
+    patch = connected_components(links, directed=False)[1][corners[:, 0]]
+    areas = np.linalg.norm(ways, axis=1)
+    most = patch == np.bincount(patch, areas).argmax()
+    centres = side.surface.vertices[faces[most]].mean(axis=1)
+    return say_where(ways[most].sum(axis=0), np.average(centres, axis=0, weights=areas[most]), setting)
+
+
+def say_where(normal: Floats, place: Floats, setting: Setting) -> str:
+    """Return where something at `place` (3,) lies that faces along `normal`: its side, its part, its height."""
     side = name_wall(normal, place, setting) if setting.is_room else name_side(normal, setting.front)
     part = "" if side in SIDEWAYS else name_part(place, setting.box, setting.front)
     above = f"{height(float(place[2] - setting.box[0, 2]))} above the {'floor' if setting.is_room else 'base'}"

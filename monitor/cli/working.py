@@ -24,7 +24,7 @@ from projects.model import Comparison, Step
 from projects.store import Project
 from reports.answer import differs_as_a_whole, shares_not_assessed
 from reports.history import tell_alone, tell_open_holes, tell_outside, tell_turned, tell_uncovered
-from reports.quantities import NBSP, millimetres, percent
+from reports.quantities import NBSP, millimetres, percent, square
 
 Facts = dict[str, Any]
 Where = tuple[int | None, str | None]  # workers, scheduler
@@ -172,6 +172,7 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
         if unknown < n or count
         else f"nothing of {place.epoch_id} could be assessed"
     )
+    answer += _met_nothing(comparison, reference, place.epoch_id)
     beside = comparison.statistics.get("lod95_beside_layer_median_m") if count else None
     if comparison.statistics.get("offset_is_told") or beside is not None:
         off = comparison.statistics["offset_m"]
@@ -204,6 +205,16 @@ def _not_assessable(comparison: Comparison, reference: str, compared: str) -> st
     before, after = (percent(share).replace(NBSP, " ") for share in shares_not_assessed(comparison))
     told = after if before == after else f"{before} of {reference} and {after} of {compared}"
     return f"{told} not assessable"
+
+
+def _met_nothing(comparison: Comparison, reference: str, compared: str) -> str:
+    """Return how much of each epoch lies in directions in which the scans of the other hold nothing; empty if none."""
+    areas = comparison.statistics.get("met_nothing_area_m2", (0.0, 0.0))
+    return "".join(
+        f"; {square(area).replace(NBSP, ' ')} of {here} lie where the scans of {there} hold nothing"
+        for area, here, there in zip(areas, (reference, compared), (compared, reference), strict=True)
+        if area > 0.0
+    )
 
 
 def _tell(facts: list[dict[str, Any]], as_json: bool, line: str) -> None:

@@ -15,7 +15,7 @@ from report_examples import (
 )
 
 from projects.errors import StoreError
-from projects.model import ControlPoint, Step
+from projects.model import ControlPoint, NotAssessed, Step
 from projects.store import Project
 from reports.answer import dotted_from
 from reports.captions import write_captions
@@ -313,6 +313,14 @@ def test_where_scans_hold_nothing_is_told_with_all_that_it_may_be():
         "or it or something before it was too dark for them, or it was cut out of the files."
     ) in text
     assert text.count("hold nothing") == 1
+    comparison = example_comparison(met_nothing_area_m2=[12.4e-4, 0.0])
+    side = comparison.on_reference
+    x, y, z = side.surface.vertices.T
+    is_tip = (z > 0.9) & (y < -0.8 * np.hypot(x, y))
+    speck = (np.abs(z - 0.4) < 0.02) & (y > 0.9 * np.hypot(x, y))
+    reasons = np.where(is_tip | speck, NotAssessed.MET_NOTHING, side.reasons).astype(np.uint8)
+    at_top = dataclasses.replace(comparison, on_reference=dataclasses.replace(side, reasons=reasons))
+    assert "12.4 cm² of the earlier epoch’s surface (front, 95 cm above the base) the later" in said(facts_of(at_top))
     text = said(facts_of(example_comparison(met_nothing_area_m2=[0.0, 30e-4])))
     assert "of 30.0 cm² of the later epoch’s surface the earlier epoch’s scans hold nothing: it is new, or" in text
     assert "hold nothing" not in said(facts_of())
