@@ -43,9 +43,11 @@ def tell_smallest(sides: tuple[Side, Side], found: Detected, level: float) -> tu
         guess2 = guess_of(side, found.noise)
         number = np.where((guess2 > 0.0) & side.is_assessed, units.number, -1)
         areas, mean2 = average_by_unit(number, side.areas, guess2, len(units.areas))
+        areas = np.where(mean2 > 0.0, areas, np.inf)  # a unit that guesses nothing is not asked
         among = np.maximum(SURE, sigmas_needed(guessed / areas, level))
         least = np.minimum(among, sigmas_needed(whole / areas, level)) * np.sqrt(mean2)
-        told[number >= 0] = np.maximum(told, least.astype(np.float32)[number])[number >= 0]
+        is_guess = number >= 0
+        told[is_guess] = np.maximum(told[is_guess], least.astype(np.float32)[number[is_guess]])
         return keep_on_disk(told)
 
     return map_sides(of_side, larger_of(sides))
