@@ -52,23 +52,24 @@ class BeamGrid:
                 found.append(self._empty_around(row[at], column[at], reach, slant))
         if not found:
             return np.zeros((0, 3))
-        row, column = np.unique(np.concatenate(found, axis=1), axis=1)
+        row, column = np.divmod(np.unique(np.concatenate(found)), len(self.turns))
         return directions_of(self.turns[column], self.heights[row]) @ self.rotation.T
 
     def _empty_around(self, row: Ints, column: Ints, reach: float, slant: float) -> Ints:
-        """Return the rows and columns (2, k) of the beams without any return within `reach` [rad] of some (n,), of
+        """Return the numbers (k,), row by row, of the beams without any return within `reach` [rad] of some (n,), of
         which none is steeper than `slant`, the cosine of its height, tells."""
         up, aside = (math.ceil(reach / step) for step in (step_of(self.heights), slant * step_of(self.turns)))
         low = max(int(row.min()) - up, 0), max(int(column.min()) - aside, 0)
         high = min(int(row.max()) + up + 1, len(self.heights)), min(int(column.max()) + aside + 1, len(self.turns))
         met = np.unpackbits(self.has_met[low[0] : high[0]], axis=1, count=len(self.turns))[:, low[1] : high[1]]
         asked = np.zeros(met.shape, dtype=np.bool_)
-        places = np.unique(np.stack([row - low[0], column - low[1]]), axis=1)
+        places = np.stack(np.divmod(np.unique(row * len(self.turns) + column), len(self.turns))) - np.array([low]).T
         for i, j in itertools.product(range(-up, up + 1), range(-aside, aside + 1)):
             near = places + np.array([[i], [j]])
             is_in = ((near >= 0) & (near < np.array([met.shape]).T)).all(axis=0)
             asked[near[0, is_in], near[1, is_in]] = True
-        return np.stack(np.nonzero(asked & (met == 0))) + np.array([low]).T
+        found = np.nonzero(asked & (met == 0))
+        return np.asarray((found[0] + low[0]) * len(self.turns) + found[1] + low[1])
 
 
 class GridBuilder:
