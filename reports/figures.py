@@ -62,7 +62,7 @@ def _add_states(figure: Figure, lod95_m: float, coarse_m: float) -> None:
         (HATCH_LIGHT, HATCH_DARK, "not assessable", "/////"),
     ]
     if np.isfinite(coarse_m):
-        states.insert(1, (UNCHANGED, DOTS, f"unchanged (up to {say_mm(coarse_m)} or more)", "....."))
+        states.insert(1, (UNCHANGED, DOTS, f"unchanged (up to {say_mm(coarse_m)} or more)", "..."))
     step = 0.44 if len(states) == 2 else 0.32
     for k, (colour, lines, text, hatch) in enumerate(states):
         y = 0.44 + step * (0.5 * (len(states) - 1) - k)
