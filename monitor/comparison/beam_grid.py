@@ -87,9 +87,11 @@ class GridBuilder:
         rows, columns, beams = rows[is_placed], columns[is_placed], beams[is_placed]
         if not len(rows) or not self._has_room(int(rows.max()) + 1, int(columns.max()) + 1):
             return
-        turn, height = angles_of(beams)
-        is_low = np.abs(height) < STEEPEST
         self.has_met[rows, columns] = True
+        flat = np.hypot(beams[:, 0], beams[:, 1])
+        turn = beams[:, :2] / np.maximum(flat, 1e-300)[:, None]
+        height = np.column_stack([flat, beams[:, 2]]) / np.maximum(np.hypot(flat, beams[:, 2]), 1e-300)[:, None]
+        is_low = np.abs(height[:, 1]) < math.sin(STEEPEST)
         for index, name in ((rows, "row"), (columns, "column")):
             self._sum(f"height of {name}", index, height)
             self._sum(f"turn of {name}", index[is_low], turn[is_low])
@@ -109,11 +111,11 @@ class GridBuilder:
             self.has_met = larger
         return True
 
-    def _sum(self, name: str, index: Ints, angle: Floats) -> None:
-        """Add the unit vectors of angles (n,) to those of their rows or columns, and count them."""
+    def _sum(self, name: str, index: Ints, ways: Floats) -> None:
+        """Add the cosines and sines (n, 2) of angles to those of their rows or columns, and count them."""
         if not len(index):
             return
-        more = np.stack([np.bincount(index, w) for w in (np.cos(angle), np.sin(angle), np.ones(len(angle)))])
+        more = np.stack([np.bincount(index, ways[:, 0]), np.bincount(index, ways[:, 1]), np.bincount(index)])
         known = self.sums.get(name, np.zeros((3, 0)))
         both = np.zeros((3, max(more.shape[1], known.shape[1])))
         both[:, : known.shape[1]] = known
