@@ -108,8 +108,18 @@ class Noise:
         """Return what `variance_of` does in two: without what the surfaces guess, and this, which is as stated, or
         scaled where stable areas show more."""
         noise2, guess2 = split_stated(side, self.usual, which)
+        return self._scaled(side, which, noise2), self._scaled_guess(side, which, guess2)
+
+    def guess_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
+        """Return the second of `parts_of`."""
+        return self._scaled_guess(side, which, split_stated(side, self.usual, which)[1])
+
+    def _scaled_guess(self, side: Side, which: Ints | slice, guess2: Floats) -> Floats:
+        """Return the variance [m2] of the vertices in `which` that is a guess, of which so much is stated."""
+        if not guess2.any():
+            return guess2
         scale = mean_of_arms(self.scales)[stratum_of(side, self.spacing, which)]
-        return self._scaled(side, which, noise2), np.asarray(np.maximum(scale, 1.0) ** 2 * guess2)
+        return np.asarray(np.maximum(scale, 1.0) ** 2 * guess2)
 
     def _scaled(self, side: Side, which: Ints | slice, surfaces2: Floats) -> Floats:
         """Return the variance [m2] of the vertices in `which`, whose surfaces state `surfaces2` [m2]."""

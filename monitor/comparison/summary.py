@@ -76,6 +76,8 @@ def area_met_nothing(told: ComparedSurface, side: Side, size: float) -> float:
     """Return the area [m2] of a side, in connected places no smaller than a square of `size` [m], in the direction of
     which the other epoch's scans hold nothing."""
     is_empty = (told.assessment == Assessment.NOT_ASSESSABLE) & (told.reasons == NotAssessed.MET_NOTHING)
+    if not is_empty.any():
+        return 0.0
     place = connect_like(np.where(is_empty, 0, -1), [side.neighbours])
     areas = np.bincount(place[is_empty], side.areas[is_empty], minlength=1)
     return float(areas[areas >= size**2].sum())

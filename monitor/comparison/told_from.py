@@ -40,6 +40,8 @@ def tell_smallest(sides: tuple[Side, Side], found: Detected, level: float) -> tu
     def of_side(k: int) -> Floats:
         """Return that of side k."""
         side, units, told = sides[k], found.test.units[k], found.sides[k].lod95.astype(np.float32)
+        if not guessed:
+            return keep_on_disk(told)
         guess2 = guess_of(side, found.noise)
         number = np.where((guess2 > 0.0) & side.is_assessed, units.number, -1)
         areas, mean2 = average_by_unit(number, side.areas, guess2, len(units.areas))
@@ -57,7 +59,7 @@ def guess_of(side: Side, noise: Noise) -> Floats:
     """Return the variance [m2] of each vertex (n,) that is a guess of the surfaces, as regions hold it."""
     out = np.empty(len(side.areas))
     for block in blocks(len(out)):
-        out[block] = noise.parts_of(side, block)[1]
+        out[block] = noise.guess_of(side, block)
     return out
 
 
