@@ -287,7 +287,7 @@ def _not_assessed(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts])
 
 def _met_nothing(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts], setting: Setting) -> tuple[str, ...]:
     """Return how much of each surface lies where the other epoch's scans hold nothing in its direction, and where."""
-    areas = comparison.statistics.get("met_nothing_area_m2", (0.0, 0.0))
+    areas = comparison.statistics.get("met_nothing_area_m2", (NAN, NAN))
     told = []
     for k, word in enumerate(("gone", "new")):
         side, here, there = (comparison.on_reference, comparison.on_compared)[k], epochs[k], epochs[1 - k]

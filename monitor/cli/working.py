@@ -209,7 +209,7 @@ def _not_assessable(comparison: Comparison, reference: str, compared: str) -> st
 
 def _met_nothing(comparison: Comparison, reference: str, compared: str) -> str:
     """Return how much of each epoch lies in directions in which the scans of the other hold nothing; empty if none."""
-    areas = comparison.statistics.get("met_nothing_area_m2", (0.0, 0.0))
+    areas = comparison.statistics.get("met_nothing_area_m2", (float("nan"), float("nan")))
     return "".join(
         f"; {square(area).replace(NBSP, ' ')} of {here} lie where the scans of {there} hold nothing"
         for area, here, there in zip(areas, (reference, compared), (compared, reference), strict=True)

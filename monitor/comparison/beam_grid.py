@@ -159,7 +159,7 @@ def even_angles(sums: Floats | None) -> tuple[Floats, slice] | None:
     step = float(np.median(part_of_turn(np.diff(angle)[n == 1])))
     off = part_of_turn(np.diff(angle) - n * step)
     spread = np.sqrt(np.average(2.0 * np.maximum(1.0 - length, 0.0), weights=sums[2, at]))
-    if spread > MOST_OFF * abs(step) or (np.abs(off) > (MOST_OFF + DRIFT * n) * abs(step)).any():
+    if not step or spread > MOST_OFF * abs(step) or (np.abs(off) > (MOST_OFF + DRIFT * n) * abs(step)).any():
         return None
     every = np.arange(at[0], at[-1] + 1)
     angle = angle[0] + np.concatenate([[0.0], np.cumsum(n * step + off)])

@@ -28,7 +28,7 @@ from monitor.comparison.comparable import require_common, require_comparable, se
 from monitor.comparison.detection import detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import Beyond, look_beyond
-from monitor.comparison.evidence import Sights, look_through
+from monitor.comparison.evidence import Sights, knows_beams, look_through
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import Regions, area_looked_through, find_regions, least_area, least_beyond
 from monitor.comparison.scratch import keep_on_disk
@@ -179,7 +179,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     told = add_told_from(told[0], smallest[0], coarse_from), add_told_from(told[1], smallest[1], coarse_from)
     statistics |= coarse_figures(told[1], sides[1].areas, tolerance)
     statistics["met_nothing_area_m2"] = [
-        area_met_nothing(*both, found.test.size) for both in zip(told, sides, strict=True)
+        area_met_nothing(told[k], sides[k], found.test.size) if knows_beams(sights, 1 - k) else float("nan")
+        for k in range(2)
     ]
     statistics = {**summarize(told[1], sides, found, registration, tolerance), **statistics}
     return Comparison(told[1], told[0], table, registration, mode, statistics)

@@ -22,6 +22,11 @@ Sights = tuple[Sequence[StationSight], Sequence[StationSight]]
 ABSENT = (NotAssessed.NO_FACE, NotAssessed.FREE_EDGE, NotAssessed.SHEET_BETWEEN, NotAssessed.BEYOND_SEARCH)
 
 
+def knows_beams(sights: Sights | None, k: int) -> bool:
+    """Return whether any station of epoch k (0: the reference) knows where its beams went that met nothing."""
+    return sights is not None and any(sight.grid is not None for sight in sights[k])
+
+
 def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_compared_reference: Floats, least: float,
                  ) -> tuple[tuple[Side, Side], Beyond]:  # fmt: skip
     """Return the sides and what lies beyond the perpendicular, as far as the other epoch's scanners bear it out.
@@ -43,7 +48,7 @@ def look_through(sides: tuple[Side, Side], beyond: Beyond, sights: Sights, T_com
         T_sights_side = np.eye(4) if k else T_compared_reference
         points, around = part_around(side, which, T_sights_side, sights[1 - k])
         seen[which] = look_at(sights[1 - k], points, least, around)
-        apart, not_seen = is_apart(side, beyond.gaps[k], least), (seen >= 0) & (seen <= Sighted.MET_NOTHING)
+        apart, not_seen = is_apart(side, beyond.gaps[k], least), np.isin(seen, (Sighted.NOT_SEEN, Sighted.MET_NOTHING))
         is_through = (seen == Sighted.LOOKED_THROUGH) & apart
         new_sides.append(name_not_seen(side, not_seen, (seen == Sighted.MET_NOTHING) & apart))
         change.append(bear_out(beyond, k, is_through, not_seen))

@@ -95,7 +95,9 @@ def test_beams_went_between_two_posts_more_than_half_a_turn_apart() -> None:
     assert np.linalg.norm(found - asked, axis=1).min() < STEP
 
 
-@pytest.mark.parametrize("kind", ["no grid", "two faces", "few", "jittered", "gap", "thinned", "chequered", "numbered"])
+@pytest.mark.parametrize(
+    "kind", ["no grid", "two faces", "few", "jittered", "one turn", "gap", "thinned", "chequered", "numbered"]
+)
 def test_what_is_no_full_grid_tells_of_no_beams(kind: str) -> None:
     row, column, way = beams_of()
     rng = np.random.default_rng(1)
@@ -108,6 +110,8 @@ def test_what_is_no_full_grid_tells_of_no_beams(kind: str) -> None:
         keep = column < 7
     elif kind == "jittered":
         way = unit(way + rng.normal(scale=0.65 * STEP, size=way.shape))
+    elif kind == "one turn":  # a profile, measured again and again
+        way = directions_of(np.zeros(len(row)), 0.25 - STEP * row)
     elif kind == "gap":  # the later columns lie farther round by ten steps than their numbers say
         way = directions_of(-0.3 + STEP * (column + 10 * (column > 150)), 0.25 - STEP * row)
     elif kind == "thinned":
