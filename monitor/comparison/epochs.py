@@ -28,16 +28,16 @@ from monitor.comparison.comparable import require_common, require_comparable, se
 from monitor.comparison.detection import detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import Beyond, look_beyond
-from monitor.comparison.evidence import Sights, knows_beams, look_through
+from monitor.comparison.evidence import Sights, look_through
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import Regions, area_looked_through, find_regions, least_area, least_beyond
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell, make_shell
 from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
 from monitor.comparison.stood_there import drop_where_it_stood
-from monitor.comparison.summary import area_met_nothing, summarize
+from monitor.comparison.summary import areas_met_nothing, summarize
 from monitor.comparison.tested import Detected, Detection
-from monitor.comparison.told_from import add_told_from, coarse_figures, level_of_coarse, tell_smallest
+from monitor.comparison.told_from import add_told_from, coarse_figures, tell_smallest
 from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
 from projects.model import (
@@ -160,13 +160,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
-    if points is not None and len(regions.table):
-        gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
-        own = judged_points(points(), compared, layer)
-        regions, sides = keep_borne_out(regions, sides, in_one_frame(own, T), limits, gone)
-    if points is None:
-        regions = regions.without_chips()
-    sides = drop_unexplained(sides, found, regions.whole)
+    own = None if points is None else lambda: in_one_frame(judged_points(points(), compared, layer), T)
+    regions, sides = hold_to_points(regions, sides, found, beyond, own, limits)
     told = finish_sides(sides, found, regions, beyond)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
     statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes}
@@ -175,13 +170,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         measured = measure_sides(make_shells(reference, compared, limits, T), held, left)
         told, sides = lay_back(told, measured, layer)
         smallest = level_with(smallest[0], layer), level_with(smallest[1], layer)
-    coarse_from = level_of_coarse(told[1])
-    told = add_told_from(told[0], smallest[0], coarse_from), add_told_from(told[1], smallest[1], coarse_from)
+    told = add_told_from(told, smallest)
     statistics |= coarse_figures(told[1], sides[1].areas, tolerance)
-    statistics["met_nothing_area_m2"] = [
-        area_met_nothing(told[k], sides[k], found.test.size) if knows_beams(sights, 1 - k) else float("nan")
-        for k in range(2)
-    ]
+    statistics["met_nothing_area_m2"] = areas_met_nothing(told, sides, sights, found.test.size)
     statistics = {**summarize(told[1], sides, found, registration, tolerance), **statistics}
     return Comparison(told[1], told[0], table, registration, mode, statistics)
 
@@ -253,6 +244,19 @@ def drop_scattered(side: Side, own: Floats | None, other: Floats | None, most: f
         return side
     scattered = side.is_assessed & (own + other[side.foot_vertices] > 2.0 * most)
     return side.without(scattered, NotAssessed.NO_ONE_SURFACE)
+
+
+def hold_to_points(regions: Regions, sides: tuple[Side, Side], found: Detected, beyond: Beyond, points: Points | None,
+                   limits: tuple[float, float]) -> tuple[Regions, tuple[Side, Side]]:  # fmt: skip
+    """Return the regions that the `points` of both epochs bear out, all but chips where these are not known, and the
+    sides without what no region explains; `points` returns them in the reference's coordinates, `limits` are those of
+    the search."""
+    if points is None:
+        regions = regions.without_chips()
+    elif len(regions.table):
+        gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
+        regions, sides = keep_borne_out(regions, sides, points(), limits, gone)
+    return regions, drop_unexplained(sides, found, regions.whole)
 
 
 def judged_points(points: tuple[Floats | None, Floats | None], compared: Surface, layer: float,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from monitor.comparison.connected import connect_like
+from monitor.comparison.evidence import Sights, knows_beams
 from monitor.comparison.quantile import median
 from monitor.comparison.side import Side
 from monitor.comparison.tested import Detected
@@ -70,6 +71,13 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         figures["tolerance_m"] = float(tolerance)
         figures["share_beyond_tolerance"] = _share_of_area(areas[assessed], np.abs(d) > tolerance)
     return figures
+
+
+def areas_met_nothing(told: tuple[ComparedSurface, ComparedSurface], sides: tuple[Side, Side], sights: Sights | None,
+                      size: float) -> list[float]:  # fmt: skip
+    """Return of the reference and of the compared surface which area [m2] the other epoch's scans hold nothing of, NaN
+    where none of its stations knows where its beams went."""
+    return [area_met_nothing(told[k], sides[k], size) if knows_beams(sights, 1 - k) else float("nan") for k in range(2)]
 
 
 def area_met_nothing(told: ComparedSurface, side: Side, size: float) -> float:

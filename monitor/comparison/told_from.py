@@ -23,6 +23,7 @@ from monitor.comparison.tested import Detected
 from monitor.comparison.units import average_by_unit
 from projects.model import ComparedSurface, Floats, NotAssessed
 
+Told = tuple[ComparedSurface, ComparedSurface]  # on the reference and the compared surface
 COARSE = 4.0  # times the median level of detection, beyond which a place tells only large changes
 NEARLY_ALL = 0.95  # of the coarse area tells changes of the size given
 
@@ -63,12 +64,18 @@ def guess_of(side: Side, noise: Noise) -> Floats:
     return out
 
 
-def add_told_from(told: ComparedSurface, smallest: Floats, coarse_from: float) -> ComparedSurface:
-    """Return a side's answer with how small a change (n,) [m] it tells where it is assessed, and from where on that is
-    coarse."""
-    is_assessed = told.reasons == NotAssessed.ASSESSED
-    return replace(told, told_from=keep_on_disk(np.where(is_assessed, smallest, np.float32(np.nan))),
-                   coarse_from=coarse_from)  # fmt: skip
+def add_told_from(told: Told, smallest: tuple[Floats, Floats]) -> Told:
+    """Return the answer on the reference and the compared surface with how small a change (n,) [m] each tells where it
+    is assessed, and from where on that is coarse: on both by the level of the compared one."""
+    coarse_from = level_of_coarse(told[1])
+
+    def of_side(k: int) -> ComparedSurface:
+        """Return that of side k."""
+        is_assessed = told[k].reasons == NotAssessed.ASSESSED
+        least = keep_on_disk(np.where(is_assessed, smallest[k], np.float32(np.nan)))
+        return replace(told[k], told_from=least, coarse_from=coarse_from)
+
+    return of_side(0), of_side(1)
 
 
 def level_of_coarse(told: ComparedSurface) -> float:

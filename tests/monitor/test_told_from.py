@@ -75,7 +75,7 @@ def test_figures_are_of_the_assessed_area(unchanged: Comparison) -> None:
     side = replace(unchanged.on_compared, assessment=state, lod95=np.array([1.0, 1.0, 2.0, 9.0]), reasons=reasons,
                    distances=np.zeros(n), region=np.zeros(n, np.int32))  # fmt: skip
     assert level_of_coarse(side) == COARSE * 1.0
-    told = add_told_from(side, np.array([1.0, 6.0, 8.0, 9.0]), 4.0)
+    told = add_told_from((side, side), (np.zeros(n), np.array([1.0, 6.0, 8.0, 9.0])))[1]
     assert told.told_from is not None
     assert told.told_from[:3].tolist() == [1.0, 6.0, 8.0]
     assert np.isnan(told.told_from[3])
@@ -86,7 +86,8 @@ def test_figures_are_of_the_assessed_area(unchanged: Comparison) -> None:
     assert coarse_figures(told, np.array([1.0, 2.0, 5.0, 9.0]), 7.0)["share_coarser_than_tolerance"] == 5.0 / 8.0
     nothing = replace(side, reasons=np.full(n, 3, np.uint8))
     assert np.isnan(level_of_coarse(nothing))
-    assert np.isnan(coarse_figures(add_told_from(nothing, np.ones(n), np.nan), np.ones(n), None)["coarse_area_share"])
+    unknown = add_told_from((nothing, nothing), (np.ones(n), np.ones(n)))[1]
+    assert np.isnan(coarse_figures(unknown, np.ones(n), None)["coarse_area_share"])
 
 
 def test_a_mean_of_so_many_sigmas_is_just_significant() -> None:
