@@ -18,6 +18,7 @@ from projects.model import (
     Step,
     Surface,
 )
+from reports.document import make_facts
 from reports.history import EpochHistory
 
 RADIUS, HEIGHT = 0.2, 1.0  # m
@@ -112,3 +113,25 @@ def _steps(n_outliers):
         Step("s" * 16, "surface", automatic={"scan_disagreement_m": 0.00009}, counts={"vertices": 6750, "faces": 9}),
         Step("q" * 16, "quality", automatic={"scan000": fit, "all": fit}),
     )  # fmt: skip
+
+
+def facts_of(comparison=None, record=None, epochs=None):
+    """Return the facts of the example, or of a changed one."""
+    comparison = example_comparison() if comparison is None else comparison
+    return make_facts(comparison, record or example_object(), *(epochs or example_epochs()))
+
+
+def plain(text):
+    """Return a text with ordinary spaces."""
+    return text.replace("\u00a0", " ").replace("\u202f", " ")
+
+
+def said(facts):
+    """Return the answer as one text."""
+    return plain(" ".join((facts.answer.headline, *facts.answer.changed, *facts.answer.sure)))
+
+
+def rows_of(facts, title):
+    """Return the rows of the table of a title, by their first column."""
+    table = next(t for t in (*facts.certainty, *facts.history) if t.title == title)
+    return {row[0]: [plain(cell) for cell in row[1:]] for row in table.rows}

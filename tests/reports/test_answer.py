@@ -1,0 +1,237 @@
+"""What the answer of a report says first, of comparisons whose figures are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from report_examples import (
+    DENT,
+    PATCH,
+    example_comparison,
+    example_epochs,
+    example_registration,
+    facts_of,
+    plain,
+    rows_of,
+    said,
+)
+
+from projects.model import ControlPoint, NotAssessed
+from reports.answer import dotted_from
+from reports.captions import write_captions
+
+NAN = float("nan")
+
+
+def test_regions_beside_a_layer_all_over_say_that_their_figures_are_beside_it():
+    figures = {"offset_m": -9.8e-4, "sigma_offset_m": 1e-4, "lod95_beside_layer_median_m": 4.1e-4}
+    facts = facts_of(example_comparison(**figures))
+    headline = plain(facts.answer.headline)
+    assert headline == "Two regions changed against the rest, which lies 0.98 ± 0.20 mm further in."
+    assert "scanners whose ranges differ look alike. Say where nothing changed" in said(facts)
+    assert "Regions and their figures are beside that" in said(facts)
+    assert "what stands out of the rest is told from 0.41 mm on" in said(facts)
+    assert plain(facts.answer.figures[1].note) == "95 %, median; 0.41 mm against the rest"
+    assert rows_of(facts, "What can be seen")["of what stands out of the rest, which lies off all over"] == ["0.41 mm"]
+    assert "beside what all of the surface lies off by" in write_captions(facts).regions
+    alone = facts_of(example_comparison(rows=(), **figures))
+    assert "further in" not in said(alone)
+    assert "beside" not in write_captions(facts_of(example_comparison())).regions
+
+
+def test_a_later_epoch_of_another_scale_is_told_in_the_headline():
+    comparison = example_comparison()
+    scaled = dataclasses.replace(comparison.registration, scale=1.02, sigma_scale=1e-4)
+    found = dataclasses.replace(comparison, registration=scaled, regions=comparison.regions.iloc[:0])
+    headline = plain(facts_of(found).answer.headline)
+    assert headline.endswith("but the later epoch is 1.0200 times as large as the earlier one.")
+    assert plain(facts_of(dataclasses.replace(comparison, registration=scaled)).answer.headline) == plain(
+        facts_of(comparison).answer.headline
+    )  # regions that stand out are told for all that
+
+
+def test_the_figure_of_the_whole_says_in_words_whether_it_moved():
+    def note(**statistics):
+        figures = facts_of(example_comparison(**statistics)).answer.figures
+        return plain(next(f.note for f in figures if f.label == "Object as a whole"))
+
+    assert note().endswith("; significant (confidence above 99.9 %)")
+    assert note(motion_is_significant=False, motion_significance=0.907).endswith(
+        "; not significant (confidence 90.7 %)"
+    )
+    assert note(motion_significance=NAN).endswith("; not known")
+
+
+def with_assessed(share):
+    """Return the example without a change, of which only the lowest share of the vertices was assessed."""
+    comparison = example_comparison(rows=(), assessed_area_share=share)
+    side = comparison.on_compared
+    known = np.arange(len(side.assessment)) < share * len(side.assessment)
+    unassessed = dataclasses.replace(side, assessment=np.where(known, 1, 0).astype(np.uint8))
+    return dataclasses.replace(comparison, on_compared=unassessed)
+
+
+def test_where_little_or_nothing_was_assessed_the_headline_says_so():
+    assert facts_of(with_assessed(0.95)).answer.headline == "No change was found."
+    little = plain(facts_of(with_assessed(0.2)).answer.headline)
+    assert little == "No change was found on the 20 % of the surface that could be assessed."
+    text = said(facts_of(with_assessed(0.0)))
+    assert text.startswith("Nothing could be assessed. Whether anything changed between 12 May 2025 and 18 May 2026 is")
+    assert "no part of the surface" not in text
+    n_regions = facts_of(with_assessed(0.0)).answer.figures[0]
+    assert (n_regions.value, n_regions.note) == ("not known", "nothing could be assessed")
+
+
+def test_where_the_later_epoch_recorded_little_the_headline_says_so():
+    comparison = example_comparison(rows=(), assessed_area_share=0.92, assessed_area_share_reference=0.28)
+    facts = facts_of(comparison)
+    assert plain(facts.answer.headline) == "No change was found on the 28 % of the surface that could be assessed."
+    assert "72 % of the earlier epoch’s surface could not be assessed" in said(facts)
+
+
+def test_an_unchanged_surface_that_lies_off_as_a_whole_is_no_answer_of_no_change():
+    layer = {"offset_m": -9.8e-4, "sigma_offset_m": 1e-4, "offset_is_told": True}
+    facts = facts_of(example_comparison(rows=(), **layer))
+    headline = plain(facts.answer.headline)
+    assert headline == "No part changed against the rest, but the surface as a whole lies 0.98 ± 0.20 mm further in."
+    assert "A layer taken off (cleaning, weathering) nearly everywhere and scanners whose ranges differ" in said(facts)
+    raised = facts_of(example_comparison(rows=(), **{**layer, "offset_m": 9.8e-4}))
+    assert "0.98 ± 0.20 mm further out on average. A layer laid on (a coating, dirt) nearly" in said(raised)
+    little = {"assessed_area_share": 0.92, "assessed_area_share_reference": 0.28}
+    seen = plain(facts_of(example_comparison(rows=(), **layer, **little)).answer.headline)
+    assert seen.startswith(
+        "No part changed against the rest on the 28 % of the surface that could be assessed, but the"
+    )
+    with_regions = facts_of(example_comparison(**layer))
+    assert with_regions.answer.headline == "Two regions changed."
+    assert "What is not called changed lies 0.98 ± 0.20 mm further in on average" in said(with_regions)
+    assert "further in" not in said(facts_of(example_comparison(**{**layer, "offset_is_told": False})))
+
+
+def test_two_regions_are_told_with_their_place_size_and_margins():
+    text = said(facts_of())
+    assert text.startswith("Two regions changed. Between 12 May 2025 and 18 May 2026 one region lost material (no. 1)")
+    assert "and one gained material (no. 2); together they cover 110 cm²." in text
+    assert "Region 1 (front, 70 cm above the base): 78 ± 4 cm², at its deepest −12.40 ± 0.29 mm, volume −31.0" in text
+    assert "Region 2 (right side, 30 cm above the base): 31.0 ± 2.0 cm², at its highest +3.1 ± 0.4 mm" in text
+    assert "smallest change that can be told from measurement error is 0.35 mm" in text
+    assert "5.3 % of the earlier epoch’s surface could not be assessed, mostly because" in text
+    assert "; of the later epoch’s it is 4.7 %." in text
+
+
+@pytest.mark.parametrize(
+    ("scale", "area", "volume"),
+    [(1e-3, "7.8 ± 0.4 mm²", "−31.0 ± 1.6 mm³"), (1e3, "7.8 ± 0.4 m²", "−31.0 ± 1.6 dm³")],
+)
+def test_regions_of_a_small_and_of_a_wide_object_are_told_in_its_units(scale, area, volume):
+    rows = [(*r[:2], *(scale * v for v in r[2:6]), *r[6:]) for r in (DENT, PATCH)]
+    facts = facts_of(example_comparison(rows=rows))
+    assert plain(facts.regions[0].area.text) == area
+    assert plain(facts.regions[0].volume.text) == volume
+    assert (facts.measures.area, facts.measures.volume) == (area.split()[-1], volume.split()[-1])
+    assert f"Region 1 (front, 70 cm above the base): {area}, at its deepest" in said(facts)
+
+
+def test_where_nothing_changed_the_smallest_change_that_would_have_been_seen_is_said():
+    text = said(facts_of(example_comparison(rows=())))
+    assert text.startswith("No change was found. Between 12 May 2025 and 18 May 2026 no part")
+    assert "The smallest change that would have been seen is 0.35 mm (95 %, median over the surface)." in text
+    assert "Region" not in text
+
+
+def test_what_tells_only_large_changes_is_said_with_its_share_and_what_it_tells():
+    coarse = {"coarse_from_m": 4 * 0.00035, "coarse_area_share": 0.062, "coarse_told_from_m": 0.0123}
+    facts = facts_of(example_comparison(**coarse))
+    assert (
+        "On 6.2 % of the assessed surface (dotted in the pictures) only larger changes are told: above 1.4 mm, on the "
+        "coarsest twentieth of it above 12 mm."
+    ) in said(facts)
+    notes = {figure.label: plain(figure.note) for figure in facts.answer.figures}
+    assert notes["Smallest detectable change"] == "95 %, median; 1.4 mm or more on 6.2 % of the surface"
+    told = {plain(row[0]): plain(row[1]) for table in facts.certainty for row in table.rows}
+    assert told["assessed surface that tells only changes above 1.4 mm (dotted)"] == "6.2 %"
+    assert told["on 95 % of that, changes are told above"] == "12 mm"
+    for little in ({}, {**coarse, "coarse_area_share": 0.0004}, {**coarse, "coarse_area_share": NAN}):
+        assert "dotted" not in said(facts_of(example_comparison(**little)))
+
+
+@pytest.mark.parametrize("side", ["on_compared", "on_reference"])
+def test_dots_have_their_words_where_either_surface_has_any(side):
+    known = {
+        name: dataclasses.replace(s, told_from=np.full(len(s.lod95), 0.001), coarse_from=0.0014)
+        for name, s in ((n, getattr(example_comparison(), n)) for n in ("on_compared", "on_reference"))
+    }
+    plain_facts = facts_of(dataclasses.replace(example_comparison(), **known))
+    assert np.isnan(dotted_from(plain_facts.comparison))
+    assert "Dotted" not in write_captions(plain_facts).difference
+    known[side].told_from[:] = 0.01
+    facts = facts_of(dataclasses.replace(example_comparison(), **known))
+    assert dotted_from(facts.comparison) == 0.0014
+    assert "Dotted: unchanged as far as can be told; only larger changes are told there." in said_below(facts)
+
+
+def said_below(facts):
+    """Return what stands below the pictures of change."""
+    return plain(write_captions(facts).difference)
+
+
+def test_where_scans_hold_nothing_is_told_with_all_that_it_may_be():
+    text = said(facts_of(example_comparison(met_nothing_area_m2=[12.4e-4, 0.0])))
+    assert (
+        "In the direction of 12.4 cm² of the earlier epoch’s surface the later epoch’s scans hold nothing: it is gone, "
+        "or it or something before it was too dark for them, or it was cut out of the files."
+    ) in text
+    assert text.count("hold nothing") == 1
+    comparison = example_comparison(met_nothing_area_m2=[12.4e-4, 0.0])
+    side = comparison.on_reference
+    x, y, z = side.surface.vertices.T
+    is_tip = (z > 0.9) & (y < -0.8 * np.hypot(x, y))
+    speck = (np.abs(z - 0.4) < 0.02) & (y > 0.9 * np.hypot(x, y))
+    reasons = np.where(is_tip | speck, NotAssessed.MET_NOTHING, side.reasons).astype(np.uint8)
+    at_top = dataclasses.replace(comparison, on_reference=dataclasses.replace(side, reasons=reasons))
+    assert "12.4 cm² of the earlier epoch’s surface (front, 95 cm above the base) the later" in said(facts_of(at_top))
+    text = said(facts_of(example_comparison(met_nothing_area_m2=[0.0, 30e-4])))
+    assert "of 30.0 cm² of the later epoch’s surface the earlier epoch’s scans hold nothing: it is new, or" in text
+    assert "hold nothing" not in said(facts_of())
+
+
+def test_many_regions_are_counted_and_only_the_largest_are_told():
+    rows = [(k, *DENT[1:]) for k in range(1, 16)]
+    text = said(facts_of(example_comparison(rows=rows)))
+    assert text.startswith("15 regions changed. Between 12 May 2025 and 18 May 2026 15 regions lost material; together")
+    assert "Region 3 (" in text
+    assert "Region 4 (" not in text
+    assert "The others stand in the table of regions." in text
+
+
+def test_control_in_both_epochs_and_the_absolute_mode_say_that_the_object_moved():
+    control = (ControlPoint("A", np.zeros(3)),)
+    epochs = [dataclasses.replace(e, record=dataclasses.replace(e.record, control=control)) for e in example_epochs()]
+    text = said(facts_of(example_comparison(mode="absolute"), epochs=epochs))
+    assert "this is contained in the differences." in text
+    assert "control" not in text
+
+
+def test_where_the_motion_of_the_whole_is_in_the_differences_no_part_is_said_to_have_moved():
+    rows = [(*DENT[:1], "moved", *DENT[2:]), PATCH]
+    assert "moved as a part" in said(facts_of(example_comparison(rows=rows)))
+    text = said(facts_of(example_comparison(rows=rows, mode="absolute")))
+    assert "moved, as a part or with the whole" in text
+    assert "moved as a part" not in text
+
+
+def test_a_motion_within_its_margin_is_no_motion():
+    comparison = example_comparison(motion_is_significant=False, motion_significance=0.4)
+    comparison = dataclasses.replace(comparison, registration=example_registration(2e-5))
+    assert "The object as a whole did not measurably move (0.02 ± 0.10 mm" in said(facts_of(comparison))
+
+
+def test_a_tolerance_is_reported_where_one_was_given():
+    text = said(facts_of(example_comparison(tolerance_m=0.01, share_beyond_tolerance=0.0031)))
+    assert "0.31 % of the assessed surface differs by more than the tolerance of 10 mm." in text
+    assert "tolerance" not in said(facts_of())
+    figures = {"tolerance_m": 0.01, "share_beyond_tolerance": 0.0031, "share_coarser_than_tolerance": 0.043}
+    text = said(facts_of(example_comparison(**figures)))
+    assert "differs by more than the tolerance of 10 mm; 4.3 % tells only larger changes than that." in text
+    exact = said(facts_of(example_comparison(tolerance_m=0.000125, share_beyond_tolerance=0.0031)))
+    assert "more than the tolerance of 0.125 mm." in exact
