@@ -20,24 +20,21 @@ from projects.model import Bools, Floats, Ints, NotAssessed
 FEW = 3.0  # squares of the spacing of the vertices: one of them may be a bad fit, and the points decide in the end
 STREWN = 1.0 / 3.0  # of what was measured around a vertex; along sharp edges the shares of two epochs differ by less
 SHARP = np.cos(np.radians(30.0))  # from a vertex to the next: the cells of the surface do not follow such a shape
-AT_RIM = 0.5  # of a chip's area: errors beside a free edge have tails that no level describes
 
 
 def stand_alone(sides: Sequence[Side], found: Detected, parts: tuple[Ints, Ints], n_parts: int) -> Bools:
     """Return which parts (n_parts,) are as deep as no error is, taken for one witness each.
 
-    Both sides must show it: a few vertices, most of them away from free edges, are farther off zero than the
-    farthest of all vertices is by chance.
+    Both sides must show it: on their mean a few vertices, on the one that shows less of it half as many, are farther
+    off zero than the farthest of all vertices is by chance. One epoch's surface turns a broken edge by more vertices
+    than the other; beside free edges errors have tails that no level describes, but on one side alone.
     """
-    stands = np.ones(n_parts, dtype=np.bool_)
-    least = FEW * max(float(np.median(side.areas)) for side in sides)
+    areas = np.zeros((2, n_parts))
     for k, (side, part) in enumerate(zip(sides, parts, strict=True)):
         at = np.flatnonzero((part >= 0) & (levels_off(side, found.sides[k]) > found.test.far))
-        weight = side.areas[at]
-        area, at_rim = (np.bincount(part[at], w, minlength=n_parts)
-                        for w in (weight, weight * found.noise.is_at_rim(side, at)))  # fmt: skip
-        stands &= (area >= least) & (at_rim < AT_RIM * area)
-    return stands
+        areas[k] = np.bincount(part[at], side.areas[at], minlength=n_parts)
+    least = FEW * max(float(np.median(side.areas)) for side in sides)
+    return np.asarray((areas.mean(axis=0) >= least) & (areas.min(axis=0) >= 0.5 * least))
 
 
 def turn_sharply(sides: Sequence[Side], regions: tuple[Ints, Ints], n_regions: int) -> Bools:

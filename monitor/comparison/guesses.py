@@ -19,6 +19,7 @@ from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints, Roughness
 
 SURE = 3.0  # sigmas of a region's mean, a guess as stated, at least: guesses have longer tails than noise
+BEYOND = 0.5  # of the way from both surfaces to their samples: fits would all have to miss relief of 27 degrees
 FARTHER = 2.0  # than what surfaces state of most places: no noise makes a fit to as many points so unsure
 N_ASKED = 200_000  # vertices of a side, at even steps, that show what is stated of most places
 Places = Ints | slice
@@ -56,6 +57,26 @@ def areas_of_guesses(
             guessed += np.bincount(region[block][is_guess], side.areas[block][is_guess], minlength=n + 1)
         total, within = max(total, float(guessed.sum())), np.maximum(within, guessed[1:])
     return total, within
+
+
+def to_samples(side: Side, which: Places = slice(None)) -> Floats:
+    """Return how far [m] each vertex (n,), or each of those in `which`, and its foot lie from the nearest samples of
+    their surfaces, together; infinite where one does not say or there is no foot."""
+    own, other, feet = side.surface.sample_distance, side.other.sample_distance, side.foot_vertices[which]
+    if own is None or other is None:
+        return np.full(len(feet), np.inf)
+    return np.where(feet >= 0, own[which] + other[feet], np.inf)
+
+
+def mean_to_samples(sides: tuple[Side, Side], regions: tuple[Ints, Ints], n: int) -> Floats:
+    """Return how far [m] both surfaces lie from their samples (`to_samples`) in each of the regions (n,) 1 to n: the
+    mean over what is assessed on either side; infinite without any."""
+    area, sums = np.zeros(n + 1), np.zeros(n + 1)
+    for side, region in zip(sides, regions, strict=True):
+        at = np.flatnonzero((region > 0) & side.is_assessed)
+        area += np.bincount(region[at], side.areas[at], minlength=n + 1)
+        sums += np.bincount(region[at], side.areas[at] * to_samples(side, at), minlength=n + 1)
+    return np.asarray(np.divide(sums, area, out=np.full(n + 1, np.inf), where=area > 0.0)[1:])
 
 
 def is_smooth(side: Side, which: Places = slice(None)) -> Bools:

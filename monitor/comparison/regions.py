@@ -29,7 +29,7 @@ from monitor.comparison.enclosure import (
     over_each_other,
     spread_over_assessed,
 )
-from monitor.comparison.guesses import SURE, areas_of_guesses
+from monitor.comparison.guesses import BEYOND, SURE, areas_of_guesses, mean_to_samples
 from monitor.comparison.moved import name_moved
 from monitor.comparison.noise import Noise
 from monitor.comparison.reaches import members_of
@@ -122,6 +122,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
     shown = significant(table, assessed_area(sides), measured, gone >= least, level)
     is_known = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
+    is_known |= lies_beyond_guesses(table, sides, seen)
     return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
 
 
@@ -136,6 +137,13 @@ def known_of(table: pd.DataFrame, sides: tuple[Side, Side], seen: tuple[Ints, In
     among_all = significant(table, assessed_area(sides), z, is_gone, level)
     total, within = areas_of_guesses(sides, usual, seen, len(table))
     return among_all | ((z >= SURE) & is_significant(z, total / np.maximum(within, 1e-300), level))
+
+
+def lies_beyond_guesses(table: pd.DataFrame, sides: tuple[Side, Side], seen: tuple[Ints, Ints]) -> Bools:
+    """Return which regions (r,), 1 to r of `seen`, changed in the mean by more than surfaces can miss so near to their
+    samples (`BEYOND`), whatever they state."""
+    mean = np.abs(table["mean_m"].to_numpy(dtype=float))
+    return np.asarray(mean > BEYOND * mean_to_samples(sides, seen, len(table)))
 
 
 def assessed_area(sides: tuple[Side, Side]) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from monitor.comparison.blocks import blocks
-from monitor.comparison.guesses import SURE, areas_of_guesses
+from monitor.comparison.guesses import BEYOND, SURE, areas_of_guesses, to_samples
 from monitor.comparison.noise import Noise
 from monitor.comparison.quantile import median
 from monitor.comparison.regions import assessed_area, sigmas_needed
@@ -32,7 +32,7 @@ def tell_smallest(sides: tuple[Side, Side], found: Detected, level: float) -> tu
     """Return of each side from how large a mean change [m] of the unit of a vertex (n,) float32 on a region is told.
 
     That is its level of detection, or, where the surfaces guess, what a region must have that is the guessed part of
-    the unit (`regions.known_of`): a guess errs alike all over it.
+    the unit (`regions.known_of`, `lies_beyond_guesses`): a guess errs alike all over it.
     """
     usual = found.noise.usual
     no_region = (np.zeros(len(sides[0].areas), dtype=np.int32), np.zeros(len(sides[1].areas), dtype=np.int32))
@@ -49,6 +49,7 @@ def tell_smallest(sides: tuple[Side, Side], found: Detected, level: float) -> tu
         areas = np.where(mean2 > 0.0, areas, np.inf)  # a unit that guesses nothing is not asked
         among = np.maximum(SURE, sigmas_needed(guessed / areas, level))
         least = np.minimum(among, sigmas_needed(whole / areas, level)) * np.sqrt(mean2)
+        least = np.fmin(least, BEYOND * average_by_unit(number, side.areas, to_samples(side), len(least))[1])
         is_guess = number >= 0
         told[is_guess] = np.maximum(told[is_guess], least.astype(np.float32)[number[is_guess]])
         return keep_on_disk(told)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from monitor.comparison import compare, regions
+from monitor.comparison import chips, compare, regions
 from monitor.comparison.level_of_detection import far_levels
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
@@ -30,10 +32,11 @@ def sheet(heights: np.ndarray) -> Surface:
     return Surface(np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=np.full(N * N, NOISE))
 
 
-def pit(depth: float, width: float) -> np.ndarray:
-    """Return a pit (N, N) [m] with a flat bottom and walls two edges wide, in the middle of the sheet."""
-    x, y = np.meshgrid(EDGE * np.arange(N), EDGE * np.arange(N))
-    inside = 0.5 * width - np.hypot(x - MIDDLE, y - MIDDLE)
+def pit(depth: float, width: float, along: float = MIDDLE) -> np.ndarray:
+    """Return a pit (N, N) [m] with a flat bottom and walls two edges wide, in the middle of the sheet or so far along x
+    in it."""
+    y, x = np.meshgrid(EDGE * np.arange(N), EDGE * np.arange(N))
+    inside = 0.5 * width - np.hypot(x - along, y - MIDDLE)
     return -depth * np.clip(inside / (2.0 * EDGE) + 0.5, 0.0, 1.0)
 
 
@@ -86,6 +89,39 @@ def test_depth_alone_makes_a_region_only_of_what_is_smaller_than_a_witness(
     """What is larger has patches of its own; here none of them is significant."""
     monkeypatch.setattr(regions, "hold_patches", lambda sides, test, parts, n, level: np.zeros(n, dtype=np.bool_))
     assert len(compared(errors(rng), errors(rng) + pit(2e-3, width)).regions) == n_told
+
+
+def test_a_chip_off_the_rim_of_what_was_seen_is_a_region_as_one_in_its_middle_is(rng: np.random.Generator) -> None:
+    found = compared(errors(rng), errors(rng) + pit(2e-3, 0.016, along=EDGE))
+    assert list(found.regions["kind"]) == ["lost"]
+    assert 0.0 < found.regions.iloc[0].x < 4.0 * EDGE
+
+
+def side_of(levels: list[float], areas: list[float]) -> Any:
+    """Return a side of assessed vertices, so many levels of detection of 1 off zero, and what was found there."""
+    return SimpleNamespace(areas=np.array(areas), distances=np.array(levels), is_assessed=np.ones(len(areas), bool))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "stands"),
+    [
+        ([9.0] * 3, [-9.0] * 3, True),
+        ([9.0] * 2, [9.0] * 2, False),  # two vertices of each: a spike
+        ([9.0] * 5, [9.0] * 2, True),  # an edge broken off, which the second turns by few
+        ([9.0] * 30, [9.0], False),  # of one surface alone
+        ([9.0] * 30, [9.0, 9.0, 4.0], True),
+        ([4.0] * 30, [4.0] * 30, False),  # as far off as some vertex is by chance
+    ],
+)
+def test_what_both_surfaces_show_over_a_few_vertices_stands_by_its_depth(
+    first: list[float], second: list[float], stands: bool
+) -> None:
+    n = 100  # vertices of each side, so that the usual area is 1
+    sides = [side_of(v + [0.0] * (n - len(v)), [1.0] * n) for v in (first, second)]
+    parts = [np.where(np.arange(n) < len(v), 0, -1) for v in (first, second)]
+    found = SimpleNamespace(sides=[SimpleNamespace(lod95=np.ones(n))] * 2, test=SimpleNamespace(far=5.0))
+    told = chips.stand_alone(sides, cast(Any, found), cast(Any, parts), 2)
+    assert told.tolist() == [stands, False]
 
 
 def test_a_faint_spot_as_small_is_none_and_stays_unchanged(rng: np.random.Generator) -> None:

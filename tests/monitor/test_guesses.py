@@ -12,7 +12,14 @@ import pytest
 from monitor.comparison import blocks as blocks_of_vertices
 from monitor.comparison import compare, guesses
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import areas_of_guesses, is_smooth, sigma_of_guess, split_stated, usual_sigma
+from monitor.comparison.guesses import (
+    areas_of_guesses,
+    is_smooth,
+    mean_to_samples,
+    sigma_of_guess,
+    split_stated,
+    usual_sigma,
+)
 from monitor.comparison.noise import Noise
 from monitor.comparison.regions import known_of, significant
 from monitor.comparison.strata import N_STRATA
@@ -27,7 +34,8 @@ WIDE, LONG = 5, 40  # vertices: across a moulding, and along it what errs alike
 def side_of(sigmas: list[float], own: list[Roughness] | None, other: list[Roughness] | None = None) -> SimpleNamespace:
     """Return a side of which only what is stated of its vertices [m] and the roughness there in both epochs matter."""
     n, best = len(sigmas), np.zeros(len(sigmas), dtype=np.uint8)
-    surfaces = [SimpleNamespace(roughness=None if c is None else np.array(c, dtype=np.uint8)) for c in (own, other)]
+    surfaces = [SimpleNamespace(roughness=None if c is None else np.array(c, dtype=np.uint8), sample_distance=None)
+                for c in (own, other)]  # fmt: skip
     return SimpleNamespace(sigma_surfaces=np.array(sigmas), surface=surfaces[0], other=surfaces[1],
                            foot_vertices=np.arange(n), is_assessed=np.ones(n, dtype=bool), sigma_discord=np.zeros(n),
                            sigma_shared=np.zeros(n), sigma_motion=np.zeros(n), distances=np.zeros(n),
@@ -116,20 +124,22 @@ def mouldings() -> Bools:
     return out
 
 
-def sheet(heights: Floats) -> Surface:
+def sheet(heights: Floats, to_samples: float | None = None) -> Surface:
+    """Return a sheet of these heights (N, N) [m], each vertex `to_samples` [m] away from a sample, where it says so."""
     i = np.arange((N - 1) * N).reshape(N - 1, N)[:, :-1].ravel()
     faces = np.vstack([np.c_[i, i + N, i + 1], np.c_[i + 1, i + N, i + N + 1]])
     x, y = np.divmod(np.arange(N * N), N)
     unsure = mouldings().ravel()
     return Surface(np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=np.where(unsure, GUESSED, NOISE),
-                   roughness=np.where(unsure, Roughness.ROUGH, Roughness.SMOOTH).astype(np.uint8))  # fmt: skip
+                   roughness=np.where(unsure, Roughness.ROUGH, Roughness.SMOOTH).astype(np.uint8),
+                   sample_distance=None if to_samples is None else np.full(N * N, to_samples))  # fmt: skip
 
 
-def compared(rng: np.random.Generator, change: Floats) -> Comparison:
+def compared(rng: np.random.Generator, change: Floats, to_samples: float | None = None) -> Comparison:
     """Compare two sheets that differ by noise and a change (N, N) [m], no points asked."""
     fixed = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
                          is_stable=np.ones(N * N, dtype=bool))  # fmt: skip
-    first, second = (sheet(rng.normal(scale=NOISE, size=(N, N)) + c) for c in (np.zeros((N, N)), change))
+    first, second = (sheet(rng.normal(scale=NOISE, size=(N, N)) + c, to_samples) for c in (np.zeros((N, N)), change))
     return compare(first, second, fixed)
 
 
@@ -161,6 +171,28 @@ def test_a_moulding_that_errs_by_what_it_states_is_no_region(
     monkeypatch.setattr(guesses, "FARTHER", np.inf)  # all scaled to what the rest of the sheet and of mouldings show
     rng.bit_generator.state = state
     assert len(compared(rng, change).regions) == 1
+
+
+@pytest.mark.parametrize(("to_samples", "n_told"), [(0.8 * GUESSED, 1), (1.6 * GUESSED, 0)])
+def test_no_guess_makes_more_than_half_of_the_way_to_the_samples_of_both(
+    rng: np.random.Generator, to_samples: float, n_told: int
+) -> None:
+    assert len(compared(rng, along_one(-1.2 * GUESSED), to_samples).regions) == n_told
+
+
+def test_the_way_to_the_samples_is_that_of_both_surfaces_in_the_mean_over_the_assessed_area_of_either_side() -> None:
+    first, second = side_of([1.0] * 4, None), side_of([1.0] * 3, None)
+    first.areas, second.areas = np.array([1.0, 3.0, 1.0, 1.0]), np.ones(3)
+    first.surface.sample_distance = second.other.sample_distance = np.array([1.0, 2.0, 5.0, 4.0])
+    second.surface.sample_distance = first.other.sample_distance = np.array([0.5, 0.25, 9.0])
+    first.foot_vertices, second.foot_vertices = np.array([0, 1, 2, -1]), np.array([1, 0, 0])
+    first.is_assessed[2] = False
+    regions = np.array([1, 1, 1, 2]), np.array([1, 0, 3])
+    way = mean_to_samples((first, second), regions, 4)
+    assert way[0] == pytest.approx((1.0 * 1.5 + 3.0 * 2.25 + 1.0 * 2.5) / 5.0)
+    assert way[1:].tolist() == [np.inf, 10.0, np.inf]  # without a foot, of one side alone, without a vertex
+    second.surface.sample_distance = first.other.sample_distance = None
+    assert mean_to_samples((first, second), regions, 3).tolist() == [np.inf] * 3
 
 
 def test_a_moulding_that_lost_many_times_what_it_states_is_a_region(rng: np.random.Generator) -> None:

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from test_guesses import EDGE, GUESSED, NOISE, N, along_one, compared, mouldings, side_of
 
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import SURE
+from monitor.comparison.guesses import BEYOND, SURE
 from monitor.comparison.noise import Noise
 from monitor.comparison.regions import is_significant, sigmas_needed
 from monitor.comparison.strata import N_STRATA
@@ -67,6 +67,18 @@ def test_three_sigmas_are_asked_of_what_is_half_of_all_that_is_guessed() -> None
     number = np.repeat([0, 1, 2], [2, 2, 996])
     told = tell_smallest((side, side), found_on((np.full(1000, 0.1),) * 2, (number, number), 1.0), 0.05)
     assert told[0][:4] == pytest.approx(SURE * np.sqrt(8.0), rel=1e-5)
+
+
+def test_a_guessed_place_near_to_samples_tells_from_what_no_guess_makes_there() -> None:
+    side = cast(Any, side_of([3.0] * 4 + [0.3] * 996, [ROUGH] * 4 + [SMOOTH] * 996))
+    side.areas = np.ones(1000)
+    side.surface.sample_distance = np.repeat([3.0, 5.0, 90.0, 0.01], [1, 1, 2, 996])
+    side.other.sample_distance = np.full(1000, 2.0)
+    number, levels = np.repeat([0, 1, 2], [2, 2, 996]), np.full(1000, 0.1)
+    levels[1] = 3.5
+    told = tell_smallest((side, side), found_on((levels, levels), (number, number), 1.0), 0.05)
+    assert told[0][:4] == pytest.approx([BEYOND * 6.0, 3.5, *[SURE * np.sqrt(8.0)] * 2], rel=1e-5)
+    assert told[0][4:] == pytest.approx(0.1)
 
 
 def test_figures_are_of_the_assessed_area(unchanged: Comparison) -> None:
