@@ -34,6 +34,8 @@ class Estimate:
     @property
     def text(self) -> str:
         """The whole: value, margin and unit; a degree sign stands at each number."""
+        if self.margin == NOT_KNOWN:
+            return f"{Estimate(self.value, unit=self.unit).text} (margin {NOT_KNOWN})"
         if self.unit == "°" and self.value != NOT_KNOWN:
             return f"{self.value}°" + (f"{NBSP}±{NBSP}{self.margin}°" if self.margin else "")
         parts = [self.value, f"±{NBSP}{self.margin}" if self.margin else "", self.unit]

@@ -158,7 +158,7 @@ def test_unknown_figures_are_said_to_be_not_known():
     figures = dict.fromkeys(("lod95_median_m", "bias_m", "nmad_m", "share_above_lod95", "motion_significance"), NAN)
     facts = facts_of(example_comparison(rows=broken, **figures))
     assert facts.regions[0].extreme.text == "not known"
-    assert plain(facts.regions[0].volume.text) == "−31 ± not known cm³"
+    assert plain(facts.regions[0].volume.text) == "−31 cm³ (margin not known)"
     assert "is not known (95 %" in said(facts)
     assert rows_of(facts, "What can be seen")["scatter there (robust sigma, NMAD)"] == ["not known"]
     words = {word for text in strings_in(facts) for word in text.replace("\u00a0", " ").split()}

@@ -31,7 +31,7 @@ NAN = float("nan")
         (0.0, 0.0001, "0.00 ± 0.20 mm"),
         (-1e-9, 0.0001, "0.00 ± 0.20 mm"),
         (NAN, 0.0001, "not known"),
-        (0.003, NAN, "+3.0 ± not known mm"),
+        (0.003, NAN, "+3.0 mm (margin not known)"),
     ],
 )
 def test_an_estimate_is_rounded_by_its_margin_of_95_percent(value, sigma, text):
