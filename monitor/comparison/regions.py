@@ -114,15 +114,16 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     margins = [spread_margin(s, r, widths) for s, r in zip(sides, seen, strict=True)]
     views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(gone) + 1)]
     table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
-    table.loc[(n_stand == 0.0) & turn_sharply(sides, seen, len(gone)), "sigma_extreme_m"] = np.nan
     table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, widths, found, beyond, registration)
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
     shown = significant(table, assessed_area(sides), measured, gone >= least, level)
-    is_known = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
-    is_known |= lies_beyond_guesses(table, sides, seen)
+    by_sigma = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
+    is_vague = ~by_sigma | turn_sharply(sides, seen, len(gone)) | lie_at_rim(sides, found.noise, seen, len(gone))
+    table.loc[(n_stand == 0.0) & is_vague, "sigma_extreme_m"] = np.nan
+    is_known = by_sigma | lies_beyond_guesses(table, sides, seen)
     return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
 
 
@@ -220,13 +221,27 @@ def bear_out_parts(sides: Sequence[Side], noise: Noise, parts: Sequence[Ints], n
 
     Where a surface ends its errors have tails that no level describes: one surface alone is no witness there.
     """
+    whole, at_rim = areas_at_rim(sides, noise, parts, n_parts)
+    return np.asarray((whole > 0.0).all(axis=0) | (at_rim.sum(axis=0) < 0.5 * whole.sum(axis=0)))
+
+
+def lie_at_rim(sides: Sequence[Side], noise: Noise, regions: tuple[Ints, Ints], n_regions: int) -> Bools:
+    """Return which regions 1 to n (n,) lie mostly beside free edges, where surfaces are rounder than what was measured,
+    by more than their vertices know."""
+    whole, at_rim = areas_at_rim(sides, noise, [r - 1 for r in regions], n_regions)
+    return np.asarray(at_rim.sum(axis=0) > 0.5 * whole.sum(axis=0))
+
+
+def areas_at_rim(sides: Sequence[Side], noise: Noise, parts: Sequence[Ints], n_parts: int) -> tuple[Floats, Floats]:
+    """Return the assessed area [m2] of each part on each side (2, n_parts), and how much of it lies beside free edges;
+    -1 in `parts` is none."""
     whole, at_rim = np.zeros((2, n_parts)), np.zeros((2, n_parts))
     for k, (side, part) in enumerate(zip(sides, parts, strict=True)):
         own = (part >= 0) & side.is_assessed
         rim = own & noise.is_at_rim(side)
         whole[k] = np.bincount(part[own], side.areas[own], minlength=n_parts)
         at_rim[k] = np.bincount(part[rim], side.areas[rim], minlength=n_parts)
-    return np.asarray((whole > 0.0).all(axis=0) | (at_rim.sum(axis=0) < 0.5 * whole.sum(axis=0)))
+    return whole, at_rim
 
 
 def hold_patches(sides: Sequence[Side], test: Tested, parts: Sequence[Ints], n_parts: int, level: float) -> Bools:

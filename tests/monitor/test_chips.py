@@ -25,11 +25,12 @@ def errors(rng: np.random.Generator) -> np.ndarray:
     return NOISE * (smooth / smooth.std() + rng.normal(size=(N, N)))
 
 
-def sheet(heights: np.ndarray) -> Surface:
+def sheet(heights: np.ndarray, to_samples: float | None = None) -> Surface:
     i = np.arange((N - 1) * N).reshape(N - 1, N)[:, :-1].ravel()
     faces = np.vstack([np.c_[i, i + N, i + 1], np.c_[i + 1, i + N, i + N + 1]])
     x, y = np.divmod(np.arange(N * N), N)
-    return Surface(np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=np.full(N * N, NOISE))
+    return Surface(np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=np.full(N * N, NOISE),
+                   sample_distance=None if to_samples is None else np.full(N * N, to_samples))  # fmt: skip
 
 
 def pit(depth: float, width: float, along: float = MIDDLE) -> np.ndarray:
@@ -40,11 +41,13 @@ def pit(depth: float, width: float, along: float = MIDDLE) -> np.ndarray:
     return -depth * np.clip(inside / (2.0 * EDGE) + 0.5, 0.0, 1.0)
 
 
-def compared(before: np.ndarray, after: np.ndarray, points: str = "of both") -> Comparison:
+def compared(
+    before: np.ndarray, after: np.ndarray, points: str = "of both", to_samples: float | None = None
+) -> Comparison:
     """Compare two sheets of these heights; the points that they were made of, where known, lie at their vertices."""
     fixed = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
                          is_stable=np.ones(N * N, dtype=bool))  # fmt: skip
-    first, second = sheet(before), sheet(after)
+    first, second = sheet(before, to_samples), sheet(after, to_samples)
     if points == "of none":
         return compare(first, second, fixed)
     return compare(first, second, fixed,
@@ -95,6 +98,17 @@ def test_a_chip_off_the_rim_of_what_was_seen_is_a_region_as_one_in_its_middle_is
     found = compared(errors(rng), errors(rng) + pit(2e-3, 0.016, along=EDGE))
     assert list(found.regions["kind"]) == ["lost"]
     assert 0.0 < found.regions.iloc[0].x < 4.0 * EDGE
+    assert np.isnan(found.regions.iloc[0].sigma_extreme_m)
+
+
+@pytest.mark.parametrize(("to_samples", "n_told"), [(1.0e-3, 1), (3.0e-3, 0)])
+def test_how_deep_a_chip_is_that_guesses_leave_open_has_no_margin(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, to_samples: float, n_told: int
+) -> None:
+    monkeypatch.setattr(regions, "known_of", lambda table, *_: np.zeros(len(table), dtype=np.bool_))
+    told = compared(errors(rng), errors(rng) + pit(2e-3, 0.010), to_samples=to_samples).regions
+    assert len(told) == n_told
+    assert told["sigma_extreme_m"].isna().all()
 
 
 def side_of(levels: list[float], areas: list[float]) -> Any:
