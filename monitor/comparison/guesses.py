@@ -70,13 +70,14 @@ def to_samples(side: Side, which: Places = slice(None)) -> Floats:
 
 def mean_to_samples(sides: tuple[Side, Side], regions: tuple[Ints, Ints], n: int) -> Floats:
     """Return how far [m] both surfaces lie from their samples (`to_samples`) in each of the regions (n,) 1 to n: the
-    mean over what is assessed on either side; infinite without any."""
-    area, sums = np.zeros(n + 1), np.zeros(n + 1)
-    for side, region in zip(sides, regions, strict=True):
+    mean over what is assessed on both sides; infinite where one has nothing of a region, and bears it not out."""
+    areas, sums = np.zeros((2, n + 1)), np.zeros((2, n + 1))
+    for k, (side, region) in enumerate(zip(sides, regions, strict=True)):
         at = np.flatnonzero((region > 0) & side.is_assessed)
-        area += np.bincount(region[at], side.areas[at], minlength=n + 1)
-        sums += np.bincount(region[at], side.areas[at] * to_samples(side, at), minlength=n + 1)
-    return np.asarray(np.divide(sums, area, out=np.full(n + 1, np.inf), where=area > 0.0)[1:])
+        areas[k] = np.bincount(region[at], side.areas[at], minlength=n + 1)
+        sums[k] = np.bincount(region[at], side.areas[at] * to_samples(side, at), minlength=n + 1)
+    is_shown = (areas > 0.0).all(axis=0)
+    return np.asarray(np.divide(sums.sum(axis=0), areas.sum(axis=0), out=np.full(n + 1, np.inf), where=is_shown)[1:])
 
 
 def is_smooth(side: Side, which: Places = slice(None)) -> Bools:

@@ -181,18 +181,18 @@ def test_no_guess_makes_more_than_half_of_the_way_to_the_samples_of_both(
 
 
 def test_the_way_to_the_samples_is_that_of_both_surfaces_in_the_mean_over_the_assessed_area_of_either_side() -> None:
-    first, second = side_of([1.0] * 4, None), side_of([1.0] * 3, None)
-    first.areas, second.areas = np.array([1.0, 3.0, 1.0, 1.0]), np.ones(3)
-    first.surface.sample_distance = second.other.sample_distance = np.array([1.0, 2.0, 5.0, 4.0])
-    second.surface.sample_distance = first.other.sample_distance = np.array([0.5, 0.25, 9.0])
-    first.foot_vertices, second.foot_vertices = np.array([0, 1, 2, -1]), np.array([1, 0, 0])
+    first, second = side_of([1.0] * 5, None), side_of([1.0] * 4, None)
+    first.areas, second.areas = np.array([1.0, 3.0, 1.0, 1.0, 1.0]), np.ones(4)
+    first.surface.sample_distance = second.other.sample_distance = np.array([1.0, 2.0, 5.0, 4.0, 1.0])
+    second.surface.sample_distance = first.other.sample_distance = np.array([0.5, 0.25, 9.0, 1.0])
+    first.foot_vertices, second.foot_vertices = np.array([0, 1, 2, -1, 0]), np.array([1, 0, 0, 0])
     first.is_assessed[2] = False
-    regions = np.array([1, 1, 1, 2]), np.array([1, 0, 3])
-    way = mean_to_samples((first, second), regions, 4)
+    regions = np.array([1, 1, 1, 2, 3]), np.array([1, 0, 4, 2])
+    way = mean_to_samples((first, second), regions, 5)
     assert way[0] == pytest.approx((1.0 * 1.5 + 3.0 * 2.25 + 1.0 * 2.5) / 5.0)
-    assert way[1:].tolist() == [np.inf, 10.0, np.inf]  # without a foot, of one side alone, without a vertex
+    assert way[1:].tolist() == [np.inf] * 4  # without a foot, of the one side or the other alone, without a vertex
     second.surface.sample_distance = first.other.sample_distance = None
-    assert mean_to_samples((first, second), regions, 3).tolist() == [np.inf] * 3
+    assert mean_to_samples((first, second), regions, 5).tolist() == [np.inf] * 5
 
 
 def test_a_moulding_that_lost_many_times_what_it_states_is_a_region(rng: np.random.Generator) -> None:
