@@ -28,6 +28,7 @@ from reports.captions import caption_calibration, caption_region, title_region, 
 from reports.facts import RegionFacts, ReportFacts, SeriesFacts, Table
 from reports.making import mark_of
 from reports.pictures import Pictures, Shown
+from reports.quantities import Estimate
 
 STANDARD: Literal["a-2a"] = (
     "a-2a"  # ISO 19005-2, level A: for the long term, with the order and the meaning of what it holds
@@ -213,9 +214,14 @@ def _region(
     return {
         "number": region.number, "kind": region.kind, "side": region.side, "where": region.where,
         "title": title_region(region), "caption": caption_region(region, facts),
-        "estimates": [dataclasses.asdict(e) for e in figures],
+        "estimates": _in_columns(*figures),
         "close_up": room.put(drawn[0]), "section": room.put(drawn[1]),
     }  # fmt: skip
+
+
+def _in_columns(*figures: Estimate) -> list[dict[str, str]]:
+    """Return what of each estimate stands in the column of its value, and in the one beside it."""
+    return [{"value": e.value, "beside": e.beside} for e in figures]
 
 
 def _series(series: SeriesFacts, chart: Mapping[str, str] | None) -> dict[str, Any]:
@@ -223,7 +229,7 @@ def _series(series: SeriesFacts, chart: Mapping[str, str] | None) -> dict[str, A
     courses = [
         {"number": c.number, "side": c.side, "course": "; ".join(t for t in (c.course, c.origin) if t),
          "first_seen": c.first_seen,
-         "estimates": [dataclasses.asdict(e) for e in (c.area, c.mean, c.rate, c.volume_rate)]}
+         "estimates": _in_columns(c.area, c.mean, c.rate, c.volume_rate)}
         for c in series.courses
     ]  # fmt: skip
     motions = None if series.motions is None else fit_columns(series.motions, PAGE)

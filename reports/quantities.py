@@ -32,13 +32,18 @@ class Estimate:
     unit: str = ""
 
     @property
+    def beside(self) -> str:
+        """The margin as it stands beside the value, in a column of its own."""
+        return f"margin {NOT_KNOWN}" if self.margin == NOT_KNOWN else f"±{NBSP}{self.margin}" if self.margin else ""
+
+    @property
     def text(self) -> str:
         """The whole: value, margin and unit; a degree sign stands at each number."""
         if self.margin == NOT_KNOWN:
-            return f"{Estimate(self.value, unit=self.unit).text} (margin {NOT_KNOWN})"
+            return f"{Estimate(self.value, unit=self.unit).text} ({self.beside})"
         if self.unit == "°" and self.value != NOT_KNOWN:
             return f"{self.value}°" + (f"{NBSP}±{NBSP}{self.margin}°" if self.margin else "")
-        parts = [self.value, f"±{NBSP}{self.margin}" if self.margin else "", self.unit]
+        parts = [self.value, self.beside, self.unit]
         return NBSP.join(p for p in parts if p) if self.value != NOT_KNOWN else NOT_KNOWN
 
 

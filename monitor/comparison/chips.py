@@ -29,12 +29,14 @@ def stand_alone(sides: Sequence[Side], found: Detected, parts: tuple[Ints, Ints]
     off zero than the farthest of all vertices is by chance. One epoch's surface turns a broken edge by more vertices
     than the other; beside free edges errors have tails that no level describes, but on one side alone.
     """
-    areas = np.zeros((2, n_parts))
+    areas, counts = np.zeros((2, n_parts)), np.zeros((2, n_parts))
     for k, (side, part) in enumerate(zip(sides, parts, strict=True)):
         at = np.flatnonzero((part >= 0) & (levels_off(side, found.sides[k]) > found.test.far))
         areas[k] = np.bincount(part[at], side.areas[at], minlength=n_parts)
+        counts[k] = np.bincount(part[at], minlength=n_parts)
     least = FEW * max(float(np.median(side.areas)) for side in sides)
-    return np.asarray((areas.mean(axis=0) >= least) & (areas.min(axis=0) >= 0.5 * least))
+    is_on_both = (areas.min(axis=0) >= 0.5 * least) & (counts.min(axis=0) >= 2.0)  # one vertex may be a bad fit
+    return np.asarray(is_on_both & (areas.mean(axis=0) >= least))
 
 
 def turn_sharply(sides: Sequence[Side], regions: tuple[Ints, Ints], n_regions: int) -> Bools:

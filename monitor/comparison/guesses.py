@@ -19,7 +19,7 @@ from monitor.comparison.side import Side
 from projects.model import Bools, Floats, Ints, Roughness
 
 SURE = 3.0  # sigmas of a region's mean, a guess as stated, at least: guesses have longer tails than noise
-BEYOND = 0.5  # of the way from both surfaces to their samples: fits would all have to miss relief of 27 degrees
+BEYOND = 0.5  # of the way from both surfaces to their samples: relief of 27 degrees, missed by all fits of a region
 FARTHER = 2.0  # than what surfaces state of most places: no noise makes a fit to as many points so unsure
 N_ASKED = 200_000  # vertices of a side, at even steps, that show what is stated of most places
 Places = Ints | slice
@@ -71,6 +71,8 @@ def to_samples(side: Side, which: Places = slice(None)) -> Floats:
 def mean_to_samples(sides: tuple[Side, Side], regions: tuple[Ints, Ints], n: int) -> Floats:
     """Return how far [m] both surfaces lie from their samples (`to_samples`) in each of the regions (n,) 1 to n: the
     mean over what is assessed on both sides; infinite where one has nothing of a region, and bears it not out."""
+    if any(side.surface.sample_distance is None for side in sides):
+        return np.full(n, np.inf)
     areas, sums = np.zeros((2, n + 1)), np.zeros((2, n + 1))
     for k, (side, region) in enumerate(zip(sides, regions, strict=True)):
         at = np.flatnonzero((region > 0) & side.is_assessed)

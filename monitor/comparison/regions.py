@@ -30,6 +30,7 @@ from monitor.comparison.enclosure import (
     spread_over_assessed,
 )
 from monitor.comparison.guesses import BEYOND, SURE, areas_of_guesses, mean_to_samples
+from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.moved import name_moved
 from monitor.comparison.noise import Noise
 from monitor.comparison.reaches import members_of
@@ -81,8 +82,8 @@ class Regions:
 
 
 def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, registration: Registration, level: float,
-                 ) -> Regions:  # fmt: skip
-    """Return the regions, largest first.
+                 are_points_asked: bool) -> Regions:  # fmt: skip
+    """Return the regions, largest first; `are_points_asked`: they must be borne out by the points of both epochs yet.
 
     `beyond` tells of the vertices that are not assessed whether they lie outside or inside of the other surface: what
     of them hangs together with a region counts in its volume.
@@ -121,9 +122,9 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
     shown = significant(table, assessed_area(sides), measured, gone >= least, level)
     by_sigma = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
-    is_vague = ~by_sigma | turn_sharply(sides, seen, len(gone)) | lie_at_rim(sides, found.noise, seen, len(gone))
+    is_vague = turn_sharply(sides, seen, len(gone)) | lie_at_rim(sides, found.noise, seen, len(gone))
     table.loc[(n_stand == 0.0) & is_vague, "sigma_extreme_m"] = np.nan
-    is_known = by_sigma | lies_beyond_guesses(table, sides, seen)
+    is_known = by_sigma | (are_points_asked & (n_stand > 0.0) & lies_beyond_guesses(table, sides, seen, stated))
     return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
 
 
@@ -140,11 +141,15 @@ def known_of(table: pd.DataFrame, sides: tuple[Side, Side], seen: tuple[Ints, In
     return among_all | ((z >= SURE) & is_significant(z, total / np.maximum(within, 1e-300), level))
 
 
-def lies_beyond_guesses(table: pd.DataFrame, sides: tuple[Side, Side], seen: tuple[Ints, Ints]) -> Bools:
-    """Return which regions (r,), 1 to r of `seen`, changed in the mean by more than surfaces can miss so near to their
-    samples (`BEYOND`), whatever they state."""
+def lies_beyond_guesses(table: pd.DataFrame, sides: tuple[Side, Side], seen: tuple[Ints, Ints], z: Floats) -> Bools:
+    """Return which regions (r,), 1 to r of `seen`, hardly any guess can have made: they changed in the mean, `z` (r,)
+    sigmas with what surfaces guess, by more than their own margin, and than fits miss so near to samples (`BEYOND`).
+
+    A joint that one epoch looked into and the other saw aslant differs by more, over areas as small as chips: the
+    points must bear these regions out, and what stands by its depth alone is not known by this.
+    """
     mean = np.abs(table["mean_m"].to_numpy(dtype=float))
-    return np.asarray(mean > BEYOND * mean_to_samples(sides, seen, len(table)))
+    return np.asarray((z >= Z95) & (mean > BEYOND * mean_to_samples(sides, seen, len(table))))
 
 
 def assessed_area(sides: tuple[Side, Side]) -> float:

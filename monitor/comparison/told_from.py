@@ -14,6 +14,7 @@ import numpy as np
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.guesses import BEYOND, SURE, areas_of_guesses, to_samples
+from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.noise import Noise
 from monitor.comparison.quantile import median
 from monitor.comparison.regions import assessed_area, sigmas_needed
@@ -49,7 +50,8 @@ def tell_smallest(sides: tuple[Side, Side], found: Detected, level: float) -> tu
         areas = np.where(mean2 > 0.0, areas, np.inf)  # a unit that guesses nothing is not asked
         among = np.maximum(SURE, sigmas_needed(guessed / areas, level))
         least = np.minimum(among, sigmas_needed(whole / areas, level)) * np.sqrt(mean2)
-        least = np.fmin(least, BEYOND * average_by_unit(number, side.areas, to_samples(side), len(least))[1])
+        way = average_by_unit(number, side.areas, to_samples(side), len(least))[1]
+        least = np.fmin(least, np.fmax(BEYOND * way, Z95 * np.sqrt(mean2)))
         is_guess = number >= 0
         told[is_guess] = np.maximum(told[is_guess], least.astype(np.float32)[number[is_guess]])
         return keep_on_disk(told)

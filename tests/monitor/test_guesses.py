@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from monitor.comparison import blocks as blocks_of_vertices
-from monitor.comparison import compare, guesses
+from monitor.comparison import compare, guesses, regions
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.guesses import (
     areas_of_guesses,
@@ -21,7 +21,7 @@ from monitor.comparison.guesses import (
     usual_sigma,
 )
 from monitor.comparison.noise import Noise
-from monitor.comparison.regions import known_of, significant
+from monitor.comparison.regions import known_of, lies_beyond_guesses, significant
 from monitor.comparison.strata import N_STRATA
 from projects.model import Assessment, Bools, Comparison, Floats, Registration, Roughness, Surface
 
@@ -135,12 +135,15 @@ def sheet(heights: Floats, to_samples: float | None = None) -> Surface:
                    sample_distance=None if to_samples is None else np.full(N * N, to_samples))  # fmt: skip
 
 
-def compared(rng: np.random.Generator, change: Floats, to_samples: float | None = None) -> Comparison:
-    """Compare two sheets that differ by noise and a change (N, N) [m], no points asked."""
+def compared(
+    rng: np.random.Generator, change: Floats, to_samples: float | None = None, points: bool = False
+) -> Comparison:
+    """Compare two sheets that differ by noise and a change (N, N) [m]; their vertices are the points, if any are
+    asked."""
     fixed = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
                          is_stable=np.ones(N * N, dtype=bool))  # fmt: skip
     first, second = (sheet(rng.normal(scale=NOISE, size=(N, N)) + c, to_samples) for c in (np.zeros((N, N)), change))
-    return compare(first, second, fixed)
+    return compare(first, second, fixed, points=(lambda: (first.vertices, second.vertices)) if points else None)
 
 
 def test_a_level_knows_how_much_of_what_is_stated_shows_where_much_is(rng: np.random.Generator) -> None:
@@ -173,14 +176,31 @@ def test_a_moulding_that_errs_by_what_it_states_is_no_region(
     assert len(compared(rng, change).regions) == 1
 
 
-@pytest.mark.parametrize(("to_samples", "n_told"), [(0.8 * GUESSED, 1), (1.6 * GUESSED, 0)])
-def test_no_guess_makes_more_than_half_of_the_way_to_the_samples_of_both(
-    rng: np.random.Generator, to_samples: float, n_told: int
+def region_of(mean: float) -> pd.DataFrame:
+    """Return a table of one region."""
+    return pd.DataFrame({"mean_m": [mean]})
+
+
+def test_hardly_a_guess_is_beyond_half_of_the_way_to_the_samples_and_its_own_margin() -> None:
+    side, region = side_of([1.0] * 4, None), np.ones(4, dtype=np.int64)
+    side.areas = np.ones(4)
+    side.surface.sample_distance, side.other.sample_distance = np.full(4, 1.5), np.full(4, 2.5)
+    for mean, z, known in ((-2.05, 2.0, True), (2.05, 2.0, True), (-1.95, 2.0, False), (-2.05, 1.9, False),
+                           (-2.05, np.nan, False)):  # fmt: skip
+        told = lies_beyond_guesses(region_of(mean), (side, side), (region, region), np.array([z]))
+        assert told.tolist() == [known], (mean, z)
+
+
+@pytest.mark.parametrize(("points", "way", "n_told"), [(True, 0.8, 1), (True, 4.4, 0), (False, 0.8, 0)])
+def test_a_moulding_near_its_samples_is_known_where_points_bear_it_out(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, points: bool, way: float, n_told: int
 ) -> None:
-    assert len(compared(rng, along_one(-1.2 * GUESSED), to_samples).regions) == n_told
+    monkeypatch.setattr(regions, "known_of", lambda table, *_: np.zeros(len(table), dtype=np.bool_))
+    found = compared(rng, along_one(-4.0 * GUESSED), way * GUESSED, points=points)
+    assert list(found.regions["kind"]) == ["lost"] * n_told
 
 
-def test_the_way_to_the_samples_is_that_of_both_surfaces_in_the_mean_over_the_assessed_area_of_either_side() -> None:
+def test_the_way_to_the_samples_is_that_of_both_surfaces_in_the_mean_over_what_is_assessed_of_both() -> None:
     first, second = side_of([1.0] * 5, None), side_of([1.0] * 4, None)
     first.areas, second.areas = np.array([1.0, 3.0, 1.0, 1.0, 1.0]), np.ones(4)
     first.surface.sample_distance = second.other.sample_distance = np.array([1.0, 2.0, 5.0, 4.0, 1.0])

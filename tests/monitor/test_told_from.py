@@ -12,7 +12,7 @@ from scipy.stats import norm
 from test_guesses import EDGE, GUESSED, NOISE, N, along_one, compared, mouldings, side_of
 
 from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import BEYOND, SURE
+from monitor.comparison.guesses import SURE
 from monitor.comparison.noise import Noise
 from monitor.comparison.regions import is_significant, sigmas_needed
 from monitor.comparison.strata import N_STRATA
@@ -69,16 +69,19 @@ def test_three_sigmas_are_asked_of_what_is_half_of_all_that_is_guessed() -> None
     assert told[0][:4] == pytest.approx(SURE * np.sqrt(8.0), rel=1e-5)
 
 
-def test_a_guessed_place_near_to_samples_tells_from_what_no_guess_makes_there() -> None:
-    side = cast(Any, side_of([3.0] * 4 + [0.3] * 996, [ROUGH] * 4 + [SMOOTH] * 996))
-    side.areas = np.ones(1000)
-    side.surface.sample_distance = np.repeat([3.0, 5.0, 90.0, 0.01], [1, 1, 2, 996])
-    side.other.sample_distance = np.full(1000, 2.0)
-    number, levels = np.repeat([0, 1, 2], [2, 2, 996]), np.full(1000, 0.1)
-    levels[1] = 3.5
+def test_a_guessed_place_near_to_samples_tells_from_half_the_way_to_them_or_its_own_margin() -> None:
+    n, guess = 1000, np.sqrt(8.0)  # of vertices that state 3.0, beyond twice 0.5
+    side = cast(Any, side_of([3.0] * 6 + [0.3] * (n - 6), [ROUGH] * 6 + [SMOOTH] * (n - 6)))
+    side.areas = np.ones(n)
+    side.surface.sample_distance = np.concatenate([[11.0, 13.0], [0.5, 0.5], [90.0, 90.0], np.full(n - 6, 0.01)])
+    side.other.sample_distance = np.full(n, 2.0)
+    number, levels = np.repeat([0, 1, 2, 3], [2, 2, 2, n - 6]), np.full(n, 0.1)
+    levels[1] = 7.5
     told = tell_smallest((side, side), found_on((levels, levels), (number, number), 1.0), 0.05)
-    assert told[0][:4] == pytest.approx([BEYOND * 6.0, 3.5, *[SURE * np.sqrt(8.0)] * 2], rel=1e-5)
-    assert told[0][4:] == pytest.approx(0.1)
+    assert told[0][:2] == pytest.approx([0.5 * 14.0, 7.5], rel=1e-5)  # its own level is more
+    assert told[0][2:4] == pytest.approx(norm.isf(0.025) * guess, rel=1e-5)  # half of the way is 1.25
+    assert told[0][4:6] == pytest.approx(SURE * guess, rel=1e-5)
+    assert told[0][6:] == pytest.approx(0.1)
 
 
 def test_figures_are_of_the_assessed_area(unchanged: Comparison) -> None:

@@ -38,6 +38,11 @@ def test_an_estimate_is_rounded_by_its_margin_of_95_percent(value, sigma, text):
     assert estimate(value, sigma, 1e3, "mm", signed=True).text.replace("\u00a0", " ") == text
 
 
+def test_beside_its_value_a_margin_that_is_not_known_is_said_in_words():
+    told = [estimate(0.003, sigma, 1e3, "mm").beside.replace("\u00a0", " ") for sigma in (NAN, 0.0, 0.0005)]
+    assert told == ["margin not known", "", "± 1.0"]
+
+
 def test_a_margin_is_never_told_as_none():
     assert estimate(1.2e-10, 3e-12, 1e6, "cm³").text.replace("\u00a0", " ") == "0.000120 ± 0.000006 cm³"
     assert estimate(1.2e-4, 1e-14, 1e3, "mm").text.replace("\u00a0", " ") == "0.120000 ± < 0.000001 mm"

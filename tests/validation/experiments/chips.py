@@ -140,6 +140,7 @@ def row_of(number: int, chip: PlacedEdit, truth: TrueChange, found: Sequence[Com
 NOTES = (
     "Through the command line, E57, 2.7 mm between pulses, four stations an epoch, registered to 0.2 mm. The depth and "
     "volume are those of the exact shapes; no bar is asked for. A chip told twice counts once. A volume is "
-    "not known where too much beside the chip was not seen, nor the margin of a depth where the surface turns sharply."
+    "not known where too much beside the chip was not seen, nor the margin of a depth beside free edges and where the "
+    "surface turns sharply."
 )
 SMALL_BARS = ()
