@@ -156,7 +156,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate, points is not None)
-    smallest = tell_smallest(sides, found, settings.false_discovery_rate)
+    smallest = tell_smallest(sides, found, settings.false_discovery_rate, points is not None)
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)

@@ -29,11 +29,13 @@ COARSE = 4.0  # times the median level of detection, beyond which a place tells 
 NEARLY_ALL = 0.95  # of the coarse area tells changes of the size given
 
 
-def tell_smallest(sides: tuple[Side, Side], found: Detected, level: float) -> tuple[Floats, Floats]:
+def tell_smallest(
+    sides: tuple[Side, Side], found: Detected, level: float, are_points_asked: bool
+) -> tuple[Floats, Floats]:
     """Return of each side from how large a mean change [m] of the unit of a vertex (n,) float32 on a region is told.
 
     That is its level of detection, or, where the surfaces guess, what a region must have that is the guessed part of
-    the unit (`regions.known_of`, `lies_beyond_guesses`): a guess errs alike all over it.
+    the unit (`regions.known_of`, and `lies_beyond_guesses` where `are_points_asked`): a guess errs alike all over it.
     """
     usual = found.noise.usual
     no_region = (np.zeros(len(sides[0].areas), dtype=np.int32), np.zeros(len(sides[1].areas), dtype=np.int32))
@@ -50,8 +52,9 @@ def tell_smallest(sides: tuple[Side, Side], found: Detected, level: float) -> tu
         areas = np.where(mean2 > 0.0, areas, np.inf)  # a unit that guesses nothing is not asked
         among = np.maximum(SURE, sigmas_needed(guessed / areas, level))
         least = np.minimum(among, sigmas_needed(whole / areas, level)) * np.sqrt(mean2)
-        way = average_by_unit(number, side.areas, to_samples(side), len(least))[1]
-        least = np.fmin(least, np.fmax(BEYOND * way, Z95 * np.sqrt(mean2)))
+        if are_points_asked:
+            way = average_by_unit(number, side.areas, to_samples(side), len(least))[1]
+            least = np.fmin(least, np.fmax(BEYOND * way, Z95 * np.sqrt(mean2)))
         is_guess = number >= 0
         told[is_guess] = np.maximum(told[is_guess], least.astype(np.float32)[number[is_guess]])
         return keep_on_disk(told)

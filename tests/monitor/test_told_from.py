@@ -49,7 +49,7 @@ def test_a_guessed_place_tells_from_what_a_region_of_its_part_of_a_unit_must_hav
     numbers = np.repeat([0, 1, 2, 0, 3], [1, 10, 49, 5, 35]), np.zeros(50, dtype=np.int64)
     levels = np.full(100, 0.1), np.full(50, 7.0)
     levels[0][2] = 1000.0
-    told = tell_smallest((first, second), found_on(levels, numbers, scale), 0.05)
+    told = tell_smallest((first, second), found_on(levels, numbers, scale), 0.05, are_points_asked=True)
     more = max(scale, 1.0)  # than what is stated: as regions hold it
     among = [norm.isf(0.025 / 60.0), norm.isf(0.025 * 10.0 / 100.0), norm.isf(0.025 * 49.0 / 100.0)]
     mean2 = [8.0, (9.0 * 8.0 + 24.0) / 10.0, 8.0]  # of the guessed vertices: 3.0 (one 5.0) beyond twice 0.5
@@ -65,7 +65,8 @@ def test_three_sigmas_are_asked_of_what_is_half_of_all_that_is_guessed() -> None
     side = cast(Any, side_of([3.0] * 4 + [0.3] * 996, [ROUGH] * 4 + [SMOOTH] * 996))
     side.areas = np.ones(1000)
     number = np.repeat([0, 1, 2], [2, 2, 996])
-    told = tell_smallest((side, side), found_on((np.full(1000, 0.1),) * 2, (number, number), 1.0), 0.05)
+    found = found_on((np.full(1000, 0.1),) * 2, (number, number), 1.0)
+    told = tell_smallest((side, side), found, 0.05, are_points_asked=True)
     assert told[0][:4] == pytest.approx(SURE * np.sqrt(8.0), rel=1e-5)
 
 
@@ -77,11 +78,13 @@ def test_a_guessed_place_near_to_samples_tells_from_half_the_way_to_them_or_its_
     side.other.sample_distance = np.full(n, 2.0)
     number, levels = np.repeat([0, 1, 2, 3], [2, 2, 2, n - 6]), np.full(n, 0.1)
     levels[1] = 7.5
-    told = tell_smallest((side, side), found_on((levels, levels), (number, number), 1.0), 0.05)
+    told = tell_smallest((side, side), found_on((levels, levels), (number, number), 1.0), 0.05, are_points_asked=True)
     assert told[0][:2] == pytest.approx([0.5 * 14.0, 7.5], rel=1e-5)  # its own level is more
     assert told[0][2:4] == pytest.approx(norm.isf(0.025) * guess, rel=1e-5)  # half of the way is 1.25
     assert told[0][4:6] == pytest.approx(SURE * guess, rel=1e-5)
     assert told[0][6:] == pytest.approx(0.1)
+    unasked = tell_smallest((side, side), found_on((levels, levels), (number, number), 1.0), 0.05, False)
+    assert unasked[0][[0, 2]] == pytest.approx(SURE * guess, rel=1e-5)
 
 
 def test_figures_are_of_the_assessed_area(unchanged: Comparison) -> None:
