@@ -122,7 +122,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
     shown = significant(table, assessed_area(sides), measured, gone >= least, level)
     by_sigma = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
-    is_vague = turn_sharply(sides, seen, len(gone)) | lie_at_rim(sides, found.noise, seen, len(gone))
+    is_vague = turn_sharply(sides, seen, len(gone)) | lie_mostly_at_rim(sides, found.noise, seen, len(gone))
     table.loc[(n_stand == 0.0) & is_vague, "sigma_extreme_m"] = np.nan
     is_known = by_sigma | (are_points_asked & (n_stand > 0.0) & lies_beyond_guesses(table, sides, seen, stated))
     return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
@@ -230,7 +230,7 @@ def bear_out_parts(sides: Sequence[Side], noise: Noise, parts: Sequence[Ints], n
     return np.asarray((whole > 0.0).all(axis=0) | (at_rim.sum(axis=0) < 0.5 * whole.sum(axis=0)))
 
 
-def lie_at_rim(sides: Sequence[Side], noise: Noise, regions: tuple[Ints, Ints], n_regions: int) -> Bools:
+def lie_mostly_at_rim(sides: Sequence[Side], noise: Noise, regions: tuple[Ints, Ints], n_regions: int) -> Bools:
     """Return which regions 1 to n (n,) lie mostly beside free edges, where surfaces are rounder than what was measured,
     by more than their vertices know."""
     whole, at_rim = areas_at_rim(sides, noise, [r - 1 for r in regions], n_regions)

@@ -176,18 +176,13 @@ def test_a_moulding_that_errs_by_what_it_states_is_no_region(
     assert len(compared(rng, change).regions) == 1
 
 
-def region_of(mean: float) -> pd.DataFrame:
-    """Return a table of one region."""
-    return pd.DataFrame({"mean_m": [mean]})
-
-
 def test_hardly_a_guess_is_beyond_half_of_the_way_to_the_samples_and_its_own_margin() -> None:
     side, region = side_of([1.0] * 4, None), np.ones(4, dtype=np.int64)
     side.areas = np.ones(4)
     side.surface.sample_distance, side.other.sample_distance = np.full(4, 1.5), np.full(4, 2.5)
     for mean, z, known in ((-2.05, 2.0, True), (2.05, 2.0, True), (-1.95, 2.0, False), (-2.05, 1.9, False),
                            (-2.05, np.nan, False)):  # fmt: skip
-        told = lies_beyond_guesses(region_of(mean), (side, side), (region, region), np.array([z]))
+        told = lies_beyond_guesses(pd.DataFrame({"mean_m": [mean]}), (side, side), (region, region), np.array([z]))
         assert told.tolist() == [known], (mean, z)
 
 
@@ -207,12 +202,12 @@ def test_the_way_to_the_samples_is_that_of_both_surfaces_in_the_mean_over_what_i
     second.surface.sample_distance = first.other.sample_distance = np.array([0.5, 0.25, 9.0, 1.0])
     first.foot_vertices, second.foot_vertices = np.array([0, 1, 2, -1, 0]), np.array([1, 0, 0, 0])
     first.is_assessed[2] = False
-    regions = np.array([1, 1, 1, 2, 3]), np.array([1, 0, 4, 2])
-    way = mean_to_samples((first, second), regions, 5)
+    numbers = np.array([1, 1, 1, 2, 3]), np.array([1, 0, 4, 2])
+    way = mean_to_samples((first, second), numbers, 5)
     assert way[0] == pytest.approx((1.0 * 1.5 + 3.0 * 2.25 + 1.0 * 2.5) / 5.0)
     assert way[1:].tolist() == [np.inf] * 4  # without a foot, of the one side or the other alone, without a vertex
     second.surface.sample_distance = first.other.sample_distance = None
-    assert mean_to_samples((first, second), regions, 5).tolist() == [np.inf] * 5
+    assert mean_to_samples((first, second), numbers, 5).tolist() == [np.inf] * 5
 
 
 def test_a_moulding_that_lost_many_times_what_it_states_is_a_region(rng: np.random.Generator) -> None:
