@@ -21,18 +21,29 @@ from projects.model import Bools, Floats, Ints, Roughness
 SURE = 3.0  # sigmas of a region's mean, a guess as stated, at least: guesses have longer tails than noise
 BEYOND = 0.5  # of the way from both surfaces to their samples: relief of 27 degrees, missed by all fits of a region
 FARTHER = 2.0  # than what surfaces state of most places: no noise makes a fit to as many points so unsure
+LEAST_SMOOTH = 0.05  # of what is assessed, that shows what is stated of smooth places
 N_ASKED = 200_000  # vertices of a side, at even steps, that show what is stated of most places
 Places = Ints | slice
 
 
 def usual_sigma(sides: tuple[Side, Side]) -> float:
-    """Return what the surfaces state of most assessed vertices [m]: the median; infinite where none is assessed."""
-    drawn = []
+    """Return what the surfaces state of most assessed vertices [m]: the median; infinite where none is assessed.
+
+    On an object that is mostly too fine for its points that is itself a guess, beyond `FARTHER` times what they state
+    of most smooth vertices: it is the median of these then. Fewer of them than `LEAST_SMOOTH` say nothing.
+    """
+    drawn, smooth = [], []
     for side in sides:
         places = np.flatnonzero(side.is_assessed)
-        drawn.append(side.sigma_surfaces[places[:: max(len(places) // N_ASKED, 1)]])
-    stated = np.concatenate(drawn)
-    return float(median(stated)) if len(stated) else np.inf
+        places = places[:: max(len(places) // N_ASKED, 1)]
+        drawn.append(side.sigma_surfaces[places])
+        smooth.append(is_smooth(side, places))
+    stated, is_calm = np.concatenate(drawn), np.concatenate(smooth)
+    if not len(stated):
+        return np.inf
+    of_all = float(median(stated))
+    of_smooth = float(median(stated[is_calm])) if is_calm.mean() >= LEAST_SMOOTH else np.inf
+    return of_smooth if of_all > FARTHER * of_smooth else of_all
 
 
 def split_stated(side: Side, usual: float, which: Places = slice(None)) -> tuple[Floats, Floats]:

@@ -28,6 +28,7 @@ LEAST_AROUND, SHARE_AROUND = 3, 0.25  # of a region's vertices: of a chip seven 
 UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
 MOST_UNKNOWN = 0.2  # of a region's area: with more of its margin not assessable, its volume is not known
 WHOLE = ("lost", "added")  # without any perpendicular: gone or come as a whole
+GAINS = ("added", "coated")
 WIDE = 20.0  # a layer: as wide as this many times its thickness
 
 
@@ -133,8 +134,13 @@ def name_kind(mean: float, sigma_mean: float, spread: float, area: float) -> str
 
 
 def settle_kind(kind: str, volume: float, sigma_volume: float) -> str:
-    """Return the kind, or lost or added where it was unclear and the volume is not within its sigma."""
-    return WHOLE[volume > 0.0] if kind == "unclear" and abs(volume) >= Z95 * sigma_volume else kind
+    """Return the kind as the volume settles it, where it is not within its sigma: lost or added where it was unclear,
+    unclear where it says the opposite of the mean."""
+    if not abs(volume) >= Z95 * sigma_volume:
+        return kind
+    if kind == "unclear":
+        return WHOLE[volume > 0.0]
+    return kind if (kind in GAINS) == (volume > 0.0) else "unclear"
 
 
 @dataclass(frozen=True)

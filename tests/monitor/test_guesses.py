@@ -70,6 +70,16 @@ def test_the_usual_is_the_median_of_what_is_stated_of_the_assessed_vertices_of_b
     assert usual_sigma((first, second)) == np.inf
 
 
+@pytest.mark.parametrize(("smooth", "n_rough", "usual"), [(1.4, 19, 1.4), (1.4, 20, 3.0), (1.6, 19, 3.0)])
+def test_the_usual_is_that_of_smooth_places_where_most_is_a_guess(smooth: float, n_rough: int, usual: float) -> None:
+    """One smooth vertex of twenty says what is usual, of 21 not; nor where most state no more than twice that."""
+    kinds = [SMOOTH] + [ROUGH] * n_rough
+    sides = side_of([smooth] + [3.0] * n_rough, kinds), side_of([smooth] + [3.0] * n_rough, kinds)
+    assert usual_sigma(sides) == usual
+    sides[0].is_assessed[0] = sides[1].is_assessed[0] = False
+    assert usual_sigma(sides) == 3.0
+
+
 def test_a_guess_counts_as_stated_or_more_and_the_rest_is_scaled() -> None:
     def noise(scale: float) -> Noise:
         """Return a noise that scales all by so much."""

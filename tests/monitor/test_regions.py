@@ -17,7 +17,7 @@ from monitor.comparison.borders import sigma_of_area
 from monitor.comparison.correlation import Correlation
 from monitor.comparison.level_of_detection import Z95, estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
-from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, stands_out
+from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, settle_kind, stands_out
 from monitor.comparison.shell import make_shell
 from projects.model import Registration, Surface
 
@@ -227,6 +227,16 @@ def test_benjamini_hochberg_gives_the_textbook_answer() -> None:
 )  # fmt: skip
 def test_kinds_follow_sign_evenness_and_width(mean: float, spread: float, area: float, kind: str) -> None:
     assert name_kind(mean, 1e-4, spread, area) == kind
+
+
+@pytest.mark.parametrize(
+    ("kind", "volume", "settled"),
+    [("unclear", -1.9, "unclear"), ("unclear", -2.0, "lost"), ("unclear", 2.0, "added"), ("coated", -1.9, "coated"),
+     ("coated", -2.0, "unclear"), ("added", -2.0, "unclear"), ("lost", 2.0, "unclear"), ("cleaned", -9.0, "cleaned"),
+     ("lost", np.nan, "lost"), ("unclear", np.nan, "unclear")],
+)  # fmt: skip
+def test_a_volume_beyond_its_margin_settles_the_kind_and_contradicts_it(kind: str, volume: float, settled: str) -> None:
+    assert settle_kind(kind, volume, 1.0) == settled
 
 
 def test_volume_is_unknown_where_much_of_a_region_ends_at_a_free_edge(rng: np.random.Generator) -> None:
