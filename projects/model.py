@@ -387,6 +387,11 @@ class Series:
     `rate_assessment` (n,) is the `Assessment` of each vertex's rate: CHANGED where it is significant, with false
     discoveries held over the surface and over patches of every size, so that one vertex's rate over its sigma does not
     decide; NOT_ASSESSABLE where fewer than two epochs tell one; None where an older program left it open.
+    `rate_told_from` (n,) float32 [m/year], NaN where not assessed, is from about how large a rate on one is told, of a
+    place as wide as errors agree; more than a vertex's own level where surfaces guess what lies between their points.
+    `statistics` hold the median of those levels (`lod95_median_m_per_year`), beyond how large a rate a place that tells
+    none smaller is coarse (`coarse_from_m_per_year`), which share of the assessed area is (`coarse_area_share`), and
+    from how large a rate on nearly all of that tells one (`coarse_told_from_m_per_year`); empty of older programs.
     """
 
     reference_id: str
@@ -405,6 +410,8 @@ class Series:
     motions: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(MOTION_COLUMNS)))
     closures: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(CLOSURE_COLUMNS)))
     rate_assessment: NDArray[np.uint8] | None = None
+    rate_told_from: Floats | None = None
+    statistics: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "epoch_ids", tuple(self.epoch_ids))
@@ -415,6 +422,7 @@ class Series:
             hold_array(self, name, (n,), np.float64)
         hold_array(self, "identity", (n,), np.int32)
         hold_array(self, "rate_assessment", (n,), np.uint8)
+        hold_array(self, "rate_told_from", (n,), np.float32)
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,22 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from projects.model import Floats, Series
+from reports.answer import LEAST_COARSE
 from reports.colours import change_ramp
 from reports.drawing import INK, SOFT, drawing, plain_number, write_svg
 from reports.facts import CourseFacts, SeriesFacts, Table
-from reports.quantities import DEGREES, MM, Estimate, Measures, choose_measures, day, estimate, in_words
+from reports.quantities import (
+    DEGREES,
+    MM,
+    Estimate,
+    Measures,
+    choose_measures,
+    day,
+    estimate,
+    in_words,
+    millimetres,
+    percent,
+)
 
 CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
@@ -40,10 +52,11 @@ def tell_series(series: Series) -> SeriesFacts:
     first, last = (day(datetime.date.fromisoformat(d)) for d in (series.reference_date, series.dates[-1]))
     lead = f"{in_words(n).capitalize()} epochs from {first} to {last}. "
     if not courses:
-        return SeriesFacts(lead + "No region changed in any of them.", (), series, measures, tell_motions(series))
+        told = f"{lead}No region changed in any of them.{_how_small(series, 'would have been')}"
+        return SeriesFacts(told, (), series, measures, tell_motions(series))
     going = sum(row["model"] in ("steady", "accelerating", "onset") for _, row in rows.iterrows())
     alone = sum(_is_by_trend(row) for _, row in rows.iterrows())
-    told = f"{lead}{_say_followed(len(courses), going)}{_say_by_trend(alone, len(courses))}"
+    told = f"{lead}{_say_followed(len(courses), going)}{_say_by_trend(alone, len(courses))}{_how_small(series, 'is')}"
     return SeriesFacts(told, courses, series, measures, tell_motions(series))
 
 
@@ -85,6 +98,30 @@ def _say_by_trend(n: int, n_all: int) -> str:
         return ""
     which = "it" if n_all == 1 else "them" if n == n_all else f"{in_words(n)} of them"
     return f" No single epoch shows {which}: all epochs together do, by {'its' if n == 1 else 'their'} trend."
+
+
+def _how_small(series: Series, told: str) -> str:
+    """Return from how large a rate on a steady change is `told`, or would have been, as far as it is known; and where
+    only larger ones are."""
+    level, least, share, most = (
+        float(series.statistics.get(name, math.nan))
+        for name in ("lod95_median_m_per_year", "coarse_from_m_per_year", "coarse_area_share",
+                     "coarse_told_from_m_per_year")
+    )  # fmt: skip
+    if not math.isfinite(level):
+        return ""
+    words = f" A steady change {told} told from about {_per_year(level)} on (95\u00a0%, median over the surface)"
+    if not share >= LEAST_COARSE:
+        return f"{words}."
+    return (
+        f"{words}; on {percent(share)} of it only above {_per_year(least)}, on the coarsest twentieth of that above "
+        f"{_per_year(most)}."
+    )
+
+
+def _per_year(rate: float) -> str:
+    """Return a rate [m/year] in words."""
+    return f"{millimetres(rate)}/year"
 
 
 def tell_course(series: Series, row: pd.Series, measures: Measures) -> CourseFacts:

@@ -44,6 +44,7 @@ from monitor.comparison.regions import (
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected
+from monitor.comparison.told_from import tell_smallest
 from projects.model import Assessment, Bools, Floats, Ints
 
 LEVEL = 0.05  # expected share of false ones among the patches whose rate is called significant
@@ -53,21 +54,25 @@ LEVEL = 0.05  # expected share of false ones among the patches whose rate is cal
 class RateRegions:
     """Regions 1 to r of significant rates: the `region` (n,) of each vertex, 0 for none; the `assessment` (n,) of each
     vertex's rate, CHANGED where it is significant; and of each region (r,) the mean change over the series at its rate,
-    `means` [m], and which share of a vertex's sigma that mean keeps, `kept`."""
+    `means` [m], and which share of a vertex's sigma that mean keeps, `kept`. Of each vertex (n,), NaN where not
+    assessed: from how large a change over the series on one is told, `told_from` [m] (`told_from.tell_smallest`), and
+    its own level, `lod95` [m]."""
 
     region: Ints
     assessment: NDArray[np.uint8]
     means: Floats
     kept: Floats
+    told_from: Floats
+    lod95: Floats
 
 
 def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> RateRegions:
     """Return the regions of significant rates, largest first, with false discoveries of at most `level`."""
     side = rates.side
     state = np.where(side.is_assessed, Assessment.UNCHANGED, Assessment.NOT_ASSESSABLE).astype(np.uint8)
-    nothing = np.zeros(len(state), dtype=np.int32)
     if not side.is_assessed.any():
-        return RateRegions(nothing, state, np.zeros(0), np.zeros(0))
+        nothing, unknown = np.zeros(len(state), dtype=np.int32), np.full(len(state), np.nan)
+        return RateRegions(nothing, state, np.zeros(0), np.zeros(0), unknown, unknown)
     sides = (side, side)  # nobody told the rates on another surface: this one stands for both
     found = detect_rates(rates, level, seed)
     region = trim_skirts(side, hold_together(side, found, level), found.sides[0].smooth)
@@ -83,7 +88,9 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     held = ordered.keep(np.flatnonzero(shown & is_known))
     state[held.seen[0] > 0] = Assessment.CHANGED
     means, sigmas, alone = (held.table[c].to_numpy(dtype=float) for c in ("mean_m", "sigma_mean_m", "sigma_vertex_m"))
-    return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone)
+    told = tell_smallest(sides, found, level, are_points_asked=False)[0], found.sides[0].lod95
+    told_from, lod95 = (np.where(state == Assessment.NOT_ASSESSABLE, np.nan, v) for v in told)
+    return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone, told_from, lod95)
 
 
 def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:

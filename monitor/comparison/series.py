@@ -11,6 +11,7 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,15 +20,17 @@ from monitor.comparison.epoch_change import EpochChange
 from monitor.comparison.following import Followed, follow_rates, follow_regions, sign_of_regions
 from monitor.comparison.footprints import GOES_ON, Footprint, measure_footprint
 from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.rate_regions import LEVEL, find_rate_regions
+from monitor.comparison.rate_regions import LEVEL, RateRegions, find_rate_regions
 from monitor.comparison.rate_side import Fits, make_rate_side
 from monitor.comparison.stars import make_mesh, vertex_areas
+from monitor.comparison.told_from import coarse_beyond, share_of_coarse
 from monitor.comparison.trend import Course, fit_polynomial, predict
 from projects.errors import ComparisonError
 from projects.model import (
     FORECAST_COLUMNS,
     HISTORY_COLUMNS,
     SERIES_COLUMNS,
+    Assessment,
     Comparison,
     Floats,
     Series,
@@ -89,8 +92,23 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
                HISTORY_COLUMNS),
         _table([row for f, m, c in zip(followed, measured, courses, strict=True)
                 for row in forecast_rows(f, m, c, years)], FORECAST_COLUMNS),
-        rate_assessment=going.assessment,
+        **how_small(going, areas, float(years[-1])),
     )  # fmt: skip
+
+
+def how_small(going: RateRegions, areas: Floats, years: float) -> dict[str, Any]:
+    """Return what a `Series` over so many years says of its rates: their assessment, and how small ones are told at the
+    vertices of so large `areas` (n,) [m2], and in all."""
+    is_assessed = going.assessment != Assessment.NOT_ASSESSABLE
+    told_from, levels = going.told_from / years, going.lod95[is_assessed] / years
+    beyond = coarse_beyond(levels)
+    is_coarse = (going.assessment == Assessment.UNCHANGED) & (told_from > beyond)
+    share, coarsest = share_of_coarse(told_from, is_coarse, is_assessed, areas)
+    figures = {
+        "lod95_median_m_per_year": float(np.median(levels)) if len(levels) else math.nan,
+        "coarse_from_m_per_year": beyond, "coarse_area_share": share, "coarse_told_from_m_per_year": coarsest,
+    }  # fmt: skip
+    return {"rate_assessment": going.assessment, "rate_told_from": told_from.astype(np.float32), "statistics": figures}
 
 
 def require_series(changes: Sequence[EpochChange], reference_date: datetime.date) -> None:

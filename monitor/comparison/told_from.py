@@ -22,7 +22,7 @@ from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.tested import Detected
 from monitor.comparison.units import average_by_unit
-from projects.model import ComparedSurface, Floats, NotAssessed
+from projects.model import Bools, ComparedSurface, Floats, NotAssessed
 
 Told = tuple[ComparedSurface, ComparedSurface]  # on the reference and the compared surface
 COARSE = 4.0  # times the median level of detection, beyond which a place tells only large changes
@@ -86,26 +86,34 @@ def add_told_from(told: Told, smallest: tuple[Floats, Floats]) -> Told:
 
 def level_of_coarse(told: ComparedSurface) -> float:
     """Return beyond how large a change [m] a place that tells none smaller is coarse; NaN where nothing is assessed."""
-    levels = told.lod95[told.reasons == NotAssessed.ASSESSED]
+    return coarse_beyond(told.lod95[told.reasons == NotAssessed.ASSESSED])
+
+
+def coarse_beyond(levels: Floats) -> float:
+    """Return beyond how large a change, or rate, a place that tells none smaller is coarse, of the levels (m,) where
+    something is assessed; NaN of none."""
     return COARSE * median(levels) if len(levels) else float("nan")
 
 
 def coarse_figures(told: ComparedSurface, areas: Floats, tolerance: float | None) -> dict[str, Any]:
     """Return what a side with vertices of so large `areas` (n,) [m2] tells too little of: beyond which change a place
-    is coarse (`coarse_from_m`), which share of the assessed area is (`coarse_area_share`), from how large a change on
-    nearly all of that tells one (`coarse_told_from_m`, NaN where there is none), and, where a client's `tolerance` [m]
-    is given, which share tells no change of that size (`share_coarser_than_tolerance`)."""
+    is coarse (`coarse_from_m`), the `share_of_coarse` (`coarse_area_share`, `coarse_told_from_m`), and, where a
+    client's `tolerance` [m] is given, which share tells no change of that size (`share_coarser_than_tolerance`)."""
     assert told.told_from is not None
-    is_coarse, is_assessed = told.is_coarse, told.reasons == NotAssessed.ASSESSED
-    whole = float(areas[is_assessed].sum()) or float("nan")
-    figures = {
-        "coarse_from_m": told.coarse_from,
-        "coarse_area_share": float(areas[is_coarse].sum()) / whole,
-        "coarse_told_from_m": quantile_by_area(told.told_from[is_coarse], areas[is_coarse], NEARLY_ALL),
-    }
+    is_assessed = told.reasons == NotAssessed.ASSESSED
+    share, told_from = share_of_coarse(told.told_from, told.is_coarse, is_assessed, areas)
+    figures = {"coarse_from_m": told.coarse_from, "coarse_area_share": share, "coarse_told_from_m": told_from}
     if tolerance is not None:
+        whole = float(areas[is_assessed].sum()) or float("nan")
         figures["share_coarser_than_tolerance"] = float(areas[is_assessed & (told.told_from > tolerance)].sum()) / whole
     return figures
+
+
+def share_of_coarse(told_from: Floats, is_coarse: Bools, is_assessed: Bools, areas: Floats) -> tuple[float, float]:
+    """Return which share of the assessed `areas` (n,) [m2] is coarse, and from how large a change, or rate, on nearly
+    all of that tells one; NaN where there is none."""
+    whole = float(areas[is_assessed].sum()) or float("nan")
+    return float(areas[is_coarse].sum()) / whole, quantile_by_area(told_from[is_coarse], areas[is_coarse], NEARLY_ALL)
 
 
 def quantile_by_area(values: Floats, areas: Floats, share: float) -> float:

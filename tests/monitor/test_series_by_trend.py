@@ -3,9 +3,11 @@ those that epochs found a part of."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from simulated_series import START, STEP, YEARS, simulate_series, square
+from simulated_series import START, STEP, YEARS, plane, simulate_series, square
 
 from monitor.comparison.following import Followed, follow_rates
 from monitor.comparison.rate_regions import RateRegions
@@ -50,7 +52,7 @@ def test_its_history_holds_every_epoch_and_says_how_it_was_found(bulging: Series
 
 def test_the_report_says_that_no_single_epoch_shows_it(bulging: Series) -> None:
     told = tell_series(bulging)
-    assert told.lead.endswith(" on changing. No single epoch shows it: all epochs together do, by its trend.")
+    assert " on changing. No single epoch shows it: all epochs together do, by its trend. A steady change" in told.lead
     assert told.courses[0].first_seen == "by its trend alone"
     assert told.courses[0].volume_rate.unit == "cm³/year"
     older = bulging.regions.drop(columns=["found_by", "volume_rate_m3_per_year", "sigma_volume_rate_m3_per_year"])
@@ -69,6 +71,28 @@ def test_rates_of_regions_found_by_their_trend_are_as_sure_as_they_say(rng: np.r
     assert inside >= 18
 
 
+def test_a_series_says_from_how_large_a_rate_on_one_is_told_and_where_surfaces_guess(rng: np.random.Generator) -> None:
+    """A strip of 10 mm states ten times what the rest does: a guess, which must be three sigmas as wide as it is."""
+    strip = np.abs(plane().vertices[:, 0]) < 0.005
+    changes, more = [], np.where(strip, 10.0, 1.0)
+    for c in simulate_series(rng, YEARS):
+        side = replace(c.side, lod95=more * c.side.lod95, distances=more * c.side.distances)
+        changes.append(replace(c, comparison=replace(c.comparison, on_reference=side)))
+    series = follow(changes, "r", START)
+    told, sigma = series.rate_told_from, series.sigma_rate
+    assert told is not None
+    level = series.statistics["lod95_median_m_per_year"]
+    assert level == pytest.approx(1.96 * np.median(sigma[~strip]), rel=0.15)
+    assert np.median(told[~strip]) == pytest.approx(level, rel=0.05)
+    assert np.nanmin(told[strip]) > 3.0 * 0.9 * np.median(sigma[strip])
+    assert np.nanmax(told[strip]) < 5.0 * np.median(sigma[strip])
+    assert series.statistics["coarse_from_m_per_year"] == pytest.approx(4.0 * level)
+    assert series.statistics["coarse_area_share"] == pytest.approx(strip.mean(), rel=0.1)
+    coarse = series.statistics["coarse_told_from_m_per_year"]
+    assert np.nanmedian(told[strip]) <= coarse <= np.nanmax(told[strip])
+    assert (np.isnan(told) == (series.rate_assessment == 0)).all()
+
+
 def followed(identity: int, sign: float, at: slice) -> Followed:
     mask = np.zeros(20, dtype=bool)
     mask[at] = True
@@ -78,7 +102,8 @@ def followed(identity: int, sign: float, at: slice) -> Followed:
 def rates_at(at: slice, mean: float) -> RateRegions:
     region = np.zeros(20, dtype=np.int32)
     region[at] = 1
-    return RateRegions(region, (region + 1).astype(np.uint8), np.array([mean]), np.array([0.2]))
+    told = np.full(20, 1e-3)
+    return RateRegions(region, (region + 1).astype(np.uint8), np.array([mean]), np.array([0.2]), told, told)
 
 
 def test_a_region_that_epochs_and_rates_show_stays_one_and_is_found_by_both() -> None:

@@ -1,5 +1,7 @@
 """How regions go on over several epochs, in words: only what the epochs bear out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
@@ -41,3 +43,18 @@ def test_only_what_goes_on_has_a_rate() -> None:
     assert rates["jump"] == rates["irregular"] == "no one rate"
     (course,) = tell_series(series_of("irregular", (-4e-4, -1e-4))).courses
     assert course.course == "irregular, no steady course or single jump fits"
+
+
+def test_a_series_says_how_small_a_trend_it_tells_and_where_only_larger_ones() -> None:
+    told = tell_series(series_of("steady", (-1e-4, -4e-4)))
+    assert "told from" not in told.lead  # of an older program: not known
+    statistics = {"lod95_median_m_per_year": 7.12e-5, "coarse_from_m_per_year": 2.85e-4, "coarse_area_share": 0.28,
+                  "coarse_told_from_m_per_year": 4.21e-3}  # fmt: skip
+    series = replace(series_of("steady", (-1e-4, -4e-4)), statistics=statistics)
+    lead = tell_series(series).lead.replace("\u00a0", " ")
+    usual = "told from about 0.071 mm/year on (95 %, median over the surface)"
+    coarse = "on 28 % of it only above 0.28 mm/year, on the coarsest twentieth of that above 4.2 mm/year."
+    assert lead.endswith(f" A steady change is {usual}; {coarse}")
+    still = replace(series, regions=series.regions[:0], statistics=statistics | {"coarse_area_share": 0.0009})
+    lead = tell_series(still).lead.replace("\u00a0", " ")
+    assert lead.endswith(f" No region changed in any of them. A steady change would have been {usual}.")
