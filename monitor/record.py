@@ -27,8 +27,8 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 42,
-    "series": 9,
+    "comparison": 43,
+    "series": 10,
 }
 
 

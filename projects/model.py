@@ -298,9 +298,9 @@ class ComparedSurface:
     off and its fracture do: its area is that of all of them, the mean of both sides, but of a piece that is gone, or
     came, as a whole that of its own surface, before a loss and after a gain.
     `told_from` [m] float32, NaN where not assessed, is from about how large a mean change of the place of a vertex, as
-    wide as errors agree or less, on it is told: `lod95`, or more where the surfaces guess what lies between their
-    points. Where it exceeds `coarse_from` [m] "unchanged" says much less than on most of the surface. None and NaN: not
-    known.
+    wide as errors agree or less, on it is told, in 19 of 20 cases: what its patch needs to be significant among all
+    patches, and more where the surfaces guess what lies between their points. Where it is more than `coarse_from` [m]
+    "unchanged" says much less than on most of the surface. None and NaN: not known.
     """
 
     surface: Surface
@@ -388,10 +388,10 @@ class Series:
     discoveries held over the surface and over patches of every size, so that one vertex's rate over its sigma does not
     decide; NOT_ASSESSABLE where fewer than two epochs tell one; None where an older program left it open.
     `rate_told_from` (n,) float32 [m/year], NaN where not assessed, is from about how large a rate on one is told, of a
-    place as wide as errors agree; more than a vertex's own level where surfaces guess what lies between their points.
-    `statistics` hold the median of those levels (`lod95_median_m_per_year`), beyond how large a rate a place that tells
-    none smaller is coarse (`coarse_from_m_per_year`), which share of the assessed area is (`coarse_area_share`), and
-    from how large a rate on nearly all of that tells one (`coarse_told_from_m_per_year`); empty of older programs.
+    place as wide as errors agree, in 19 of 20 cases; more where surfaces guess what lies between their points.
+    `statistics` hold its median (`told_from_median_m_per_year`), beyond how large a rate a place that tells none
+    smaller is coarse (`coarse_from_m_per_year`), which share of the assessed area is (`coarse_area_share`), and from
+    how large a rate on nearly all of that tells one (`coarse_told_from_m_per_year`); empty of older programs.
     """
 
     reference_id: str

@@ -19,6 +19,7 @@ from reports.wholemotion import describe_motion
 NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
 MOSTLY = 0.5  # of the surface not assessable: the headline says so
+MUCH_LESS = 0.9  # of what a narrow change needs: from there on a wide one is worth words
 LEAST_COARSE = 0.001  # of the assessed surface tells only large changes: the report says so
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
 NO_CONTROL = (
@@ -119,7 +120,7 @@ def _what_changed(
     if not regions and _is_all_unknown(comparison):
         return (f"Whether anything changed between {before.date} and {after.date} is not known.",)
     if not regions:
-        return (f"{between} no part of the surface that could be assessed changed by more than the measurement error.",)
+        return (f"{between} no part of the surface that could be assessed changed by more than errors can make.",)
     parts: list[str] = []
     for kind, n in Counter(r.kind for r in regions).items():
         numbers = listed([str(r.number) for r in regions if r.kind == kind])
@@ -170,17 +171,31 @@ def _lies_off(comparison: Comparison) -> tuple[str, ...]:
     )
 
 
-def _how_small(comparison: Comparison, changed: bool) -> str:
-    """Return the smallest change that can be seen."""
+def told_by_width(comparison: Comparison) -> list[tuple[float, float]]:
+    """Return from how large a mean change [m] on one so wide [m] is told, in 19 of 20 cases, the narrowest first;
+    nothing where that is not known, as of older programs."""
+    found = comparison.statistics.get("told_by_width_m", ())
+    return [(float(width), float(depth)) for width, depth in found if np.isfinite(depth)]
+
+
+def _level(comparison: Comparison) -> str:
+    """Return the level of detection, in the median, and that of what stands out of a layer, where there is one."""
     level = millimetres(comparison.statistics.get("lod95_median_m", NAN))
-    if is_beside_layer(comparison):
-        return (
-            f"The smallest change that can be told from measurement error is {level}; what stands out of the rest is "
-            f"told from {level_beside(comparison)} on (95\u00a0%, median)."
-        )
-    if changed:
-        return f"The smallest change that can be told from measurement error is {level} (95\u00a0%, median)."
-    return f"The smallest change that would have been seen is {level} (95\u00a0%, median over the surface)."
+    return f"{level}, against the rest {level_beside(comparison)}" if is_beside_layer(comparison) else level
+
+
+def _how_small(comparison: Comparison, changed: bool) -> str:
+    """Return how small a change is told, or would have been, by how wide it is."""
+    told, rows = "is" if changed else "would have been", told_by_width(comparison)
+    if not rows:
+        return f"The level of detection of single places is {_level(comparison)} (95\u00a0%, median over the surface)."
+    (narrow, least), (wide, deepest) = rows[0], rows[-1]
+    more = f", one {millimetres(wide)} wide from {millimetres(deepest)} on" if deepest < MUCH_LESS * least else ""
+    against = " against the rest" if is_beside_layer(comparison) else ""
+    return (
+        f"A change {millimetres(narrow)} wide or wider {told} told{against} from about {millimetres(least)} on{more} "
+        "(19 of 20 such changes, median over the surface)."
+    )
 
 
 def dotted_from(comparison: Comparison) -> float:
@@ -313,16 +328,24 @@ def _figures(
     moved = "significant" if statistics.get("motion_is_significant") else "not significant"
     told = f"{moved} (confidence {print_significance(significance)})" if np.isfinite(significance) else NOT_KNOWN
     sure = f"turned by {motion.angle.text}; {told}"
-    level = millimetres(statistics.get("lod95_median_m", NAN))
-    beside = f"; {level_beside(comparison)} against the rest" if is_beside_layer(comparison) else ""
     return (
         _how_many(comparison, regions),
-        KeyFigure("Smallest detectable change", level, f"95\u00a0%, median{beside}{_coarse_beside(comparison)}"),
+        _smallest(comparison),
         KeyFigure("Object as a whole", motion.displacement.text, sure),
         KeyFigure(
             "Not assessable", unknown[k], f"of the {here.order} epoch’s surface; {unknown[1 - k]} of the other’s"
         ),
     )
+
+
+def _smallest(comparison: Comparison) -> KeyFigure:
+    """Return the smallest change that is told, and how wide it must be."""
+    rows, coarse = told_by_width(comparison), _coarse_beside(comparison)
+    against = "; against the rest" if is_beside_layer(comparison) else ""
+    if not rows:
+        return KeyFigure("Level of detection", _level(comparison), f"95\u00a0%, median, single places{coarse}")
+    width, depth = (millimetres(v) for v in rows[0])
+    return KeyFigure("Smallest change told", depth, f"{width} wide or wider, 19 of 20 such{against}{coarse}")
 
 
 def _how_many(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> KeyFigure:

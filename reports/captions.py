@@ -87,8 +87,8 @@ def write_captions(facts: ReportFacts) -> Captions:
             "are numbered by themselves."
         ),
         distribution=(
-            f"The differences of all assessed places of the {after.order} surface, with the smallest change that can "
-            f"be seen (95{NBSP}%, median)."
+            f"The differences of all assessed places of the {after.order} surface, with the level of detection of "
+            f"single places (95{NBSP}%, median)."
         ),
         stable=(
             f"What held the two epochs together, on the {after.order} surface. Green: held to be stable{looked_for}. "

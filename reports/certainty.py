@@ -18,6 +18,7 @@ from reports.answer import (
     level_beside,
     print_significance,
     shares_not_assessed,
+    told_by_width,
     tolerance_in_words,
 )
 from reports.control import control_table
@@ -101,9 +102,10 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     words = "of what stands out of the rest, which lies off all over"
     beside = ((words, level_beside(comparison)),) if is_beside_layer(comparison) else ()
     rows = [
-        ("Smallest change seen at 95\u00a0%, median", millimetres(statistics.get("lod95_median_m", NAN))),
+        *[(f"A change {millimetres(w)} wide is told from about", millimetres(d)) for w, d in told_by_width(comparison)],
+        ("Level of detection of single places (95\u00a0%), median", millimetres(statistics.get("lod95_median_m", NAN))),
         *beside,
-        ("of single vertices, nine tenths between", f"{millimetres(float(low))} and {millimetres(float(high))}"),
+        ("nine tenths of these between", f"{millimetres(float(low))} and {millimetres(float(high))}"),
         *_coarse_rows(statistics),
         ("mean difference where nothing changed (bias)", millimetres(statistics.get("bias_m", NAN), signed=True)),
         ("the same by area, without a motion of the whole", _offset(statistics)),

@@ -105,12 +105,12 @@ def _how_small(series: Series, told: str) -> str:
     only larger ones are."""
     level, least, share, most = (
         float(series.statistics.get(name, math.nan))
-        for name in ("lod95_median_m_per_year", "coarse_from_m_per_year", "coarse_area_share",
+        for name in ("told_from_median_m_per_year", "coarse_from_m_per_year", "coarse_area_share",
                      "coarse_told_from_m_per_year")
     )  # fmt: skip
     if not math.isfinite(level):
         return ""
-    words = f" A steady change {told} told from about {_per_year(level)} on (95\u00a0%, median over the surface)"
+    words = f" A steady change {told} told from about {_per_year(level)} on (19 of 20 such, median over the surface)"
     if not share >= LEAST_COARSE:
         return f"{words}."
     return (

@@ -5,6 +5,8 @@ Comparisons in metres go in, drawings in millimetres come out, as bytes that are
 
 from __future__ import annotations
 
+import math
+
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,13 +30,14 @@ def _hex(colour: tuple[int, int, int]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
-def draw_colour_bar(limit_m: float, lod95_m: float, coarse_m: float = float("nan")) -> bytes:
+def draw_colour_bar(limit_m: float, lod95_m: float, told_m: float = math.nan, coarse_m: float = math.nan) -> bytes:
     """Return the legend of every difference picture: the colours in mm, and what grey, dots and hatch mean.
 
     Parameters
     ----------
     limit_m : m, where the colours end (`colours.choose_limit`).
     lod95_m : m, the median level of detection; smaller differences are grey. NaN where there is none.
+    told_m : m, from where on changes are told on most of the surface: "unchanged" may hide smaller ones. NaN: unknown.
     coarse_m : m, the surface is dotted where only changes larger than that, or than more, are told. NaN: nowhere.
     """
     with drawing(0.78) as figure:
@@ -51,14 +54,14 @@ def draw_colour_bar(limit_m: float, lod95_m: float, coarse_m: float = float("nan
         axes.annotate("lost", (0, 1), (0, 4), "axes fraction", textcoords="offset points", weight="bold")
         axes.annotate("gained", (1, 1), (0, 4), "axes fraction", textcoords="offset points", ha="right", weight="bold")
         axes.annotate("change [mm]", (0.5, 1), (0, 4), "axes fraction", textcoords="offset points", ha="center")
-        _add_states(figure, lod95_m, coarse_m)
+        _add_states(figure, told_m, coarse_m)
         return write_svg(figure)
 
 
-def _add_states(figure: Figure, lod95_m: float, coarse_m: float) -> None:
+def _add_states(figure: Figure, told_m: float, coarse_m: float) -> None:
     """Add what grey, dots and hatch mean beside the colours."""
     states = [
-        (UNCHANGED, HATCH_DARK, _say_unchanged(lod95_m), ""),
+        (UNCHANGED, HATCH_DARK, _say_unchanged(told_m), ""),
         (HATCH_LIGHT, HATCH_DARK, "not assessable", "/////"),
     ]
     if np.isfinite(coarse_m):
@@ -71,11 +74,9 @@ def _add_states(figure: Figure, lod95_m: float, coarse_m: float) -> None:
         figure.text(0.685, y + 0.02, text, va="center", ha="left")
 
 
-def _say_unchanged(lod95_m: float) -> str:
+def _say_unchanged(told_m: float) -> str:
     """Return the word of the middle of the colour bar."""
-    if not np.isfinite(lod95_m):
-        return "unchanged"
-    return f"unchanged (up to about {say_mm(lod95_m)})"
+    return f"unchanged (up to about {say_mm(told_m)})" if np.isfinite(told_m) else "unchanged"
 
 
 def _bare(axes: Axes) -> None:

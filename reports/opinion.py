@@ -34,7 +34,7 @@ def opinion_tables(made: Step | None) -> tuple[Table, ...]:
         ("of these, with points of both epochs", share("known_share")),
         ("radius of the cylinders", length("cylinder_radius_m")),
         ("registration error added", length("registration_error_m")),
-        ("smallest change seen at 95\u00a0%, median", length("lod95_median_m")),
+        ("level of detection (95\u00a0%), median", length("lod95_median_m")),
         ("significant by M3C2, where this comparison says changed", share("share_significant_of_changed")),
         ("significant by M3C2, where it says unchanged", share("share_significant_of_unchanged")),
         ("what both measure differs by (robust sigma, NMAD)", length("difference_nmad_m")),

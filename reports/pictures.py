@@ -96,7 +96,7 @@ def draw_pictures(facts: ReportFacts) -> Pictures:
 def draw_change(comparison: Comparison) -> Pictures:
     """Return the pictures of what changed, all with one range of colours."""
     limit = choose_limit(comparison)
-    level = comparison.statistics.get("lod95_median_m", float("nan"))
+    level, told = (comparison.statistics.get(name, float("nan")) for name in ("lod95_median_m", "told_from_median_m"))
     views = choose_views(comparison.on_reference.surface)
     drawn = draw_comparison(comparison, views, limit_m=limit, height_px=choose_size(comparison, views))
     numbers = [int(n) for n in comparison.regions["region"]][:CLOSE_UPS]
@@ -108,7 +108,7 @@ def draw_change(comparison: Comparison) -> Pictures:
         for n in numbers
     }
     bar = show_drawing(
-        draw_colour_bar(limit, level, dotted_from(comparison)), "Colours of the differences in millimetres"
+        draw_colour_bar(limit, level, told, dotted_from(comparison)), "Colours of the differences in millimetres"
     )
     histogram = show_drawing(draw_histogram(comparison), "Histogram of all differences")
     return Pictures(show_views(drawn), bar, histogram, regions)

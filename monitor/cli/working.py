@@ -22,7 +22,7 @@ from projects.errors import MonitorError, ParameterError, StoreError
 from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
-from reports.answer import differs_as_a_whole, shares_not_assessed
+from reports.answer import differs_as_a_whole, shares_not_assessed, told_by_width
 from reports.history import tell_alone, tell_open_holes, tell_outside, tell_turned, tell_uncovered
 from reports.quantities import NBSP, millimetres, percent, square
 
@@ -167,6 +167,9 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
     count = len(comparison.regions)
     found = f"{count} region{'s' if count != 1 else ''} of change" if count else _say_none(comparison)
     level = f"level of detection {millimetres(comparison.statistics['lod95_median_m']).replace(NBSP, ' ')}"
+    for width, depth in told_by_width(comparison)[:1]:
+        told = f", changes {millimetres(width)} wide or wider are told from {millimetres(depth)} on"
+        level += told.replace(NBSP, " ")
     answer = (
         f"{found}; {level}; {_not_assessable(comparison, reference, place.epoch_id)}"
         if unknown < n or count

@@ -29,6 +29,7 @@ from monitor.comparison.detection import detect
 from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import Beyond, look_beyond
 from monitor.comparison.evidence import Sights, look_through
+from monitor.comparison.needed import by_width, patches_needed
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import Regions, area_looked_through, find_regions, least_area, least_beyond
 from monitor.comparison.scratch import keep_on_disk
@@ -156,7 +157,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate, points is not None)
-    smallest = tell_smallest(sides, found, settings.false_discovery_rate, points is not None)
+    needs = patches_needed(sides, found)
+    smallest = tell_smallest(sides, found, needs, settings.false_discovery_rate, points is not None)
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
@@ -172,6 +174,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         smallest = level_with(smallest[0], layer), level_with(smallest[1], layer)
     told = add_told_from(told, smallest)
     statistics |= coarse_figures(told[1], sides[1].areas, tolerance)
+    statistics["told_by_width_m"] = by_width(needs, found.test.size).tolist()
     statistics["met_nothing_area_m2"] = areas_met_nothing(told, sides, sights, found.test.size)
     statistics = {**summarize(told[1], sides, found, registration, tolerance), **statistics}
     return Comparison(told[1], told[0], table, registration, mode, statistics)

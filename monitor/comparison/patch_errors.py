@@ -51,6 +51,11 @@ class PatchErrors:
         is_other = other._reaches(OUTER) > self._reaches(OUTER)
         return PatchErrors(np.where(is_other, other.scales, self.scales), np.where(is_other, other.dofs, self.dofs))
 
+    def needed(self, kinds: Ints, p: float, power: float) -> Floats:
+        """Return how many of its sigmas the mean of patches of these kinds (p,) must lie off zero for a p value of `p`
+        where its error is `power` sigmas towards zero."""
+        return np.asarray((self._reaches(1.0 - p) + power * self.scales)[kinds])
+
     def p_values(self, z: Floats, kinds: Ints) -> Floats:
         """Return two-sided p values (p,) of standardized means of patches of these kinds (p,)."""
         away, dofs = -np.abs(z) / self.scales[kinds], self.dofs[kinds]

@@ -28,6 +28,7 @@ from monitor.comparison.detection import (
     learn_errors,
 )
 from monitor.comparison.marking import level_at, mark_changed
+from monitor.comparison.needed import patches_needed
 from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
@@ -55,15 +56,13 @@ class RateRegions:
     """Regions 1 to r of significant rates: the `region` (n,) of each vertex, 0 for none; the `assessment` (n,) of each
     vertex's rate, CHANGED where it is significant; and of each region (r,) the mean change over the series at its rate,
     `means` [m], and which share of a vertex's sigma that mean keeps, `kept`. Of each vertex (n,), NaN where not
-    assessed: from how large a change over the series on one is told, `told_from` [m] (`told_from.tell_smallest`), and
-    its own level, `lod95` [m]."""
+    assessed, from how large a change over the series on one is told, `told_from` [m] (`told_from.tell_smallest`)."""
 
     region: Ints
     assessment: NDArray[np.uint8]
     means: Floats
     kept: Floats
     told_from: Floats
-    lod95: Floats
 
 
 def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> RateRegions:
@@ -72,7 +71,7 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     state = np.where(side.is_assessed, Assessment.UNCHANGED, Assessment.NOT_ASSESSABLE).astype(np.uint8)
     if not side.is_assessed.any():
         nothing, unknown = np.zeros(len(state), dtype=np.int32), np.full(len(state), np.nan)
-        return RateRegions(nothing, state, np.zeros(0), np.zeros(0), unknown, unknown)
+        return RateRegions(nothing, state, np.zeros(0), np.zeros(0), unknown)
     sides = (side, side)  # nobody told the rates on another surface: this one stands for both
     found = detect_rates(rates, level, seed)
     region = trim_skirts(side, hold_together(side, found, level), found.sides[0].smooth)
@@ -88,9 +87,9 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     held = ordered.keep(np.flatnonzero(shown & is_known))
     state[held.seen[0] > 0] = Assessment.CHANGED
     means, sigmas, alone = (held.table[c].to_numpy(dtype=float) for c in ("mean_m", "sigma_mean_m", "sigma_vertex_m"))
-    told = tell_smallest(sides, found, level, are_points_asked=False)[0], found.sides[0].lod95
-    told_from, lod95 = (np.where(state == Assessment.NOT_ASSESSABLE, np.nan, v) for v in told)
-    return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone, told_from, lod95)
+    told_from = tell_smallest(sides, found, patches_needed(sides, found), level, are_points_asked=False)[0]
+    told_from = np.where(state == Assessment.NOT_ASSESSABLE, np.nan, told_from)
+    return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone, told_from)
 
 
 def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:

@@ -23,7 +23,7 @@ from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.rate_regions import LEVEL, RateRegions, find_rate_regions
 from monitor.comparison.rate_side import Fits, make_rate_side
 from monitor.comparison.stars import make_mesh, vertex_areas
-from monitor.comparison.told_from import coarse_beyond, share_of_coarse
+from monitor.comparison.told_from import COARSE, coarse_beyond, share_of_coarse
 from monitor.comparison.trend import Course, fit_polynomial, predict
 from projects.errors import ComparisonError
 from projects.model import (
@@ -100,12 +100,12 @@ def how_small(going: RateRegions, areas: Floats, years: float) -> dict[str, Any]
     """Return what a `Series` over so many years says of its rates: their assessment, and how small ones are told at the
     vertices of so large `areas` (n,) [m2], and in all."""
     is_assessed = going.assessment != Assessment.NOT_ASSESSABLE
-    told_from, levels = going.told_from / years, going.lod95[is_assessed] / years
-    beyond = coarse_beyond(levels)
+    told_from = going.told_from / years
+    beyond = coarse_beyond(told_from[is_assessed])
     is_coarse = (going.assessment == Assessment.UNCHANGED) & (told_from > beyond)
     share, coarsest = share_of_coarse(told_from, is_coarse, is_assessed, areas)
     figures = {
-        "lod95_median_m_per_year": float(np.median(levels)) if len(levels) else math.nan,
+        "told_from_median_m_per_year": beyond / COARSE,
         "coarse_from_m_per_year": beyond, "coarse_area_share": share, "coarse_told_from_m_per_year": coarsest,
     }  # fmt: skip
     return {"rate_assessment": going.assessment, "rate_told_from": told_from.astype(np.float32), "statistics": figures}

@@ -1,8 +1,8 @@
 """From about how large a change on each place tells one, and how much of a surface tells only large ones.
 
 In: the sides, what was detected on them, the answer. Out: metres at each vertex, and figures of the whole. "Unchanged"
-says that no change was told; the median level of detection says of most of a surface how small one may be. On ornament
-that the points are too sparse for, along edges and between samples only much larger ones are told.
+says that no change was told; the median says of most of a surface how small one may be. On ornament that the points are
+too sparse for, along edges and between samples only much larger ones are told.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.tested import Detected
 from monitor.comparison.units import average_by_unit
-from projects.model import Bools, ComparedSurface, Floats, NotAssessed
+from projects.model import Bools, ComparedSurface, Floats, Ints, NotAssessed
 
 Told = tuple[ComparedSurface, ComparedSurface]  # on the reference and the compared surface
-COARSE = 4.0  # times the median level of detection, beyond which a place tells only large changes
+COARSE = 4.0  # times what most places tell, beyond which a place tells only large changes
 NEARLY_ALL = 0.95  # of the coarse area tells changes of the size given
 
 
 def tell_smallest(
-    sides: tuple[Side, Side], found: Detected, level: float, are_points_asked: bool
+    sides: tuple[Side, Side], found: Detected, needs: tuple[Floats, Floats], level: float, are_points_asked: bool
 ) -> tuple[Floats, Floats]:
     """Return of each side from how large a mean change [m] of the unit of a vertex (n,) float32 on a region is told.
 
-    That is its level of detection, or, where the surfaces guess, what a region must have that is the guessed part of
-    the unit (`regions.known_of`, and `lies_beyond_guesses` where `are_points_asked`): a guess errs alike all over it.
+    That is what a unit's own patch needs (`needs`, (u, s) of each side, `needed.patches_needed`), and where the
+    surfaces guess, no less than what a region must have that is the guessed part of the unit (`regions.known_of`, and
+    `lies_beyond_guesses` where `are_points_asked`): a guess errs alike all over it.
     """
     usual = found.noise.usual
     no_region = (np.zeros(len(sides[0].areas), dtype=np.int32), np.zeros(len(sides[1].areas), dtype=np.int32))
@@ -43,7 +44,8 @@ def tell_smallest(
 
     def of_side(k: int) -> Floats:
         """Return that of side k."""
-        side, units, told = sides[k], found.test.units[k], found.sides[k].lod95.astype(np.float32)
+        side, units = sides[k], found.test.units[k]
+        told = of_own_patch(units.number, needs[k], found.sides[k].lod95)
         if not guessed:
             return keep_on_disk(told)
         guess2 = guess_of(side, found.noise)
@@ -62,6 +64,14 @@ def tell_smallest(
     return map_sides(of_side, larger_of(sides))
 
 
+def of_own_patch(number: Ints, needs: Floats, lod95: Floats) -> Floats:
+    """Return what the patch of the unit of each vertex needs (n,) float32 [m]: of a scrap, which is not tested by
+    itself, the one of its wider patches that needs least, and without any the level of detection."""
+    of_unit = np.where(np.isnan(needs[:, 0]), np.fmin.reduce(needs, axis=1), needs[:, 0])
+    told = np.append(of_unit, np.nan)[number]
+    return np.where(np.isnan(told), lod95, told).astype(np.float32)
+
+
 def guess_of(side: Side, noise: Noise) -> Floats:
     """Return the variance [m2] of each vertex (n,) that is a guess of the surfaces, as regions hold it."""
     out = np.empty(len(side.areas))
@@ -72,8 +82,8 @@ def guess_of(side: Side, noise: Noise) -> Floats:
 
 def add_told_from(told: Told, smallest: tuple[Floats, Floats]) -> Told:
     """Return the answer on the reference and the compared surface with how small a change (n,) [m] each tells where it
-    is assessed, and from where on that is coarse: on both by the level of the compared one."""
-    coarse_from = level_of_coarse(told[1])
+    is assessed, and from where on that is coarse: on both by what most of the compared one tells."""
+    coarse_from = coarse_beyond(smallest[1][told[1].reasons == NotAssessed.ASSESSED])
 
     def of_side(k: int) -> ComparedSurface:
         """Return that of side k."""
@@ -84,25 +94,24 @@ def add_told_from(told: Told, smallest: tuple[Floats, Floats]) -> Told:
     return of_side(0), of_side(1)
 
 
-def level_of_coarse(told: ComparedSurface) -> float:
-    """Return beyond how large a change [m] a place that tells none smaller is coarse; NaN where nothing is assessed."""
-    return coarse_beyond(told.lod95[told.reasons == NotAssessed.ASSESSED])
-
-
-def coarse_beyond(levels: Floats) -> float:
-    """Return beyond how large a change, or rate, a place that tells none smaller is coarse, of the levels (m,) where
-    something is assessed; NaN of none."""
-    return COARSE * median(levels) if len(levels) else float("nan")
+def coarse_beyond(smallest: Floats) -> float:
+    """Return beyond how large a change, or rate, a place that tells none smaller is coarse, of what all assessed places
+    (m,) tell; NaN of none."""
+    return COARSE * float(median(smallest)) if len(smallest) else float("nan")
 
 
 def coarse_figures(told: ComparedSurface, areas: Floats, tolerance: float | None) -> dict[str, Any]:
-    """Return what a side with vertices of so large `areas` (n,) [m2] tells too little of: beyond which change a place
-    is coarse (`coarse_from_m`), the `share_of_coarse` (`coarse_area_share`, `coarse_told_from_m`), and, where a
-    client's `tolerance` [m] is given, which share tells no change of that size (`share_coarser_than_tolerance`)."""
+    """Return from how large a change on one is told on a side with vertices of so large `areas` (n,) [m2]: on most of
+    it (`told_from_median_m`), beyond which change a place is coarse (`coarse_from_m`), the `share_of_coarse`
+    (`coarse_area_share`, `coarse_told_from_m`), and, where a client's `tolerance` [m] is given, which share tells no
+    change of that size (`share_coarser_than_tolerance`)."""
     assert told.told_from is not None
     is_assessed = told.reasons == NotAssessed.ASSESSED
     share, told_from = share_of_coarse(told.told_from, told.is_coarse, is_assessed, areas)
-    figures = {"coarse_from_m": told.coarse_from, "coarse_area_share": share, "coarse_told_from_m": told_from}
+    figures = {
+        "told_from_median_m": told.coarse_from / COARSE, "coarse_from_m": told.coarse_from, "coarse_area_share": share,
+        "coarse_told_from_m": told_from,
+    }  # fmt: skip
     if tolerance is not None:
         whole = float(areas[is_assessed].sum()) or float("nan")
         figures["share_coarser_than_tolerance"] = float(areas[is_assessed & (told.told_from > tolerance)].sum()) / whole

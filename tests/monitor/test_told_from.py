@@ -19,8 +19,9 @@ from monitor.comparison.strata import N_STRATA
 from monitor.comparison.told_from import (
     COARSE,
     add_told_from,
+    coarse_beyond,
     coarse_figures,
-    level_of_coarse,
+    of_own_patch,
     quantile_by_area,
     tell_smallest,
 )
@@ -47,18 +48,27 @@ def test_a_guessed_place_tells_from_what_a_region_of_its_part_of_a_unit_must_hav
     first.areas, second.areas = np.ones(100), np.ones(50)
     first.sigma_surfaces[1] = 5.0
     numbers = np.repeat([0, 1, 2, 0, 3], [1, 10, 49, 5, 35]), np.zeros(50, dtype=np.int64)
-    levels = np.full(100, 0.1), np.full(50, 7.0)
-    levels[0][2] = 1000.0
-    told = tell_smallest((first, second), found_on(levels, numbers, scale), 0.05, are_points_asked=True)
+    levels = np.full(100, 0.01), np.full(50, 8.0)
+    needs = np.tile([[0.1, 0.05]], (4, 1)), np.full((1, 2), 7.0)
+    needs[0][2, 0] = 1000.0
+    told = tell_smallest((first, second), found_on(levels, numbers, scale), needs, 0.05, are_points_asked=True)
     more = max(scale, 1.0)  # than what is stated: as regions hold it
     among = [norm.isf(0.025 / 60.0), norm.isf(0.025 * 10.0 / 100.0), norm.isf(0.025 * 49.0 / 100.0)]
     mean2 = [8.0, (9.0 * 8.0 + 24.0) / 10.0, 8.0]  # of the guessed vertices: 3.0 (one 5.0) beyond twice 0.5
     expected = [more * z * np.sqrt(g) for z, g in zip(among, mean2, strict=True)]
-    assert told[0][[0, 1, 20]] == pytest.approx(expected, rel=1e-5)
+    assert told[0][[0, 1]] == pytest.approx(expected[:2], rel=1e-5)
     assert among[0] > SURE > among[1]
-    assert told[0][2] == 1000.0  # its own level is more
+    assert expected[2] < 1000.0
+    assert told[0][20] == 1000.0  # what its patch needs is more
     assert told[0][60:] == pytest.approx(0.1)  # nor does what a unit guesses elsewhere touch what is known
     assert told[1] == pytest.approx(7.0)
+
+
+def test_a_scrap_tells_what_a_wider_patch_of_it_does_and_what_is_in_none_its_level() -> None:
+    needs = np.array([[1.0, 0.5], [np.nan, 0.7], [np.nan, np.nan]])
+    told = of_own_patch(np.array([0, 1, 2, -1]), needs, np.array([9.0, 9.0, 9.0, 8.0]))
+    assert told.tolist() == pytest.approx([1.0, 0.7, 9.0, 8.0])
+    assert told.dtype == np.float32
 
 
 def test_three_sigmas_are_asked_of_what_is_half_of_all_that_is_guessed() -> None:
@@ -66,7 +76,7 @@ def test_three_sigmas_are_asked_of_what_is_half_of_all_that_is_guessed() -> None
     side.areas = np.ones(1000)
     number = np.repeat([0, 1, 2], [2, 2, 996])
     found = found_on((np.full(1000, 0.1),) * 2, (number, number), 1.0)
-    told = tell_smallest((side, side), found, 0.05, are_points_asked=True)
+    told = tell_smallest((side, side), found, (np.full((3, 1), 0.1),) * 2, 0.05, are_points_asked=True)
     assert told[0][:4] == pytest.approx(SURE * np.sqrt(8.0), rel=1e-5)
 
 
@@ -76,14 +86,14 @@ def test_a_guessed_place_near_to_samples_tells_from_half_the_way_to_them_or_its_
     side.areas = np.ones(n)
     side.surface.sample_distance = np.concatenate([[11.0, 13.0], [0.5, 0.5], [90.0, 90.0], np.full(n - 6, 0.01)])
     side.other.sample_distance = np.full(n, 2.0)
-    number, levels = np.repeat([0, 1, 2, 3], [2, 2, 2, n - 6]), np.full(n, 0.1)
-    levels[1] = 7.5
-    told = tell_smallest((side, side), found_on((levels, levels), (number, number), 1.0), 0.05, are_points_asked=True)
-    assert told[0][:2] == pytest.approx([0.5 * 14.0, 7.5], rel=1e-5)  # its own level is more
+    number, levels, needs = np.repeat([0, 1, 2, 3], [2, 2, 2, n - 6]), np.full(n, 0.01), (np.full((4, 1), 0.1),) * 2
+    found = found_on((levels, levels), (number, number), 1.0)
+    told = tell_smallest((side, side), found, needs, 0.05, are_points_asked=True)
+    assert told[0][:2] == pytest.approx(0.5 * 14.0, rel=1e-5)
     assert told[0][2:4] == pytest.approx(norm.isf(0.025) * guess, rel=1e-5)  # half of the way is 1.25
     assert told[0][4:6] == pytest.approx(SURE * guess, rel=1e-5)
     assert told[0][6:] == pytest.approx(0.1)
-    unasked = tell_smallest((side, side), found_on((levels, levels), (number, number), 1.0), 0.05, False)
+    unasked = tell_smallest((side, side), found, needs, 0.05, are_points_asked=False)
     assert unasked[0][[0, 2]] == pytest.approx(SURE * guess, rel=1e-5)
 
 
@@ -92,18 +102,18 @@ def test_figures_are_of_the_assessed_area(unchanged: Comparison) -> None:
     state, reasons = np.array([1, 1, 2, 0], np.uint8), np.array([0, 0, 0, 3], np.uint8)
     side = replace(unchanged.on_compared, assessment=state, lod95=np.array([1.0, 1.0, 2.0, 9.0]), reasons=reasons,
                    distances=np.zeros(n), region=np.zeros(n, np.int32))  # fmt: skip
-    assert level_of_coarse(side) == COARSE * 1.0
-    told = add_told_from((side, side), (np.zeros(n), np.array([1.0, 6.0, 8.0, 9.0])))[1]
+    assert coarse_beyond(np.array([1.0, 6.0, 8.0])) == COARSE * 6.0
+    told = add_told_from((side, side), (np.full(n, 99.0), np.array([0.5, 6.0, 1.0, 9.0])))[1]
     assert told.told_from is not None
-    assert told.told_from[:3].tolist() == [1.0, 6.0, 8.0]
+    assert told.told_from[:3].tolist() == [0.5, 6.0, 1.0]
     assert np.isnan(told.told_from[3])
     assert told.is_coarse.tolist() == [False, True, False, False]
     figures = coarse_figures(told, np.array([1.0, 2.0, 5.0, 9.0]), 0.5)
-    assert figures == {"coarse_from_m": 4.0, "coarse_area_share": 0.25, "coarse_told_from_m": 6.0,
-                       "share_coarser_than_tolerance": 1.0}  # fmt: skip
-    assert coarse_figures(told, np.array([1.0, 2.0, 5.0, 9.0]), 7.0)["share_coarser_than_tolerance"] == 5.0 / 8.0
+    assert figures == {"told_from_median_m": 1.0, "coarse_from_m": 4.0, "coarse_area_share": 0.25,
+                       "coarse_told_from_m": 6.0, "share_coarser_than_tolerance": 7.0 / 8.0}  # fmt: skip
+    assert coarse_figures(told, np.array([1.0, 2.0, 5.0, 9.0]), 5.0)["share_coarser_than_tolerance"] == 2.0 / 8.0
     nothing = replace(side, reasons=np.full(n, 3, np.uint8))
-    assert np.isnan(level_of_coarse(nothing))
+    assert np.isnan(coarse_beyond(np.zeros(0)))
     unknown = add_told_from((nothing, nothing), (np.ones(n), np.ones(n)))[1]
     assert np.isnan(coarse_figures(unknown, np.ones(n), None)["coarse_area_share"])
 
@@ -133,14 +143,14 @@ def test_mouldings_tell_from_what_surfaces_guess_there_and_the_rest_from_its_lev
     told = side.told_from
     assert told is not None
     assert np.isnan(told[~assessed]).all()
-    assert told[assessed & ~on] == pytest.approx(side.lod95[assessed & ~on])
+    assert np.median(told[assessed & ~on]) == pytest.approx(unchanged.statistics["told_by_width_m"][0][1], rel=0.05)
     assert (told[assessed & on] >= SURE * 0.95 * GUESS).all()
     assert (told[assessed & on] <= norm.isf(0.025 * EDGE**2 / (EDGE * N) ** 2) * 1.05 * GUESS).all()
 
 
 def test_what_is_coarse_is_counted_by_area(unchanged: Comparison) -> None:
     side, figures = unchanged.on_compared, unchanged.statistics
-    assert figures["coarse_from_m"] == side.coarse_from == COARSE * figures["lod95_median_m"]
+    assert figures["coarse_from_m"] == side.coarse_from == COARSE * figures["told_from_median_m"]
     assert unchanged.on_reference.coarse_from == side.coarse_from
     assert side.told_from is not None
     is_coarse = (side.assessment == Assessment.UNCHANGED) & (side.told_from > side.coarse_from)

@@ -30,8 +30,8 @@ def test_regions_beside_a_layer_all_over_say_that_their_figures_are_beside_it():
     assert headline == "Two regions changed against the rest, which lies 0.98 ± 0.20 mm further in."
     assert "scanners whose ranges differ look alike. Say where nothing changed" in said(facts)
     assert "Regions and their figures are beside that" in said(facts)
-    assert "what stands out of the rest is told from 0.41 mm on" in said(facts)
-    assert plain(facts.answer.figures[1].note) == "95 %, median; 0.41 mm against the rest"
+    assert "The level of detection of single places is 0.35 mm, against the rest 0.41 mm (95 %, median" in said(facts)
+    assert plain(facts.answer.figures[1].value) == "0.35 mm, against the rest 0.41 mm"
     assert rows_of(facts, "What can be seen")["of what stands out of the rest, which lies off all over"] == ["0.41 mm"]
     assert "beside what all of the surface lies off by" in write_captions(facts).regions
     alone = facts_of(example_comparison(rows=(), **figures))
@@ -114,7 +114,7 @@ def test_two_regions_are_told_with_their_place_size_and_margins():
     assert "and one gained material (no. 2); together they cover 110 cm²." in text
     assert "Region 1 (front, 70 cm above the base): 78 ± 4 cm², at its deepest −12.40 ± 0.29 mm, volume −31.0" in text
     assert "Region 2 (right side, 30 cm above the base): 31.0 ± 2.0 cm², at its highest +3.1 ± 0.4 mm" in text
-    assert "smallest change that can be told from measurement error is 0.35 mm" in text
+    assert "The level of detection of single places is 0.35 mm (95 %, median over the surface)." in text  # of old ones
     assert "5.3 % of the earlier epoch’s surface could not be assessed, mostly because" in text
     assert "; of the later epoch’s it is 4.7 %." in text
 
@@ -132,11 +132,34 @@ def test_regions_of_a_small_and_of_a_wide_object_are_told_in_its_units(scale, ar
     assert f"Region 1 (front, 70 cm above the base): {area}, at its deepest" in said(facts)
 
 
-def test_where_nothing_changed_the_smallest_change_that_would_have_been_seen_is_said():
-    text = said(facts_of(example_comparison(rows=())))
-    assert text.startswith("No change was found. Between 12 May 2025 and 18 May 2026 no part")
-    assert "The smallest change that would have been seen is 0.35 mm (95 %, median over the surface)." in text
-    assert "Region" not in text
+BY_WIDTH = {"told_by_width_m": [[0.025, 0.00118], [0.042, 0.0011], [0.131, 0.00099], [0.2, float("nan")]]}
+
+
+def test_how_small_a_change_would_have_been_told_is_said_with_its_width():
+    facts = facts_of(example_comparison(rows=(), **BY_WIDTH))
+    assert said(facts).startswith("No change was found. Between 12 May 2025 and 18 May 2026 no part")
+    assert (
+        "A change 25 mm wide or wider would have been told from about 1.2 mm on, one 131 mm wide from 0.99 mm on (19 "
+        "of 20 such changes, median over the surface)."
+    ) in said(facts)
+    assert "Region" not in said(facts)
+    smallest = facts.answer.figures[1]
+    assert (smallest.label, plain(smallest.value)) == ("Smallest change told", "1.2 mm")
+    assert plain(smallest.note) == "25 mm wide or wider, 19 of 20 such"
+    told = {plain(row[0]): plain(row[1]) for table in facts.certainty for row in table.rows}
+    assert told["A change 42 mm wide is told from about"] == "1.1 mm"
+    assert told["Level of detection of single places (95 %), median"] == "0.35 mm"
+
+
+def test_a_wide_change_that_needs_nearly_as_much_is_no_words_worth_and_one_beside_a_layer_is_against_the_rest():
+    even = {"told_by_width_m": [[0.025, 0.00118], [0.131, 0.00107]]}
+    assert "A change 25 mm wide or wider is told from about 1.2 mm on (19 of 20" in said(
+        facts_of(example_comparison(**even))
+    )
+    layer = {"offset_m": -9.8e-4, "sigma_offset_m": 1e-4, "lod95_beside_layer_median_m": 4.1e-4}
+    beside = facts_of(example_comparison(**even, **layer))
+    assert "wide or wider is told against the rest from about 1.2 mm on (19 of" in said(beside)
+    assert plain(beside.answer.figures[1].note) == "25 mm wide or wider, 19 of 20 such; against the rest"
 
 
 def test_what_tells_only_large_changes_is_said_with_its_share_and_what_it_tells():
@@ -147,7 +170,7 @@ def test_what_tells_only_large_changes_is_said_with_its_share_and_what_it_tells(
         "coarsest twentieth of it above 12 mm."
     ) in said(facts)
     notes = {figure.label: plain(figure.note) for figure in facts.answer.figures}
-    assert notes["Smallest detectable change"] == "95 %, median; 1.4 mm or more on 6.2 % of the surface"
+    assert notes["Level of detection"] == "95 %, median, single places; 1.4 mm or more on 6.2 % of the surface"
     told = {plain(row[0]): plain(row[1]) for table in facts.certainty for row in table.rows}
     assert told["assessed surface that tells only changes above 1.4 mm (dotted)"] == "6.2 %"
     assert told["on 95 % of that, changes are told above"] == "12 mm"

@@ -48,11 +48,11 @@ def test_only_what_goes_on_has_a_rate() -> None:
 def test_a_series_says_how_small_a_trend_it_tells_and_where_only_larger_ones() -> None:
     told = tell_series(series_of("steady", (-1e-4, -4e-4)))
     assert "told from" not in told.lead  # of an older program: not known
-    statistics = {"lod95_median_m_per_year": 7.12e-5, "coarse_from_m_per_year": 2.85e-4, "coarse_area_share": 0.28,
+    statistics = {"told_from_median_m_per_year": 7.12e-5, "coarse_from_m_per_year": 2.85e-4, "coarse_area_share": 0.28,
                   "coarse_told_from_m_per_year": 4.21e-3}  # fmt: skip
     series = replace(series_of("steady", (-1e-4, -4e-4)), statistics=statistics)
     lead = tell_series(series).lead.replace("\u00a0", " ")
-    usual = "told from about 0.071 mm/year on (95 %, median over the surface)"
+    usual = "told from about 0.071 mm/year on (19 of 20 such, median over the surface)"
     coarse = "on 28 % of it only above 0.28 mm/year, on the coarsest twentieth of that above 4.2 mm/year."
     assert lead.endswith(f" A steady change is {usual}; {coarse}")
     still = replace(series, regions=series.regions[:0], statistics=statistics | {"coarse_area_share": 0.0009})

@@ -83,19 +83,20 @@ def test_areas_of_vertices_and_regions_are_those_of_the_faces(comparison):
 
 
 def test_colour_bar_says_millimetres_signs_and_states():
-    said = words(draw_colour_bar(0.02, 0.0006))
+    said = words(draw_colour_bar(0.02, 0.0002, 0.0006))
     assert {"−20", "−10", "0", "+10", "+20", "lost", "gained", "change [mm]", "not assessable"} <= set(said)
     assert "unchanged (up to about 0.60 mm)" in said
 
 
 def test_colour_bar_says_what_dots_mean_where_there_are_any():
-    said = words(draw_colour_bar(0.02, 0.0006, 0.0024))
+    said = words(draw_colour_bar(0.02, 0.0002, 0.0006, 0.0024))
     assert {"unchanged (up to about 0.60 mm)", "unchanged (up to 2.4 mm or more)", "not assessable"} <= set(said)
-    assert not any("or more" in word for word in words(draw_colour_bar(0.02, 0.0006)))
+    assert not any("or more" in word for word in words(draw_colour_bar(0.02, 0.0002, 0.0006)))
 
 
 def test_colour_bar_without_a_level_of_detection_is_drawn():
     assert "unchanged" in words(draw_colour_bar(0.001, float("nan")))
+    assert "unchanged" in words(draw_colour_bar(0.001, 0.0002))  # of an older program: not known up to what
 
 
 def test_histogram_names_the_level_of_detection(comparison):

@@ -1,0 +1,90 @@
+"""How large a change must be to be told: the test of patches turned around, and held against changes that are made."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from monitor.comparison import compare
+from monitor.comparison.needed import POWER, by_width, needed
+from monitor.comparison.patch_errors import NORMAL, PatchErrors
+from monitor.comparison.patches import REACHES
+from projects.model import Bools, Comparison, Floats, Registration, Surface
+
+N, EDGE, NOISE = 141, 2e-3, 5e-5  # vertices along a sheet; m
+
+
+@pytest.mark.parametrize("dofs", [(NORMAL, NORMAL), (4.0, 12.0)])
+def test_what_a_patch_needs_has_the_p_value_asked_for(dofs: tuple[float, float]) -> None:
+    errors, kinds = PatchErrors(np.array([1.0, 1.7]), np.array(dofs)), np.array([0, 1, 1])
+    z = errors.needed(kinds, 2e-6, 0.0)
+    assert errors.p_values(z, kinds) == pytest.approx(np.full(3, 2e-6), rel=1e-5)
+    assert errors.needed(kinds, 2e-6, 2.0) - z == pytest.approx([2.0, 3.4, 3.4])
+
+
+def test_a_patch_needs_so_many_of_its_sigmas_and_a_scrap_is_not_tested() -> None:
+    patches = cast(Any, SimpleNamespace(sigmas=np.array([[1.0, 0.5], [2.0, 3.0]]), kinds=np.array([0, 1]),
+                                        is_whole=np.array([[True, True], [True, False]])))  # fmt: skip
+    errors = PatchErrors(np.array([1.0, 2.0]), np.full(2, NORMAL))
+    found = needed(patches, (errors, errors), 0.05)
+    assert found[0] == pytest.approx([1.96 + 1.645, 0.5 * (1.96 + 1.645)], abs=2e-3)
+    assert found[1, 0] == pytest.approx(2.0 * 2.0 * (1.96 + 1.645), abs=5e-3)
+    assert np.isnan(found[1, 1])
+    assert pytest.approx(1.645, abs=1e-3) == POWER
+
+
+def test_a_wider_change_needs_no_more_than_the_narrower_one_that_it_holds() -> None:
+    first, second = (
+        np.array([[3.0, 1.0, np.nan], [5.0, np.nan, np.nan]]),
+        np.array([[4.0, 2.0, np.nan], [9.0, 9.0, 7.0]]),
+    )
+    found = by_width((first, second), 0.01)
+    assert found[:, 0] == pytest.approx([0.02, 0.01 * (2.0 * REACHES[1] + 1.0), 0.01 * (2.0 * REACHES[2] + 1.0)])
+    assert found[:, 1] == pytest.approx([4.5, 2.0, 2.0])
+    assert np.isnan(by_width((np.full((2, 1), np.nan),) * 2, 0.01)[0, 1])
+
+
+def sheet(heights: Floats) -> Surface:
+    """Return a sheet of these heights (N, N) [m], which states its noise."""
+    i = np.arange((N - 1) * N).reshape(N - 1, N)[:, :-1].ravel()
+    faces = np.vstack([np.c_[i, i + N, i + 1], np.c_[i + 1, i + N, i + N + 1]])
+    x, y = np.divmod(np.arange(N * N), N)
+    return Surface(np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=np.full(N * N, NOISE))
+
+
+def compared(rng: np.random.Generator, change: Floats) -> Comparison:
+    """Compare two sheets that differ by noise and a change (N, N) [m]."""
+    fixed = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
+                         is_stable=np.ones(N * N, dtype=bool))  # fmt: skip
+    first, second = (sheet(rng.normal(scale=NOISE, size=(N, N)) + c) for c in (np.zeros((N, N)), change))
+    return compare(first, second, fixed)
+
+
+def squares(rng: np.random.Generator, width: float) -> list[Bools]:
+    """Return nine squares (N, N) so wide [m], each anywhere in its ninth of the sheet."""
+    out, n = [], round(width / EDGE)
+    for i, j in np.ndindex(3, 3):
+        a, b = (47 * k + 4 + rng.integers(0, 47 - 8 - n) for k in (i, j))
+        out.append(np.zeros((N, N), dtype=bool))
+        out[-1][a : a + n, b : b + n] = True
+    return out
+
+
+@pytest.mark.parametrize(("share", "least", "most"), [(1.0, 0.85, 1.0), (0.6, 0.0, 0.4)])
+def test_changes_of_the_size_given_are_told_and_smaller_ones_are_not(
+    rng: np.random.Generator, share: float, least: float, most: float
+) -> None:
+    """A region lies there, though a faint change falls to pieces."""
+    statistics = compared(rng, np.zeros((N, N))).statistics
+    width, depth = statistics["told_by_width_m"][0]
+    assert statistics["told_from_median_m"] == pytest.approx(depth, rel=0.01)
+    n_told, n = 0, 0
+    for _ in range(3):
+        places = squares(rng, width)
+        found = compared(rng, -share * depth * np.sum(places, axis=0)).on_compared
+        n_told += sum(found.is_changed[place.ravel()].mean() > 0.2 for place in places)
+        n += len(places)
+    assert least <= n_told / n <= most, (n_told, width, depth, statistics["lod95_median_m"])
