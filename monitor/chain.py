@@ -46,7 +46,7 @@ from monitor.strays import share_of_strays
 from monitor.target_search import search_targets
 from monitor.winding import wind_outward
 from projects.errors import ParameterError
-from projects.extent import Extent, inside
+from projects.extent import Extent, inside, require_part
 from projects.model import Floats, PointCloud, Step, Surface
 from projects.store import Project
 
@@ -97,6 +97,8 @@ def compare_epochs(
     def make() -> Made:
         """Register, compare, and tell which parts moved; with the second opinion where both epochs have points."""
         reference, compared = earlier.get(before), place.get(after)
+        if stable is not None:
+            require_part(stable, reference.vertices, f"epoch {reference_id}")
         notify(f"{compared_id}: registering to {reference_id}")
         tied = _frames((earlier, place))
         within = None if stable is None else partial(inside, stable)

@@ -99,6 +99,23 @@ def inside(extent: Extent | Mapping[str, Any], points: Floats) -> Bools:
     return within
 
 
+def require_part(extent: Extent, points: Floats, what: str) -> None:
+    """Raise `ParameterError` where an area that is to hold a part of the points (n, 3) [m] of `what` holds none or all
+    of them: it may be in another unit, or in other coordinates."""
+    held = inside(extent, points)
+    if held.any() and not held.all():
+        return
+    low, high = (", ".join(f"{v:.3f}" for v in f(points, axis=0)) for f in (np.min, np.max))
+    (x0, y0), (x1, y1) = extent.corners.min(axis=0), extent.corners.max(axis=0)
+    area = f"x {x0:g} to {x1:g}, y {y0:g} to {y1:g}, z {extent.bottom:g} to {extent.top:g} m"
+    said = "all" if held.any() else "nothing"
+    then = "so nothing could have changed" if held.any() else "so nothing would hold the epochs together"
+    raise ParameterError(
+        f"the stable area ({area}) holds {said} of {what}, which lies from ({low}) to ({high}) m, {then}; give the "
+        "part where nothing moved, in metres and in that epoch's coordinates, or leave it out"
+    )
+
+
 def _is_rectangle(corners: Floats) -> bool:
     """Return whether the polygon is its own bounding box."""
     low, high = corners.min(axis=0), corners.max(axis=0)

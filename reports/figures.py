@@ -23,6 +23,7 @@ from reports.quantities import MM
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison
 
 BEFORE, AFTER = "#8a8f98", "#15171c"
+TALLEST = 3.2  # inches, of a profile
 
 
 def _hex(colour: tuple[int, int, int]) -> str:
@@ -181,9 +182,9 @@ def draw_section(comparison: Comparison, region_number: int) -> bytes:
     plane = choose_plane(comparison, region_number)
     lines = cut_comparison(comparison, region_number, plane)
     middle = (plane.low + plane.high) / 2
-    span = 2.0 * plane.reach * MM
-    heights = np.concatenate([line.ends[..., 1].ravel() for line in lines]) * MM
-    top = _profile_height(heights, span)
+    heights = heights_shown(lines, 2.0 * plane.reach * MM)
+    span = max(2.0 * plane.reach * MM, span_for(heights))
+    top = profile_height(heights, span)
     with drawing(top + 1.75) as figure:
         inches = top + 1.75
         profile = figure.add_axes((0.095, 1.62 / inches, 0.875, (top - 0.12) / inches))
@@ -198,10 +199,29 @@ def draw_section(comparison: Comparison, region_number: int) -> bytes:
         return write_svg(figure)
 
 
-def _profile_height(heights: Floats, span: float) -> float:
-    """Return the height [inches] of the profile's axes at equal scale: as the profile needs, 0.7 to 3.2."""
+def heights_shown(lines: tuple[SectionLine, SectionLine], span: float) -> Floats:
+    """Return lowest and highest (2,) [mm] of what a profile shows that is `span` [mm] wide or more; nothing of none.
+
+    All of what is cut, unless it is much higher than that, as an outline that goes on: then all that is of the region,
+    and as much beside it as is no higher.
+    """
+    every, own = (np.concatenate([line.ends[which(line)][..., 1].ravel() for line in lines]) * MM
+                  for which in (lambda _: slice(None), lambda line: line.in_region))  # fmt: skip
+    if not len(every) or np.ptp(every) <= span or not len(own):
+        return np.array([every.min(), every.max()]) if len(every) else every
+    beside = max(0.5 * (span - np.ptp(own)), 0.0)
+    return np.clip([own.min() - beside, own.max() + beside], every.min(), every.max())
+
+
+def span_for(heights: Floats) -> float:
+    """Return how wide [mm] a profile must be for its heights (2,) [mm] to find room at equal scale."""
+    return float(np.ptp(heights)) * 1.15 * 0.875 * WIDTH / (TALLEST - 0.25) if len(heights) else 0.0
+
+
+def profile_height(heights: Floats, span: float) -> float:
+    """Return the height [inches] of the profile's axes at equal scale: as the profile needs, 0.7 to `TALLEST`."""
     per_mm = 0.875 * WIDTH / span
-    return float(np.clip(np.ptp(heights) * per_mm * 1.15 + 0.25, 0.7, 3.2)) if len(heights) else 0.7
+    return float(np.clip(np.ptp(heights) * per_mm * 1.15 + 0.25, 0.7, TALLEST)) if len(heights) else 0.7
 
 
 def _points(line: SectionLine, plane: SectionPlane) -> Floats:

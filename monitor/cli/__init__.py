@@ -9,8 +9,10 @@ import errno
 import sys
 import warnings
 from collections.abc import Sequence
+from threading import Event
 
 from monitor.cli.app import app
+from monitor.cli.interrupts import notice_interrupts
 from projects.errors import MonitorError
 
 INTERRUPTED = 130
@@ -28,6 +30,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: list[str], debug: bool = False) -> int:
     """Run one command and return its exit code; with `debug`, errors come with their traceback."""
     warnings.filterwarnings("ignore", message="The TBB threading layer")  # numba has others; not the user's concern
+    with notice_interrupts() as interrupted:
+        return _run(arguments, debug, interrupted)
+
+
+def _run(arguments: list[str], debug: bool, interrupted: Event) -> int:
+    """Run one command and return its exit code; once `interrupted`, what else went wrong comes of that."""
     try:
         code = app(arguments, prog_name="monitor", standalone_mode=False)
     except KeyboardInterrupt:
@@ -38,7 +46,7 @@ def run(arguments: list[str], debug: bool = False) -> int:
         _complain(str(error))
         return 2
     except Exception as error:  # noqa: BLE001 - the last place that can turn it into one line
-        return _usage_or_ours(error, debug)
+        return _interrupted() if interrupted.is_set() else _usage_or_ours(error, debug)
     if code == INTERRUPTED:  # which typer makes of it, too
         return _interrupted()
     return code if isinstance(code, int) else 0

@@ -208,6 +208,24 @@ def test_areas_that_the_user_calls_stable_are_the_only_ones(project: Path, tmp_p
     assert comparison.regions.iloc[0]["extreme_m"] == pytest.approx(-0.006, abs=0.001)
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "said"),
+    [
+        (5.0, 6.0, "holds nothing of epoch e1, which lies from"),
+        (-100.0, 100.0, "holds all of epoch e1, which lies from"),
+    ],
+)
+def test_a_stable_area_that_misses_the_object_or_holds_all_of_it_is_refused(
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], low: float, high: float, said: str
+) -> None:
+    stable = tmp_path / "stable.json"
+    stable.write_text(json.dumps({"box": {"min": [low] * 3, "max": [high] * 3}}))
+    assert run(["compare", str(project), "relief", "e1", "e2", "--stable", str(stable)]) == 2
+    error = capsys.readouterr().err
+    assert f"the stable area (x {low:g} to {high:g}, y {low:g} to {high:g}, z {low:g} to {high:g} m) {said}" in error
+    assert "give the part where nothing moved, in metres" in error
+
+
 def test_verify_finds_a_changed_byte(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["verify", str(project)]) == 0
     victim = next((project / "objects").rglob("surface-*.h5"))

@@ -2,15 +2,25 @@
 
 import dataclasses
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from small_comparison import DEPTH, FRONT, LEVEL, PATCH, RADIUS, RIGHT, make_comparison
 
 from projects.errors import ParameterError
-from reports.drawing import say_mm
-from reports.figures import draw_colour_bar, draw_histogram, draw_section, vertex_areas
-from reports.sections import SectionPlane, choose_plane, cut_comparison, cut_side, region_areas
+from reports.drawing import WIDTH, say_mm
+from reports.figures import (
+    TALLEST,
+    draw_colour_bar,
+    draw_histogram,
+    draw_section,
+    heights_shown,
+    profile_height,
+    span_for,
+    vertex_areas,
+)
+from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison, cut_side, region_areas
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +132,34 @@ def test_section_names_its_largest_change_with_sign_and_unit(comparison):
         assert named[0][0] == sign
         assert float(named[0][1:-3]) == pytest.approx(DEPTH * 1000, abs=0.2)
         assert {"A", "B", "reference", "compared", "change [mm]"} <= set(said)
+
+
+def line_of(heights: Sequence[float], region: tuple[float, float]) -> SectionLine:
+    """Return a line upwards through these heights [m], in the region between two of them."""
+    up = np.array(heights)
+    ends = np.stack([np.column_stack([0 * up[:-1], up[:-1]]), np.column_stack([0 * up[1:], up[1:]])], axis=1)
+    middle, nothing = 0.5 * (up[:-1] + up[1:]), np.zeros((len(up) - 1, 2))
+    return SectionLine(ends, nothing, nothing, (middle > region[0]) & (middle < region[1]))
+
+
+def test_a_profile_shows_all_of_a_lost_piece_that_is_higher_than_wide():
+    before, after = line_of(np.arange(0.0, 0.061, 0.001), (0.01, 0.05)), line_of([0.0, 0.01], (0.5, 0.6))
+    shown = heights_shown((before, after), 70.0)
+    assert shown == pytest.approx([0.0, 60.0])  # mm, all of it
+    shown = heights_shown((before, after), 30.0)
+    assert shown[0] == pytest.approx(10.0)
+    assert shown[1] == pytest.approx(50.0)
+    span = span_for(shown)
+    assert span > 30.0
+    assert profile_height(shown, span) == pytest.approx(TALLEST)
+    assert 40.0 * 0.875 * WIDTH / span < TALLEST - 0.2  # it has room at one scale
+
+
+def test_a_profile_of_an_outline_that_goes_on_shows_the_region_and_what_is_beside_it():
+    endless = line_of(np.arange(-0.5, 0.5, 0.001), (0.010, 0.020))
+    assert heights_shown((endless, endless), 80.0) == pytest.approx([-25.0, 55.0])
+    nothing = line_of([0.0], (0.0, 0.0))
+    assert len(heights_shown((nothing, nothing), 80.0)) == 0
 
 
 def test_section_of_an_unknown_region_says_which_there_are(comparison):
