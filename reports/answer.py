@@ -20,7 +20,8 @@ NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
 MOSTLY = 0.5  # of the surface not assessable: the headline says so
 MUCH_LESS = 0.9  # of what a narrow change needs: from there on a wide one is worth words
-LEAST_COARSE = 0.001  # of the assessed surface tells only large changes: the report says so
+LEAST_COARSE = 0.01  # of the assessed surface tells only large changes: the report says so in words
+LEAST_UNSURE = 0.001  # of it does not tell changes of the client's tolerance: so here
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
 NO_CONTROL = (
     "The margins are those of the fit of the two surfaces; the coordinates of each epoch are only as good as the poses "
@@ -239,7 +240,7 @@ def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:
     limit = tolerance_in_words(tolerance)
     told = f"{percent(beyond)} of the assessed surface differs by more than the tolerance of {limit}"
     return (
-        f"{told}; {percent(unsure)} tells only larger changes than that." if unsure >= LEAST_COARSE else f"{told}.",
+        f"{told}; {percent(unsure)} tells only larger changes than that." if unsure >= LEAST_UNSURE else f"{told}.",
     )
 
 
