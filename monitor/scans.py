@@ -41,7 +41,8 @@ def open_scans(
     scans whose poses are known or of the first; a scan that stands alone (or repeated scans from one station) may do
     without and then stands in the project's frame. Where all poses are the identity and no line says where its scanner
     stood (`doubt_places`), it stood at 0 0 0 if the points can have been measured from there (`monitor.vantage`), else
-    nobody knows; repeated scans are taken at their word.
+    nobody knows; repeated scans are taken at their word. So it is asked of a scan whose file has a pose that is not the
+    identity and no grid that would say the same: an E57 of thinned scans.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def open_scans(
     lines = poses if repeated else doubt_places(poses)
     for path in paths:
         found = read_scans(path, unit=unit.metres, pose_lines=lines)
-        streams.extend(_believe(s) if _is_doubted(s, lines) else s for s in found)
+        streams.extend(_believe(s) if _is_doubted(s, lines) or _brings_pose(s) else s for s in found)
     if repeated:
         _require_origins(streams)
     without = [s.name for s in streams if s.pose is None]
@@ -70,6 +71,11 @@ def _is_doubted(stream: ScanStream, lines: Mapping[str, PoseLine]) -> bool:
     """Return whether a pose line alone says where the scanner stood, and is doubted."""
     own = [line for name, line in lines.items() if name == stream.path.name or name.startswith(f"{stream.path.name}#")]
     return stream.pose is not None and not stream.is_origin_stated and any(line.is_doubted for line in own)
+
+
+def _brings_pose(stream: ScanStream) -> bool:
+    """Return whether the scan's own pose, which is not the identity, alone says where the scanner stood."""
+    return stream.pose is not None and not stream.is_origin_stated and bool((stream.pose != np.eye(4)).any())
 
 
 def _believe(stream: ScanStream) -> ScanStream:

@@ -82,6 +82,20 @@ def test_a_merged_e57_without_a_grid_does_not_say_where_a_scanner_stood_even_whe
     assert np.isnan(stream.origin).all()
 
 
+@pytest.mark.parametrize("is_merged", [False, True])
+def test_an_e57_without_a_grid_that_brings_a_pose_says_where_a_scanner_stood_if_its_points_bear_it_out(
+    tmp_path, rng, is_merged
+):
+    x, y = rng.uniform(-0.3, 0.3, (2, 4000))
+    points = 5.0 * vase(rng, 40_000) + (0.0, 3.0, 0.0) if is_merged else np.c_[x, y, -4.0 + 0.03 * np.sin(11.0 * x)]
+    pose = np.eye(4)
+    pose[:3, 3] = 3.0, -2.0, 1.0
+    write_e57(tmp_path / "a.e57", [Scan("a", PointCloud(points), pose)])
+    (stream,) = open_scans([tmp_path / "a.e57"], {}, UnitCheck())
+    np.testing.assert_array_equal(stream.pose, pose)
+    np.testing.assert_array_equal(stream.origin, np.full(3, np.nan) if is_merged else np.zeros(3))
+
+
 def test_repeated_scans_were_measured_from_one_place_and_are_taken_at_their_word(tmp_path):
     for origin in places(tmp_path, {"a.xyz": IDENTITY, "bb.xyz": IDENTITY}, repeated=True):
         np.testing.assert_array_equal(origin, np.zeros(3))
