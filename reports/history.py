@@ -231,8 +231,9 @@ def tell_alone(network: Step) -> str:
     alone = [str(int(k) + 1) for k in network.automatic.get("alone", ())]
     if not alone:
         return ""
-    which = f"scan {alone[0]} overlaps" if len(alone) == 1 else f"scans {listed(alone)} overlap"
-    return f"{which} no other: nothing shows whether {'its pose is' if len(alone) == 1 else 'their poses are'} right"
+    which = f"scan {alone[0]}" if len(alone) == 1 else f"scans {listed(alone)}"
+    whose = "its pose is" if len(alone) == 1 else "their poses are"
+    return f"no surface of {which} was found again in another scan: nothing shows whether {whose} right"
 
 
 def tell_blind(n_blind: int, n_scans: int) -> str:

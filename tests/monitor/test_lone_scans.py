@@ -33,8 +33,16 @@ def said_of(folder: Path, places: list[float], capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize(
     ("places", "alone", "words"),
     [
-        ([0.0, 0.0, 3.0], [2], "scan 3 overlaps no other: nothing shows whether its pose is right"),
-        ([0.0, 3.0], [0, 1], "scans 1 and 2 overlap no other: nothing shows whether their poses are right"),
+        (
+            [0.0, 0.0, 3.0],
+            [2],
+            "no surface of scan 3 was found again in another scan: nothing shows whether its pose is right",
+        ),
+        (
+            [0.0, 3.0],
+            [0, 1],
+            "no surface of scans 1 and 2 was found again in another scan: nothing shows whether their poses are right",
+        ),
         ([0.0, 0.0], [], ""),
         ([0.0], [], ""),
     ],
