@@ -345,8 +345,8 @@ class Comparison:
     and their figures are beside it, as the statistic `lod95_beside_layer_median_m` says by being there; distances and
     `lod95` are with it. `statistics` holds the figures of the summary file (`stable_share`,
     `bias_m`, `nmad_m`, `rmse_m`, `lod95_median_m`, `n_vertices`, `n_not_assessable`, `n_unchanged`, `n_changed`,
-    `share_above_lod95`, `motion_significance`, ...); `told_by_width_m` has rows of how wide [m] a change is and from how
-    large a mean change [m] on one so wide is told in 19 of 20 cases, the median over the surface.
+    `share_above_lod95`, `motion_significance`, ...); `told_by_width_m` has rows of how wide [m] a change is and from
+    how large a mean change [m] on one so wide is told in 19 of 20 cases, the median over the surface.
     """
 
     on_compared: ComparedSurface
