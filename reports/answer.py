@@ -19,7 +19,7 @@ from reports.wholemotion import describe_motion
 NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
 MOSTLY = 0.5  # of the surface not assessable: the headline says so
-MUCH_LESS = 0.9  # of what a narrow change needs: from there on a wide one is worth words
+MUCH_LESS = 0.9  # of what a narrower change needs: a wider one is worth words
 LEAST_COARSE = 0.01  # of the assessed surface tells only large changes: the report says so in words
 LEAST_UNSURE = 0.001  # of it does not tell changes of the client's tolerance: so here
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
@@ -173,10 +173,13 @@ def _lies_off(comparison: Comparison) -> tuple[str, ...]:
 
 
 def told_by_width(comparison: Comparison) -> list[tuple[float, float]]:
-    """Return from how large a mean change [m] on one so wide [m] is told, in 19 of 20 cases, the narrowest first;
-    nothing where that is not known, as of older programs."""
-    found = comparison.statistics.get("told_by_width_m", ())
-    return [(float(width), float(depth)) for width, depth in found if np.isfinite(depth)]
+    """Return from how large a mean change [m] on one so wide [m] is told, in 19 of 20 cases, the narrowest first, and
+    wider ones that need `MUCH_LESS`; nothing where that is not known, as of older programs."""
+    rows: list[tuple[float, float]] = []
+    for width, depth in comparison.statistics.get("told_by_width_m", ()):
+        if np.isfinite(depth) and (not rows or depth < MUCH_LESS * rows[-1][1]):
+            rows.append((float(width), float(depth)))
+    return rows
 
 
 def _level(comparison: Comparison) -> str:
@@ -191,7 +194,7 @@ def _how_small(comparison: Comparison, changed: bool) -> str:
     if not rows:
         return f"The level of detection of single places is {_level(comparison)} (95\u00a0%, median over the surface)."
     (narrow, least), (wide, deepest) = rows[0], rows[-1]
-    more = f", one {millimetres(wide)} wide from {millimetres(deepest)} on" if deepest < MUCH_LESS * least else ""
+    more = f", one {millimetres(wide)} wide from {millimetres(deepest)} on" if len(rows) > 1 else ""
     against = " against the rest" if is_beside_layer(comparison) else ""
     return (
         f"A change {millimetres(narrow)} wide or wider {told} told{against} from about {millimetres(least)} on{more} "
