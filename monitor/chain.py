@@ -98,7 +98,7 @@ def compare_epochs(
         """Register, compare, and tell which parts moved; with the second opinion where both epochs have points."""
         reference, compared = earlier.get(before), place.get(after)
         if stable is not None:
-            require_part(stable, reference.vertices, f"epoch {reference_id}")
+            require_part(stable, reference.vertices, compared.vertices)
         notify(f"{compared_id}: registering to {reference_id}")
         tied = _frames((earlier, place))
         within = None if stable is None else partial(inside, stable)

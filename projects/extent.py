@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,21 +99,25 @@ def inside(extent: Extent | Mapping[str, Any], points: Floats) -> Bools:
     return within
 
 
-def require_part(extent: Extent, points: Floats, what: str) -> None:
-    """Raise `ParameterError` where an area that is to hold a part of the points (n, 3) [m] of `what` holds none or all
-    of them: it may be in another unit, or in other coordinates."""
-    held = inside(extent, points)
-    if held.any() and not held.all():
+def require_part(extent: Extent, earlier: Floats, later: Floats) -> None:
+    """Raise `ParameterError` where an area that is to be stable holds none of the earlier epoch's points (n, 3) [m], or
+    all of these and of the later one's (m, 3): it may be in another unit, or in other coordinates."""
+    held = inside(extent, earlier)
+    is_all = held.all() and inside(extent, later).all()
+    if held.any() and not is_all:
         return
-    low, high = (", ".join(f"{v:.3f}" for v in f(points, axis=0)) for f in (np.min, np.max))
     (x0, y0), (x1, y1) = extent.corners.min(axis=0), extent.corners.max(axis=0)
-    area = f"x {x0:g} to {x1:g}, y {y0:g} to {y1:g}, z {extent.bottom:g} to {extent.top:g} m"
-    said = "all" if held.any() else "nothing"
-    then = "so nothing could have changed" if held.any() else "so nothing would hold the epochs together"
+    area = _in_words((x0, y0, extent.bottom), (x1, y1, extent.top))
     raise ParameterError(
-        f"the stable area ({area}) holds {said} of {what}, which lies from ({low}) to ({high}) m, {then}; give the "
-        "part where nothing moved, in metres and in that epoch's coordinates, or leave it out"
+        f"the stable area, within {area}, holds {'all of both epochs' if is_all else 'nothing of the earlier epoch'}; "
+        f"that lies within {_in_words(earlier.min(axis=0), earlier.max(axis=0))}; give the part where nothing moved, "
+        "in metres and in its coordinates, or leave it out"
     )
+
+
+def _in_words(low: Sequence[float] | Floats, high: Sequence[float] | Floats) -> str:
+    """Return a box as text, in metres to the millimetre."""
+    return ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, a, b in zip("xyz", low, high, strict=True)) + " m"
 
 
 def _is_rectangle(corners: Floats) -> bool:

@@ -101,11 +101,15 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     low, high = np.quantile(levels, [0.05, 0.95]) if len(levels) else (NAN, NAN)
     words = "of what stands out of the rest, which lies off all over"
     beside = ((words, level_beside(comparison)),) if is_beside_layer(comparison) else ()
+    against = " against the rest" if beside else ""
     rows = [
-        *[(f"A change {millimetres(w)} wide is told from about", millimetres(d)) for w, d in told_by_width(comparison)],
+        *[
+            (f"A change {millimetres(w)} wide is told{against} from about (19 of 20 such, median)", millimetres(d))
+            for w, d in told_by_width(comparison)
+        ],
         ("Level of detection of single places (95\u00a0%), median", millimetres(statistics.get("lod95_median_m", NAN))),
-        *beside,
         ("nine tenths of these between", f"{millimetres(float(low))} and {millimetres(float(high))}"),
+        *beside,
         *_coarse_rows(statistics),
         ("mean difference where nothing changed (bias)", millimetres(statistics.get("bias_m", NAN), signed=True)),
         ("the same by area, without a motion of the whole", _offset(statistics)),

@@ -40,7 +40,7 @@ def change_range(distances: Floats, lod95: Floats) -> float:
     """Return the distance [m] at which the colours end, for both signs: a round number, one for a whole comparison.
 
     It is the round number above the 99.5 % quantile of the absolute distances that exceed their level of detection,
-    and at least twice the median level of detection, so that the bar shows what would have been seen.
+    and at least twice the median level of detection.
 
     Parameters
     ----------
@@ -61,14 +61,17 @@ def choose_limit(comparison: Comparison) -> float:
     """Return `change_range` [m] over what is called changed on both sides: one for every picture, bar and export.
 
     Of a region that is gone or came as a whole most has no perpendicular: how far behind it the next surface lies does
-    not stretch the colours where anything else changed.
+    not stretch the colours where anything else changed. Where nothing changed they go on to what would have been told
+    on most of the surface.
     """
     sides = (comparison.on_compared, comparison.on_reference)
     changed = np.concatenate([np.where(s.assessment == Assessment.CHANGED, s.distances, np.nan) for s in sides])
     as_whole = np.concatenate([gone_or_come(s) for s in sides])
     if np.isfinite(changed[~as_whole]).any():
         changed[as_whole] = np.nan
-    return change_range(changed, np.concatenate([s.lod95 for s in sides]))
+    limit = change_range(changed, np.concatenate([s.lod95 for s in sides]))
+    told = float(comparison.statistics.get("told_from_median_m", float("nan")))
+    return max(limit, round_up(told)) if np.isfinite(told) and not np.isfinite(changed).any() else limit
 
 
 def gone_or_come(side: ComparedSurface) -> Bools:

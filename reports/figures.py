@@ -202,11 +202,11 @@ def draw_section(comparison: Comparison, region_number: int) -> bytes:
 def heights_shown(lines: tuple[SectionLine, SectionLine], span: float) -> Floats:
     """Return lowest and highest (2,) [mm] of what a profile shows that is `span` [mm] wide or more; nothing of none.
 
-    All of what is cut, unless it is much higher than that, as an outline that goes on: then all that is of the region,
-    and as much beside it as is no higher.
+    All of what is cut, unless it is higher than that, as an outline that goes on: then all that is of the region, and
+    as much beside it as is no higher.
     """
-    every, own = (np.concatenate([line.ends[which(line)][..., 1].ravel() for line in lines]) * MM
-                  for which in (lambda _: slice(None), lambda line: line.in_region))  # fmt: skip
+    every = np.concatenate([line.ends[..., 1].ravel() for line in lines]) * MM
+    own = np.concatenate([line.ends[line.in_region][..., 1].ravel() for line in lines]) * MM
     if not len(every) or np.ptp(every) <= span or not len(own):
         return np.array([every.min(), every.max()]) if len(every) else every
     beside = max(0.5 * (span - np.ptp(own)), 0.0)

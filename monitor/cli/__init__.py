@@ -35,7 +35,7 @@ def run(arguments: list[str], debug: bool = False) -> int:
 
 
 def _run(arguments: list[str], debug: bool, interrupted: Event) -> int:
-    """Run one command and return its exit code; once `interrupted`, what else went wrong comes of that."""
+    """Run one command and return its exit code; once `interrupted`, an error that is not the user's comes of that."""
     try:
         code = app(arguments, prog_name="monitor", standalone_mode=False)
     except KeyboardInterrupt:

@@ -37,16 +37,19 @@ def notice_interrupts() -> Iterator[threading.Event]:
     def drop(unraisable: sys.UnraisableHookArgs) -> None:
         """Make an interrupt again that could not be raised where it came; report anything else as before."""
         if unraisable.exc_type is not None and issubclass(unraisable.exc_type, KeyboardInterrupt):
-            timer = threading.Timer(AGAIN, _thread.interrupt_main)
-            timer.daemon = True
-            timer.start()
+            again.append(threading.Timer(AGAIN, _thread.interrupt_main))
+            again[-1].daemon = True
+            again[-1].start()
         else:
             report(unraisable)
 
+    again: list[threading.Timer] = []
     report, sys.unraisablehook = sys.unraisablehook, drop
     signal.signal(signal.SIGINT, note)
     try:
         yield seen
     finally:
+        for timer in again:
+            timer.cancel()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.unraisablehook = report

@@ -22,7 +22,7 @@ from projects.errors import MonitorError, ParameterError, StoreError
 from projects.extent import read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
-from reports.answer import differs_as_a_whole, shares_not_assessed, told_by_width
+from reports.answer import differs_as_a_whole, is_beside_layer, shares_not_assessed, told_by_width
 from reports.history import tell_alone, tell_open_holes, tell_outside, tell_turned, tell_uncovered
 from reports.quantities import NBSP, millimetres, percent, square
 
@@ -168,7 +168,8 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
     found = f"{count} region{'s' if count != 1 else ''} of change" if count else _say_none(comparison)
     level = f"level of detection {millimetres(comparison.statistics['lod95_median_m']).replace(NBSP, ' ')}"
     for width, depth in told_by_width(comparison)[:1]:
-        told = f", changes {millimetres(width)} wide or wider are told from {millimetres(depth)} on"
+        against = " against the rest" if is_beside_layer(comparison) else ""
+        told = f", changes {millimetres(width)} wide or wider are told{against} from {millimetres(depth)} on"
         level += told.replace(NBSP, " ")
     answer = (
         f"{found}; {level}; {_not_assessable(comparison, reference, place.epoch_id)}"
@@ -182,7 +183,7 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
         told = millimetres(abs(off)).replace(NBSP, " ")
         answer += f"; what is not called changed lies {told} further {'out' if off > 0.0 else 'in'} on average"
     if beside is not None:
-        answer += f", regions are told beside that, from {millimetres(beside).replace(NBSP, ' ')} on"
+        answer += ", regions are told beside that"
     answer += f"; {comparison.registration.doubt}" if comparison.registration.doubt else ""
     elsewhere = "; as given the epochs do not lie near each other, they were brought together by their shapes alone"
     answer += elsewhere if "coarse_score" in step.automatic else ""

@@ -16,7 +16,6 @@ from monitor.boxes import box_of
 from monitor.comparison.beside_layer import (
     lay_back,
     level_beside,
-    level_with,
     name_beside,
     peel,
     peel_points,
@@ -159,6 +158,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate, points is not None)
     needs = patches_needed(sides, found)
     smallest = tell_smallest(sides, found, needs, settings.false_discovery_rate, points is not None)
+    told_by_width = by_width(needs, found.test.size).tolist()
+    del needs
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
@@ -166,15 +167,14 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     regions, sides = hold_to_points(regions, sides, found, beyond, own, limits)
     told = finish_sides(sides, found, regions, beyond)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
-    statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes}
+    statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes, "told_by_width_m": told_by_width}
     if layer:
         table, statistics["lod95_beside_layer_median_m"] = name_beside(table, layer), level_beside(told[1])
         measured = measure_sides(make_shells(reference, compared, limits, T), held, left)
         told, sides = lay_back(told, measured, layer)
-        smallest = level_with(smallest[0], layer), level_with(smallest[1], layer)
+        smallest = smallest[0] + np.float32(abs(layer)), smallest[1] + np.float32(abs(layer))
     told = add_told_from(told, smallest)
     statistics |= coarse_figures(told[1], sides[1].areas, tolerance)
-    statistics["told_by_width_m"] = by_width(needs, found.test.size).tolist()
     statistics["met_nothing_area_m2"] = areas_met_nothing(told, sides, sights, found.test.size)
     statistics = {**summarize(told[1], sides, found, registration, tolerance), **statistics}
     return Comparison(told[1], told[0], table, registration, mode, statistics)

@@ -23,13 +23,19 @@ POWER = float(norm.ppf(TOLD))  # sigmas beyond what is significant
 
 def patches_needed(sides: tuple[Side, Side], found: Detected) -> tuple[Floats, Floats]:
     """Return the mean change [m] that patches of every size around each unit (u, s) of both sides need to be told in
-    `TOLD` of all cases; NaN for scraps."""
-    test, layout, p = found.test, found.layout, found.test.level / max(found.test.n_tested, 1)
+    `TOLD` of all cases; NaN for scraps.
+
+    NaN where not both surfaces state their noise: the tails of patches are learned then (`patch_errors`), so far out
+    from so few that what a change needs may be a third of what they say, or more, and changes teach them too.
+    """
+    test, layout = found.test, found.layout
+    n_tested = test.n_tested // 2 if sides[0] is sides[1] else test.n_tested  # rates have one side, which counts twice
+    p = test.level / max(n_tested, 1)
 
     def of_side(k: int) -> Floats:
         """Return those of side k."""
         patches = measure_patches(layout.outlines[k], test.units[k], layout.reaches[k], found.noise.correlation)
-        return needed(patches, test.errors, p)
+        return needed(patches, test.errors, p) if sides[k].states_noise else np.full(patches.sigmas.shape, np.nan)
 
     return map_sides(of_side, larger_of(sides))
 

@@ -45,7 +45,7 @@ def tell_smallest(
     def of_side(k: int) -> Floats:
         """Return that of side k."""
         side, units = sides[k], found.test.units[k]
-        told = of_own_patch(units.number, needs[k], found.sides[k].lod95)
+        told = of_own_patch(units.number, needs[k])
         if not guessed:
             return keep_on_disk(told)
         guess2 = guess_of(side, found.noise)
@@ -64,12 +64,11 @@ def tell_smallest(
     return map_sides(of_side, larger_of(sides))
 
 
-def of_own_patch(number: Ints, needs: Floats, lod95: Floats) -> Floats:
+def of_own_patch(number: Ints, needs: Floats) -> Floats:
     """Return what the patch of the unit of each vertex needs (n,) float32 [m]: of a scrap, which is not tested by
-    itself, the one of its wider patches that needs least, and without any the level of detection."""
+    itself, the one of its wider patches that needs least; NaN without any, and where that is not known."""
     of_unit = np.where(np.isnan(needs[:, 0]), np.fmin.reduce(needs, axis=1), needs[:, 0])
-    told = np.append(of_unit, np.nan)[number]
-    return np.where(np.isnan(told), lod95, told).astype(np.float32)
+    return np.append(of_unit, np.nan).astype(np.float32)[number]
 
 
 def guess_of(side: Side, noise: Noise) -> Floats:
@@ -96,8 +95,9 @@ def add_told_from(told: Told, smallest: tuple[Floats, Floats]) -> Told:
 
 def coarse_beyond(smallest: Floats) -> float:
     """Return beyond how large a change, or rate, a place that tells none smaller is coarse, of what all assessed places
-    (m,) tell; NaN of none."""
-    return COARSE * float(median(smallest)) if len(smallest) else float("nan")
+    (m,) tell; NaN of none, and where that is not known."""
+    known = smallest[np.isfinite(smallest)]
+    return COARSE * float(median(known)) if len(known) else float("nan")
 
 
 def coarse_figures(told: ComparedSurface, areas: Floats, tolerance: float | None) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def coarse_figures(told: ComparedSurface, areas: Floats, tolerance: float | None
         "coarse_told_from_m": told_from,
     }  # fmt: skip
     if tolerance is not None:
-        whole = float(areas[is_assessed].sum()) or float("nan")
+        whole = float(areas[is_assessed & np.isfinite(told.told_from)].sum()) or float("nan")
         figures["share_coarser_than_tolerance"] = float(areas[is_assessed & (told.told_from > tolerance)].sum()) / whole
     return figures
 
@@ -121,7 +121,7 @@ def coarse_figures(told: ComparedSurface, areas: Floats, tolerance: float | None
 def share_of_coarse(told_from: Floats, is_coarse: Bools, is_assessed: Bools, areas: Floats) -> tuple[float, float]:
     """Return which share of the assessed `areas` (n,) [m2] is coarse, and from how large a change, or rate, on nearly
     all of that tells one; NaN where there is none."""
-    whole = float(areas[is_assessed].sum()) or float("nan")
+    whole = float(areas[is_assessed & np.isfinite(told_from)].sum()) or float("nan")
     return float(areas[is_coarse].sum()) / whole, quantile_by_area(told_from[is_coarse], areas[is_coarse], NEARLY_ALL)
 
 

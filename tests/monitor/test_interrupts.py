@@ -50,6 +50,19 @@ def test_an_interrupt_that_was_dropped_comes_again(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_an_interrupt_that_was_dropped_does_not_outlive_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    @ctypes.CFUNCTYPE(None)
+    def called_back() -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    def work() -> None:
+        called_back()  # type: ignore[call-arg]
+        raise RuntimeError("no compiled object yet")
+
+    assert running(monkeypatch, work) == 130
+    time.sleep(0.4)  # or a KeyboardInterrupt comes here
+
+
 def test_an_error_without_an_interrupt_stays_one(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

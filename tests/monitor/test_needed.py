@@ -47,19 +47,21 @@ def test_a_wider_change_needs_no_more_than_the_narrower_one_that_it_holds() -> N
     assert np.isnan(by_width((np.full((2, 1), np.nan),) * 2, 0.01)[0, 1])
 
 
-def sheet(heights: Floats) -> Surface:
-    """Return a sheet of these heights (N, N) [m], which states its noise."""
+def sheet(heights: Floats, noise: float | None = NOISE) -> Surface:
+    """Return a sheet of these heights (N, N) [m], which states its noise [m], or none."""
     i = np.arange((N - 1) * N).reshape(N - 1, N)[:, :-1].ravel()
     faces = np.vstack([np.c_[i, i + N, i + 1], np.c_[i + 1, i + N, i + N + 1]])
     x, y = np.divmod(np.arange(N * N), N)
-    return Surface(np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=np.full(N * N, NOISE))
+    return Surface(
+        np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=None if noise is None else np.full(N * N, noise)
+    )
 
 
-def compared(rng: np.random.Generator, change: Floats) -> Comparison:
-    """Compare two sheets that differ by noise and a change (N, N) [m]."""
+def compared(rng: np.random.Generator, change: Floats, noise: float | None = NOISE) -> Comparison:
+    """Compare two sheets that differ by noise and a change (N, N) [m], and state the `noise` [m]."""
     fixed = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
                          is_stable=np.ones(N * N, dtype=bool))  # fmt: skip
-    first, second = (sheet(rng.normal(scale=NOISE, size=(N, N)) + c) for c in (np.zeros((N, N)), change))
+    first, second = (sheet(rng.normal(scale=NOISE, size=(N, N)) + c, noise) for c in (np.zeros((N, N)), change))
     return compare(first, second, fixed)
 
 
@@ -71,6 +73,14 @@ def squares(rng: np.random.Generator, width: float) -> list[Bools]:
         out.append(np.zeros((N, N), dtype=bool))
         out[-1][a : a + n, b : b + n] = True
     return out
+
+
+def test_of_finished_meshes_it_is_not_known(rng: np.random.Generator) -> None:
+    found = compared(rng, np.zeros((N, N)), None)
+    assert np.isnan(np.array(found.statistics["told_by_width_m"])[:, 1]).all()
+    assert found.on_compared.told_from is not None
+    assert np.isnan(found.on_compared.told_from).all()
+    assert np.isnan(found.statistics["told_from_median_m"])
 
 
 @pytest.mark.parametrize(("share", "least", "most"), [(1.0, 0.85, 1.0), (0.6, 0.0, 0.4)])

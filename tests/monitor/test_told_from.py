@@ -64,10 +64,10 @@ def test_a_guessed_place_tells_from_what_a_region_of_its_part_of_a_unit_must_hav
     assert told[1] == pytest.approx(7.0)
 
 
-def test_a_scrap_tells_what_a_wider_patch_of_it_does_and_what_is_in_none_its_level() -> None:
+def test_a_scrap_tells_what_a_wider_patch_of_it_does_and_what_is_in_none_is_not_known() -> None:
     needs = np.array([[1.0, 0.5], [np.nan, 0.7], [np.nan, np.nan]])
-    told = of_own_patch(np.array([0, 1, 2, -1]), needs, np.array([9.0, 9.0, 9.0, 8.0]))
-    assert told.tolist() == pytest.approx([1.0, 0.7, 9.0, 8.0])
+    told = of_own_patch(np.array([0, 1, 2, -1]), needs)
+    assert told.tolist() == pytest.approx([1.0, 0.7, np.nan, np.nan], nan_ok=True)
     assert told.dtype == np.float32
 
 
@@ -116,6 +116,9 @@ def test_figures_are_of_the_assessed_area(unchanged: Comparison) -> None:
     assert np.isnan(coarse_beyond(np.zeros(0)))
     unknown = add_told_from((nothing, nothing), (np.ones(n), np.ones(n)))[1]
     assert np.isnan(coarse_figures(unknown, np.ones(n), None)["coarse_area_share"])
+    of_meshes = add_told_from((side, side), (np.full(n, np.nan),) * 2)[1]
+    assert not of_meshes.is_coarse.any()
+    assert np.isnan(list(coarse_figures(of_meshes, np.ones(n), 0.5).values())).all()
 
 
 def test_a_mean_of_so_many_sigmas_is_just_significant() -> None:
