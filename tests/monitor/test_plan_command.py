@@ -89,6 +89,7 @@ def test_a_vertex_is_judged_by_the_mean_normal_of_its_faces():
 
 def test_the_plan_of_a_mesh_names_stations_around_it_and_colours_what_they_show(ball_file, tmp_path, capsys):
     code, said, _ = ask(capsys, ball_file, "--out", tmp_path, "--scanner", "faro-photon120", "--heights", "0.5")
+    assert "smallest change: what one place differs from zero by at 95 %" in said
     assert code == 0
     assert "advice (*): 1/" in said
     stations = pd.read_csv(tmp_path / "stations.csv")
