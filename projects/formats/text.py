@@ -136,7 +136,19 @@ def _numbers(plain: bytes, n_columns: int, first_line: int) -> NDArray[np.float6
     try:
         return _parsed(plain)
     except (ValueError, UnicodeDecodeError) as problem:
-        raise FormatError(f"has something that is no number from line {first_line} on ({problem})") from problem
+        raise FormatError(_say_no_number(plain, first_line)) from problem
+
+
+def _say_no_number(plain: bytes, first_line: int) -> str:
+    """Return in words which is the first line of a block with something that is no number, and what that is."""
+    for k, line in enumerate(plain.split(b"\n"), first_line):
+        for word in line.split():
+            try:
+                float(word)
+            except ValueError:
+                text = word[:40].decode("ascii", "replace")
+                return f"line {k} has {text!r}, which is no number; mend that line or take it out"
+    return f"has something that is no number from line {first_line} on"
 
 
 def _parsed(plain: bytes) -> NDArray[np.float64]:

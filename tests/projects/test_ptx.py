@@ -85,7 +85,7 @@ def test_line_of_a_poses_file_takes_the_place_of_the_transform(tmp_path, read_wh
     [
         (ptx(ROWS[:5]), "promises 6 points from line 11 on, fewer are there"),
         (ptx([*ROWS[:4], "5 0 0", ROWS[5]]), "line 15 has 3 values, the lines before it 4"),
-        (ptx([*ROWS[:4], "5 zero 0 1", ROWS[5]]), "something that is no number"),
+        (ptx([*ROWS[:4], "5 zero 0 1", ROWS[5]]), "'zero', which is no number"),
         (ptx(["0 0 0 0.5"] * 6), r"none of its 6 points is a measurement \(no return: 6\)"),
         (ptx() + "3\n", "scan 2: line 18 should hold 1 number"),
         (ptx().replace("1 0 0\n0 1 0\n0 0 1\n", "", 1), "scan 1: line 4 should hold 3 numbers"),

@@ -87,7 +87,7 @@ def test_named_columns_of_no_use_are_left_out(tmp_path):
         ("1 2 3\n4 5 6 7\n", "line 2 has 4 values"),
         ("1,2,3\n4,,6\n", "line 2 has 2 values"),
         ("1 2\n3 4\n", "line 1 holds 2 values"),
-        ("1 2 3\n4 x 6\n", "no number from line 1 on"),
+        ("1 2 3\n4 x 6\n", "line 2 has 'x', which is no number; mend"),
         ("time x y\n1 2 3\n", "line 1 is neither numbers nor names"),
         ("a b c\n1 2 3\n", "line 1 is neither numbers nor names"),
         ("x y\n1 2\n", "line 1 is neither numbers nor names"),
