@@ -22,6 +22,7 @@ from projects.store import Project
 from projects.verify import verify_project
 
 UNCUT = 1000  # characters a line
+COMPARISON, SERIES = "comparison-", "series-"  # and the epoch that it goes out from: names of products
 
 
 def init_project(path: Path, name: str, crs: str, description: str) -> None:
@@ -46,9 +47,23 @@ def add_object_to_project(
 def remove_epoch_from_project(path: Path, object_id: str, epoch_id: str, purge: bool) -> None:
     """Take an epoch out of the index."""
     project = Project.open(path)
+    before = _made_of_epochs(project, object_id)
     project.remove_epoch(object_id, epoch_id, purge=purge)
     kept = "and its files are deleted" if purge else "its files stay on disk until --purge"
     typer.echo(f"epoch {epoch_id} of object {object_id} is out of the project; {kept}")
+    if gone := [made for made in before if made not in _made_of_epochs(project, object_id)]:
+        typer.echo(f"with it went {', '.join(gone)}; monitor compare makes anew what can be made of the other epochs")
+
+
+def _made_of_epochs(project: Project, object_id: str) -> list[str]:
+    """Return in words the comparisons and the series that an object has."""
+    comparisons, series = [], []
+    for epoch in project.epochs(object_id):
+        products = sorted({step.product for step in project.steps(object_id, epoch.epoch_id)})
+        comparisons += [f"the comparison {p.removeprefix(COMPARISON)} to {epoch.epoch_id}"
+                        for p in products if p.startswith(COMPARISON)]  # fmt: skip
+        series += [f"the series from {p.removeprefix(SERIES)} on" for p in products if p.startswith(SERIES)]
+    return comparisons + series
 
 
 def verify_folder(path: Path, as_json: bool) -> None:
@@ -100,7 +115,6 @@ def _epoch_status(project: Project, epoch: EpochRecord) -> dict[str, Any]:
     """Return one epoch's state as plain values."""
     headers = project.scan_headers(epoch.object_id, epoch.epoch_id)
     products = {step.product for step in project.steps(epoch.object_id, epoch.epoch_id)}
-    prefix = "comparison-"
     return {
         "epoch": epoch.epoch_id,
         "date": epoch.date.isoformat(),
@@ -109,7 +123,7 @@ def _epoch_status(project: Project, epoch: EpochRecord) -> dict[str, Any]:
         "n_points": sum(header.n_points for header in headers),
         "is_mesh": epoch.is_mesh,
         "processed": project.latest(epoch.object_id, epoch.epoch_id, "surface") is not None,
-        "compared_with": sorted(p.removeprefix(prefix) for p in products if p.startswith(prefix)),
+        "compared_with": sorted(p.removeprefix(COMPARISON) for p in products if p.startswith(COMPARISON)),
     }
 
 

@@ -365,8 +365,11 @@ def test_an_epoch_that_fails_does_not_keep_the_others_from_being_made(
     )
 
 
-def test_a_removed_epoch_is_gone_and_its_comparison_with_it(project: Path) -> None:
+def test_a_removed_epoch_is_gone_and_its_comparison_with_it(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
     assert run(["remove-epoch", str(project), "relief", "e1"]) == 0
+    said = capsys.readouterr().out
+    assert "with it went the comparison e1 to e2; monitor compare makes anew what can be made" in said
     kept = Project.open(project)
     assert [e.epoch_id for e in kept.epochs("relief")] == ["e2"]
     assert kept.latest("relief", "e2", "comparison-e1") is None
