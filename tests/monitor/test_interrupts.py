@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import signal
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -13,6 +14,14 @@ import pytest
 from monitor import cli
 
 LINE = "monitor: interrupted; what was finished is kept, and the same command goes on from there\n"
+
+
+@pytest.fixture(autouse=True)
+def _interrupts_as_python_has_them() -> Iterator[None]:
+    """A shell that puts tests into the background has them ignore interrupts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def running(monkeypatch: pytest.MonkeyPatch, work: Any) -> int:
