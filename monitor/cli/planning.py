@@ -200,8 +200,8 @@ def _say(
         f"{best.unseen:.0%} is not seen"
     )
     typer.echo(
-        "smallest change: what one place differs from zero by at 95 %; so sure that nothing on all of the surface is "
-        "told by mistake, a comparison tells what is three to six times as large"
+        "smallest change: what one place differs from zero by at 95 %; a comparison, sure that nothing on all of the "
+        "surface is told by mistake, tells larger ones: of simulated objects three to six times as large"
     )
     typer.echo(table.to_string(index=False))
     typer.echo(f"{request.out / 'stations.csv'}\n{request.out / 'surface.ply'}")

@@ -3,7 +3,7 @@
 A bumpy sheet of 120 x 120 mm, points 1 mm apart, noise 0.3 mm, in two epochs, each made into a surface, registered and
 compared, all settings automatic. The step is 20 x 20 mm, in a random place, gained or lost. What the patch can show is
 measured: 1.96 times the scatter, over unchanged pairs and places, of the mean distance over such a patch; beside it
-steps by what is stated of that mean.
+steps by what is stated of that mean, and steps as wide as an unchanged pair says and as large as it says are told.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ N_UNCHANGED = {"small": 2, "full": 8}
 N_STATED = {"small": 1, "full": 20}
 STEPS = {"small": (5.0,), "full": (1.0, 2.0, 3.5, 5.0)}
 TRIED = {3.5: 20}  # pairs, of each step; 6 of the others
+SHARES: dict[Size, tuple[float, ...]] = {"small": (1.0,), "full": (0.6, 1.0)}  # of what is said to be told
 LIMIT = 3000.0
 FIRST_SEED = 2000  # of these none was looked at when the test was chosen
 
@@ -90,10 +91,10 @@ def stated_level(reference: Surface, compared: Surface) -> float:
     return Z95 * float(np.median([sigma_of_mean(sides[1], found, s, motion) for s in squares]))
 
 
-def is_found(result: Comparison, place: Floats, depth: float) -> bool:
+def is_found(result: Comparison, place: Floats, depth: float, edge: float = EDGE) -> bool:
     """Return whether a region of the right sign lies at the step."""
     at = result.regions
-    near = (np.abs(at["x"] - place[0]) < EDGE / 2) & (np.abs(at["y"] - place[1]) < EDGE / 2)
+    near = (np.abs(at["x"] - place[0]) < edge / 2) & (np.abs(at["y"] - place[1]) < edge / 2)
     return bool((near & (np.sign(at["mean_m"]) == np.sign(depth))).any())
 
 
@@ -114,6 +115,24 @@ def run(size: Size) -> list[Row]:
         rows.append(row_of_steps(f"step of {times:g} times", times, shown, references[: TRIED.get(times, 6)], n_tests))
     if size == "full":
         rows.append(row_of_steps("step of 3.5 times what is stated", 3.5, stated, references, n_tests))
+    return rows + rows_of_told(unchanged, references, SHARES[size])
+
+
+def rows_of_told(unchanged: list[Comparison], references: list[Surface], shares: tuple[float, ...]) -> list[Row]:
+    """Return how wide and how large a change unchanged pairs say is told, and how many steps of so many shares of it
+    are found, one on each reference."""
+    width, least = np.median([result.statistics["told_by_width_m"][0] for result in unchanged], axis=0)
+    rows = [Row(f"said to be told of changes {1e3 * width:.0f} mm wide, mm", in_words(1e3 * least), value=1e3 * least)]
+    for share in shares:
+        found = 0
+        for k, reference in enumerate(references):
+            rng = np.random.default_rng([FIRST_SEED + k, round(1000 * share)])
+            place, depth = rng.uniform(-0.04, 0.04, 2), share * least * rng.choice([-1.0, 1.0])
+            changed = make_surface(rng, step(place, width, depth))
+            found += is_found(compare_pair(reference, changed), place, depth, width)
+        asked, verdict = ("95 %", judge(found >= 0.95 * len(references))) if share == 1.0 else ("", "stated")
+        rows.append(Row(f"step of {share:g} of that: found", f"{found} of {len(references)}", verdict, "", asked,
+                        value=found / len(references)))  # fmt: skip
     return rows
 
 
