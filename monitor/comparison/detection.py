@@ -10,6 +10,7 @@ Where in the end nothing is significant, what was suspect is the tail of the err
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,7 +20,7 @@ from monitor.apart import stand_apart
 from monitor.comparison.level_of_detection import far_levels
 from monitor.comparison.marking import find_deep, level_at, mark_changed
 from monitor.comparison.noise import Masks, Noise, learn_noise
-from monitor.comparison.patch_errors import PatchErrors, calm_errors, first_errors, tailed_errors
+from monitor.comparison.patch_errors import NORMAL, PatchErrors, calm_errors, first_errors, tailed_errors
 from monitor.comparison.patches import (
     Layout,
     Patches,
@@ -30,6 +31,7 @@ from monitor.comparison.patches import (
     measure_patches,
 )
 from monitor.comparison.reaches import least_of_patches
+from monitor.comparison.scan_errors import AS_STATED, ScanErrors, learn_scans
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.tested import Detected, Tested
 from monitor.comparison.units import Units, judge_noise, unit_size
@@ -63,7 +65,7 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     by_itself = learn(own, left, level, seed)
     noise, calm = by_itself.noise, by_itself.calm
     layout = lay_out_again(by_itself.layout, sides, registration)
-    test = judge_units(layout, sides, calm, noise, level, lambda _: by_itself.test.errors)
+    test = judge_units(layout, sides, calm, noise, level, lambda _: by_itself.test.errors, by_itself.test.scans)
     return conclude(sides, noise, test, layout, calm, registration, own)
 
 
@@ -73,7 +75,7 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
     layout = lay_out(sides, noise, registration, None)
-    test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, first_errors))
+    test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, first_errors), AS_STATED)
     teaches_all = False
     for _ in range(N_ROUNDS):
         rest = away_from_both(sides, test)
@@ -100,7 +102,7 @@ def learn_from_given(sides: tuple[Side, Side], registration: Registration, level
     first = learn_noise(sides, calm, 0.95 if is_sharp else CORE_SHARE, rng)
     if not is_sharp:
         layout = lay_out(sides, first, registration, None)
-        test = judge_units(layout, sides, calm, first, level, partial(learn_errors, first_errors))
+        test = judge_units(layout, sides, calm, first, level, partial(learn_errors, first_errors), AS_STATED)
         rest = away_from_both(sides, test)
         inner = (calm[0] & rest[0], calm[1] & rest[1])
         calm = inner if inner[0].any() and inner[1].any() else calm
@@ -121,7 +123,7 @@ def conclude(sides: tuple[Side, Side], noise: Noise, test: Tested, layout: Layou
     rest = test
     if deep[0].any() or deep[1].any():
         without = lay_out_without(layout, sides, deep, registration)
-        rest = judge_units(without, sides, calm, noise, test.level, lambda _: test.errors)
+        rest = judge_units(without, sides, calm, noise, test.level, lambda _: test.errors, test.scans)
     found = map_sides(lambda k: mark_changed(sides[k], own[k], rest, k, levels[k], deep[k], noise, calm[k]), n_vertices)
     return Detected(found, noise, test, layout, calm)
 
@@ -139,8 +141,10 @@ def lay_out(sides: tuple[Side, Side], noise: Noise, registration: Registration, 
 
 
 def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, level: float,
-                errors_of: Callable[[Both], tuple[PatchErrors, ...]]) -> Tested:  # fmt: skip
-    """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter."""
+                errors_of: Callable[[Both], tuple[PatchErrors, ...]],
+                scans: ScanErrors | None = None) -> Tested:  # fmt: skip
+    """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter,
+    `scans` what theirs disagree by, None as the calm ones show it."""
 
     def measure(k: int) -> tuple[Units, Patches]:
         """Return the units of side k with their noise, and their patches measured."""
@@ -149,7 +153,8 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
 
     n_vertices = larger_of(sides)
     (first_units, first), (second_units, second) = map_sides(measure, n_vertices)
-    both = (first, second)
+    scans = scans_of_calm((first, second)) if scans is None else scans
+    both = (replace(first, scans=scans), replace(second, scans=scans))
     errors = errors_of(both)
 
     def ask(k: int) -> tuple[Floats, Floats, Floats]:
@@ -162,7 +167,7 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
     far = far_levels(sum(int(s.is_assessed.sum()) for s in sides), level)
     limit = benjamini_hochberg(tested, level)
     return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]), limit, layout.size, errors,
-                  len(tested), (a[0], b[0]), far, level)  # fmt: skip
+                  scans, len(tested), (a[0], b[0]), far, level)  # fmt: skip
 
 
 def errors_of_calm(side: Side) -> LearnErrors:
@@ -177,10 +182,18 @@ def learn_errors(learn: LearnErrors, both: Both) -> tuple[PatchErrors, ...]:
     return tuple(learn(of_size[~np.isnan(of_size)], kinds[~np.isnan(of_size)]) for of_size in z.T)
 
 
+def scans_of_calm(both: Both) -> ScanErrors:
+    """Return what the calm patches of both sides show of the errors of scans."""
+    means, own2, stated = (np.concatenate(columns) for columns in zip(*(
+        (np.where(p.is_whole & p.is_calm, p.means, np.nan), p.own2, p.stated) for p in both), strict=True))  # fmt: skip
+    calm_share = float(np.mean(np.concatenate([p.is_calm[:, 0] for p in both])))
+    return learn_scans(means, own2, stated, calm_share)
+
+
 def _test(patches: Patches, errors: tuple[PatchErrors, ...]) -> Floats:
     """Return the p value of each patch (p, s), 1 for scraps."""
     z = patches.means / patches.sigmas
-    columns = map_threads(lambda k: errors[k].p_values(z[:, k], patches.kinds), range(len(errors)))
+    columns = map_threads(lambda k: errors[k].p_values(z[:, k], patches.kinds, patches.dofs[:, k]), range(len(errors)))
     return np.where(patches.is_whole, np.column_stack(columns), 1.0)
 
 
@@ -218,7 +231,7 @@ def lie_apart(test: Tested, which: int) -> Bools:
     errors would make the level so high that none of them is ever found.
     """
     units, errors = test.units[which], test.errors[0]
-    limits = errors.p_values(BESIDE * errors.scales[units.kinds], units.kinds)
+    limits = errors.p_values(BESIDE * errors.scales[units.kinds], units.kinds, np.full(len(units.kinds), NORMAL))
     beyond = test.p_values[which][:, 0] <= limits
     return stand_apart(units.means, units.areas, ~beyond)
 

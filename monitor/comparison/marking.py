@@ -46,7 +46,8 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, lod95: Floats,
     ratio = np.abs(error[calm]) / lod95[calm]
     kept = min(quantile(ratio, 0.95), 1.0) if len(ratio) else 1.0
     del error
-    smooth_lod95 = keep_on_disk(np.maximum(kept * lod95, Z95 * side.sigma_common))
+    common = np.hypot(test.scans.sigma_of(side.sigma_shared), side.sigma_motion)
+    smooth_lod95 = keep_on_disk(np.maximum(kept * lod95, Z95 * common))
     sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int8)
     is_own = np.sign(side.distances) == sign
     beyond = side.is_assessed & ((is_own & (np.abs(side.distances) > lod95)) | (np.abs(smooth) > smooth_lod95))

@@ -8,6 +8,8 @@ and the registration. That takes a larger one.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.stats import norm
 
@@ -35,6 +37,7 @@ def patches_needed(sides: tuple[Side, Side], found: Detected) -> tuple[Floats, F
     def of_side(k: int) -> Floats:
         """Return those of side k."""
         patches = measure_patches(layout.outlines[k], test.units[k], layout.reaches[k], found.noise.correlation)
+        patches = replace(patches, scans=test.scans)
         return needed(patches, test.errors, p) if sides[k].states_noise else np.full(patches.sigmas.shape, np.nan)
 
     return map_sides(of_side, larger_of(sides))
@@ -42,7 +45,7 @@ def patches_needed(sides: tuple[Side, Side], found: Detected) -> tuple[Floats, F
 
 def needed(patches: Patches, errors: tuple[PatchErrors, ...], p: float) -> Floats:
     """Return the change [m] that each patch (u, s) needs to have a p value of at most `p` in `TOLD` of all cases."""
-    columns = [e.needed(patches.kinds, p, POWER) for e in errors]
+    columns = [e.needed(patches.kinds, patches.dofs[:, k], p, POWER) for k, e in enumerate(errors)]
     return np.where(patches.is_whole, np.column_stack(columns) * patches.sigmas, np.nan)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import ndtr, stdtr
+from scipy.special import ndtr, stdtr, stdtrit
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -25,6 +25,7 @@ FEWEST_OF_TAILS = 500  # that the tails of a kind are learned from: five of them
 FIRST_DOF = 4.0  # of Student's t in the first look
 LEAST_DOF = 3.0  # tails heavier than these have hardly a width
 NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distribution
+HARDLY_T = 1e6  # from which on its p values are those of the normal distribution
 MOST_DOF = 200.0  # hardly another than it
 INNER, OUTER = 0.9, 0.99  # shares of the patches within the width, and within where tails show
 
@@ -51,17 +52,19 @@ class PatchErrors:
         is_other = other._reaches(OUTER) > self._reaches(OUTER)
         return PatchErrors(np.where(is_other, other.scales, self.scales), np.where(is_other, other.dofs, self.dofs))
 
-    def needed(self, kinds: Ints, p: float, power: float) -> Floats:
-        """Return how many of its sigmas the mean of patches of these kinds (p,) must lie off zero for a p value of `p`
-        where its error is `power` sigmas towards zero."""
-        return np.asarray((self._reaches(1.0 - p) + power * self.scales)[kinds])
+    def needed(self, kinds: Ints, dofs: Floats, p: float, power: float) -> Floats:
+        """Return how many of its sigmas, known to `dofs` (p,), the mean of patches of these kinds (p,) must lie off
+        zero for a p value of `p` where its error is `power` sigmas towards zero."""
+        reach = -stdtrit(np.minimum(self.dofs[kinds], dofs), 0.5 * p)
+        return np.asarray((reach + power) * self.scales[kinds])
 
-    def p_values(self, z: Floats, kinds: Ints) -> Floats:
-        """Return two-sided p values (p,) of standardized means of patches of these kinds (p,)."""
-        away, dofs = -np.abs(z) / self.scales[kinds], self.dofs[kinds]
-        if (self.dofs >= NORMAL).all():
-            return np.asarray(2.0 * ndtr(away))
-        return np.asarray(2.0 * np.where(dofs >= NORMAL, ndtr(away), stdtr(dofs, away)))
+    def p_values(self, z: Floats, kinds: Ints, dofs: Floats) -> Floats:
+        """Return two-sided p values (p,) of standardized means of patches of these kinds (p,), whose sigmas are known
+        to `dofs` (p,) degrees of freedom."""
+        away, dofs = -np.abs(z) / self.scales[kinds], np.minimum(self.dofs[kinds], dofs)
+        p_values, is_t = ndtr(away), dofs < HARDLY_T
+        p_values[is_t] = stdtr(dofs[is_t], away[is_t])
+        return np.asarray(2.0 * p_values)
 
 
 def first_errors(z: Floats, _kinds: Ints) -> PatchErrors:

@@ -8,11 +8,13 @@ discoveries over all patches of all sizes of both sides.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.reaches import Reaches, gather_reaches, sum_over
+from monitor.comparison.scan_errors import AS_STATED, ScanErrors
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.units import Units, cut_units, summarize_units
 from monitor.registration.propagation import motion_variance
@@ -33,25 +35,40 @@ AT_ONCE = 1 << 14  # patches whose figures are held at once: 8 MiB
 
 @dataclass(frozen=True)
 class Patches:
-    """Patches of every size around each unit of one side, (p, s) each: `means`, `sigmas` [m], `is_whole` (not a scrap),
-    `is_calm`; and the `kinds` (p,) of the units that they lie around."""
+    """Patches of every size around each unit of one side, (p, s) each: `means` [m]; the variance `own2` [m2] of all but
+    what scans disagree by, `stated` [m] of these; `is_whole` (not a scrap), `is_calm`; and the `kinds` (p,) of the
+    units that they lie around. `scans` are held by it."""
 
     means: Floats
-    sigmas: Floats
+    own2: Floats
+    stated: Floats
     is_whole: Bools
     is_calm: Bools
     kinds: Ints
+    scans: ScanErrors = AS_STATED
+
+    @cached_property
+    def sigmas(self) -> Floats:
+        """One sigma (p, s) [m] of the means; what the scans of a patch disagree by is common to it."""
+        return np.asarray(np.sqrt(np.maximum(self.own2 + self.scans.sigma_of(self.stated) ** 2, 1e-300)))
+
+    @cached_property
+    def dofs(self) -> Floats:
+        """Degrees of freedom (p, s) of the sigmas."""
+        return self.scans.dof_of(self.sigmas**2, self.stated)
 
 
 @dataclass(frozen=True)
 class Outlines:
     """What is known of the patches of one side before the noise is, (p, s) each: `areas` [m2], `n_vertices`, `means`
-    [m] of the change, variance `common2` [m2] of what no averaging removes, `is_whole` (not a scrap)."""
+    [m] of the change, variance `motion2` [m2] that the registration's uncertainty causes, `stated` [m] of what scans
+    disagree by, `is_whole` (not a scrap)."""
 
     areas: Floats
     n_vertices: Ints
     means: Floats
-    common2: Floats
+    motion2: Floats
+    stated: Floats
     is_whole: Bools
 
 
@@ -100,30 +117,29 @@ def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: 
     """Return what is known of the patches of every size (0: the units alone) without the noise."""
     weighted = units.areas[:, None] * np.column_stack([units.means, units.shared, units.motion_rows])
     figures, shape = np.column_stack([units.areas, units.n_vertices, weighted]), (len(weighted), n_sizes)
-    areas, n_vertices, means, common2 = np.empty(shape), np.empty(shape, np.int64), np.empty(shape), np.empty(shape)
+    areas, means, motion2, stated = (np.empty(shape) for _ in range(4))
+    n_vertices = np.empty(shape, np.int64)
     for first in range(0, len(weighted), AT_ONCE):
         block = slice(first, min(first + AT_ONCE, len(weighted)))
         sums = sum_over(reaches, n_sizes, figures, block)
         areas[block], n_vertices[block] = sums[..., 0], sums[..., 1]
         averages = sums[..., 2:] / sums[..., :1]
-        motion2 = motion_variance(registration.covariance, averages[..., 2:].reshape(-1, 6))
-        means[block] = averages[..., 0]
-        common2[block] = (
-            motion2.reshape(-1, n_sizes) + averages[..., 1] ** 2
-        )  # what its scans disagree by is common to a patch
+        means[block], stated[block] = averages[..., 0], averages[..., 1]
+        rows = averages[..., 2:].reshape(-1, 6)
+        motion2[block] = motion_variance(registration.covariance, rows).reshape(-1, n_sizes)
     is_whole = areas >= SMALLEST_SHARE * np.median(areas, axis=0) if len(areas) else np.zeros(areas.shape, dtype=bool)
-    return Outlines(areas, n_vertices, means, common2, is_whole)
+    return Outlines(areas, n_vertices, means, motion2, stated, is_whole)
 
 
 def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlation: Correlation) -> Patches:
-    """Return the patches of every size, with their means and what limits them."""
+    """Return the patches of every size, with their means and what limits them; their scans as stated."""
     weighted = units.areas[:, None] * np.column_stack([units.variances, units.calm_shares])
     sums = sum_over(reaches, outlines.areas.shape[1], weighted, slice(0, len(weighted)))
     averages = sums / outlines.areas[..., None]
     kept = np.column_stack([kept_variance(*of_size, correlation)
                             for of_size in zip(outlines.areas.T, outlines.n_vertices.T, strict=True)])  # fmt: skip
-    sigmas = np.sqrt(np.maximum(averages[..., 0] * kept + outlines.common2, 1e-300))
-    return Patches(outlines.means, sigmas, outlines.is_whole, averages[..., 1] > 0.5, units.kinds)
+    own2 = averages[..., 0] * kept + outlines.motion2
+    return Patches(outlines.means, own2, outlines.stated, outlines.is_whole, averages[..., 1] > 0.5, units.kinds)
 
 
 def patch_radii(size: float, area: float) -> list[float]:

@@ -32,7 +32,7 @@ from monitor.comparison.needed import patches_needed
 from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
-from monitor.comparison.region_figures import sigma_of_mean, sigma_of_noise
+from monitor.comparison.region_figures import sigma_of_mean, sigma_of_noise, stated_of_scans
 from monitor.comparison.regions import (
     Regions,
     assessed_area,
@@ -78,11 +78,10 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     table = measure_rates(rates, region, found)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
     ordered = Regions(table, (region, region), (region, region)).keep(order)
-    size, measured, stated = (np.abs(ordered.table[c].to_numpy(dtype=float))
-                              for c in ("mean_m", "sigma_measured_m", "sigma_mean_m"))  # fmt: skip
-    none_gone = np.zeros(len(size), dtype=np.bool_)
-    shown = significant(ordered.table, assessed_area(sides), size / measured, none_gone, level)
-    is_known = known_of(ordered.table, sides, ordered.seen, size / stated, found.noise.usual, none_gone, level)
+    measured, stated = (ordered.table[c].to_numpy(dtype=float) for c in ("z_measured", "z_stated"))
+    none_gone = np.zeros(len(stated), dtype=np.bool_)
+    shown = significant(ordered.table, assessed_area(sides), measured, none_gone, level)
+    is_known = known_of(ordered.table, sides, ordered.seen, stated, found.noise.usual, none_gone, level)
     state[np.append(False, shown & ~is_known)[ordered.seen[0]]] = Assessment.NOT_ASSESSABLE
     held = ordered.keep(np.flatnonzero(shown & is_known))
     state[held.seen[0] > 0] = Assessment.CHANGED
@@ -104,12 +103,13 @@ def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
     calm = by_itself.calm
     noise = replace(by_itself.noise, correlation=pool_correlations(rates, by_itself, seed))
     layout = lay_out(still, noise, rates.motion, by_itself.layout)
-    errors = judge_units(layout, still, calm, noise, level, partial(learn_errors, errors_of_calm(rates.side))).errors
+    alone = judge_units(layout, still, calm, noise, level, partial(learn_errors, errors_of_calm(rates.side)))
     layout = lay_out_again(layout, sides, rates.motion)
-    test = judge_units(layout, sides, calm, noise, level, lambda _: errors)
+    test = judge_units(layout, sides, calm, noise, level, lambda _: alone.errors, alone.scans)
     rest = away_from_both(sides, test)
     if can_teach(rest, sides, test):
-        test = judge_units(layout, sides, rest, noise, level, partial(as_wide_as, errors, errors_of_calm(rates.side)))
+        test = judge_units(layout, sides, rest, noise, level,
+                           partial(as_wide_as, alone.errors, errors_of_calm(rates.side)), alone.scans)  # fmt: skip
     lod95 = level_at(rates.side, noise)
     none_deep = np.zeros(len(lod95), dtype=np.bool_)  # rates have one side, and no other bears out what is deep
     found = mark_changed(rates.side, rates.still, test, 0, lod95, none_deep, noise, calm[0])
@@ -149,14 +149,16 @@ def hold_together(side: Side, found: Detected, level: float) -> Ints:
 
 
 def measure_rates(rates: RateSide, region: Ints, found: Detected) -> pd.DataFrame:
-    """Return of each region of the vertices (n,) its area, its mean change over the series with its sigma, this without
-    what the surfaces guess, and the mean of what is stated of its vertices."""
+    """Return of each region of the vertices (n,) its area, its mean change over the series with its sigma, how many
+    sigmas of a normal distribution it lies off zero, with what the surfaces guess and without, and the mean of what is
+    stated of its vertices."""
     side, rows = rates.side, []
     stated = np.hypot(side.sigma_surfaces, side.sigma_common)
     for k in range(1, int(region.max(initial=0)) + 1):
         at = np.flatnonzero(region == k)
         mean, alone = (float(np.average(v[at], weights=side.areas[at])) for v in (side.distances, stated))
-        stated_of, measured = (of(side, found, at, rates.motion) for of in (sigma_of_mean, sigma_of_noise))
-        rows.append([k, float(side.areas[at].sum()), mean, stated_of, measured, alone])
-    return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m", "sigma_measured_m",
+        sigmas = [of(side, found, at, rates.motion) for of in (sigma_of_mean, sigma_of_noise)]
+        z = [found.test.scans.as_normal(abs(mean) / s, s, stated_of_scans(side, at)) for s in sigmas]
+        rows.append([k, float(side.areas[at].sum()), mean, sigmas[0], *z, alone])
+    return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m", "z_stated", "z_measured",
                                        "sigma_vertex_m"])  # fmt: skip

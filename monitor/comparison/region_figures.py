@@ -18,6 +18,7 @@ from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.guesses import sigma_of_guess
 from monitor.comparison.level_of_detection import Z95
+from monitor.comparison.scan_errors import ScanErrors
 from monitor.comparison.side import Side, cosine_to_foot
 from monitor.comparison.tested import Detected
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
@@ -101,15 +102,16 @@ def piece_of(views: list[RegionView], sign: float) -> RegionView | None:
     return own[0] if own and max(v.unmatched_share for v in views) > MOST_UNKNOWN else None
 
 
-def stands_out(views: list[RegionView], is_guessed: bool = True) -> float:
-    """Return how many of its own sigmas the mean of a region lies off zero, on the side where it is fewer; with what
-    the surfaces guess there, or without.
+def stands_out(views: list[RegionView], scans: ScanErrors, is_guessed: bool = True) -> float:
+    """Return how many sigmas of a normal distribution the mean of a region lies off zero, on the side where it is
+    fewer; with what the surfaces guess there, or without.
 
     How far the two sides disagree says how well the mean is known, not whether there is a change. NaN where no side
     has a perpendicular; below 0 where the sides see opposite changes.
     """
     sigmas = np.array([v.sigma_mean if is_guessed else v.sigma_measured for v in views])
-    z = (np.array([v.mean for v in views]) / sigmas)[np.isfinite(sigmas)]
+    z = np.array([scans.as_normal(v.mean / s, s, v.stated) for v, s in zip(views, sigmas, strict=True)
+                  if np.isfinite(s)])  # fmt: skip
     return float((np.sign(z.sum()) * z).min()) if len(z) else np.nan
 
 
@@ -149,7 +151,8 @@ class RegionView:
 
     `sign` is that of the changes whose material this side shows: -1 before, +1 after. `unmatched_share` of the area
     has no perpendicular; `gap` is the mean with what the nearest points say there, and its sigma. `sigma_measured` [m]
-    is the mean's sigma without what the surfaces guess there (`guesses`).
+    is the mean's sigma without what the surfaces guess there (`guesses`), `stated` [m] what its scans are stated to
+    disagree by.
     """
 
     sign: float
@@ -161,6 +164,7 @@ class RegionView:
     mean: float
     sigma_mean: float
     sigma_measured: float
+    stated: float
     extreme: tuple[float, float]
     gap: tuple[float, float]
     centroid: Floats
@@ -197,6 +201,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, vertices, registration),
         sigma_measured=sigma_of_noise(side, found, vertices, registration),
+        stated=stated_of_scans(side, vertices),
         extreme=find_extreme(
             side, found, which, (vertices, whole), np.where(beyond.is_end[which], np.nan, beyond.change[which])
         ),
@@ -231,8 +236,14 @@ def sigma_of_noise(side: Side, found: Detected, vertices: Ints, registration: Re
                                                                          found.noise.correlation)  # fmt: skip
     arm = side.surface.vertices[vertices] - registration.centre
     row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
-    common2 = max(float(row @ registration.covariance @ row), 0.0) + float(weight @ side.sigma_shared[vertices]) ** 2
+    shared = float(found.test.scans.sigma_of(np.array(stated_of_scans(side, vertices))))
+    common2 = max(float(row @ registration.covariance @ row), 0.0) + shared**2
     return float(np.sqrt(noise2 + common2))
+
+
+def stated_of_scans(side: Side, vertices: Ints) -> float:
+    """Return the mean [m] of what scans are stated to disagree by at some vertices."""
+    return float(np.average(side.sigma_shared[vertices], weights=side.areas[vertices])) if len(vertices) else 0.0
 
 
 def _sum_of_agreeing(weight: Floats, own2: Floats) -> float:
@@ -301,6 +312,6 @@ def least_size(extreme: tuple[float, float]) -> float:
 
 
 def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
-    """Return one sigma (k,) [m] of the change of some vertices; what their scans disagree by is taken as stated."""
-    common = np.hypot(side.sigma_shared[vertices], side.sigma_motion[vertices])
+    """Return one sigma (k,) [m] of the change of some vertices."""
+    common = np.hypot(found.test.scans.sigma_of(side.sigma_shared[vertices]), side.sigma_motion[vertices])
     return np.sqrt(np.add(*found.noise.parts_of(side, vertices)) + common**2)

@@ -119,7 +119,9 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
-    measured, stated = (np.array([stands_out(v, guessed) for v in views]) for guessed in (False, True))
+    measured, stated = (
+        np.array([stands_out(v, found.test.scans, guessed) for v in views]) for guessed in (False, True)
+    )
     shown = significant(table, assessed_area(sides), measured, gone >= least, level)
     by_sigma = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
     is_vague = turn_sharply(sides, seen, len(gone)) | lie_mostly_at_rim(sides, found.noise, seen, len(gone))

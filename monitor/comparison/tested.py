@@ -8,6 +8,7 @@ from monitor.comparison.noise import Masks, Noise
 from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Layout
 from monitor.comparison.reaches import Reaches
+from monitor.comparison.scan_errors import ScanErrors
 from monitor.comparison.units import Units
 from projects.model import Bools, Floats
 
@@ -18,8 +19,8 @@ class Tested:
 
     `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
     largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
-    first; `n_tested` patches in all; `p_values` (p, s) of them on each side; `far`, by how many levels of detection no
-    vertex lies off zero by chance; `level`, the share of false discoveries that is held.
+    first, and of their `scans`; `n_tested` patches in all; `p_values` (p, s) of them on each side; `far`, by how many
+    levels of detection no vertex lies off zero by chance; `level`, the share of false discoveries that is held.
     """
 
     units: tuple[Units, Units]
@@ -29,6 +30,7 @@ class Tested:
     limit: float
     size: float
     errors: tuple[PatchErrors, ...]
+    scans: ScanErrors
     n_tested: int
     p_values: tuple[Floats, Floats]
     far: float

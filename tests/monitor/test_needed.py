@@ -20,13 +20,16 @@ N, EDGE, NOISE = 141, 2e-3, 5e-5  # vertices along a sheet; m
 @pytest.mark.parametrize("dofs", [(NORMAL, NORMAL), (4.0, 12.0)])
 def test_what_a_patch_needs_has_the_p_value_asked_for(dofs: tuple[float, float]) -> None:
     errors, kinds = PatchErrors(np.array([1.0, 1.7]), np.array(dofs)), np.array([0, 1, 1])
-    z = errors.needed(kinds, 2e-6, 0.0)
-    assert errors.p_values(z, kinds) == pytest.approx(np.full(3, 2e-6), rel=1e-5)
-    assert errors.needed(kinds, 2e-6, 2.0) - z == pytest.approx([2.0, 3.4, 3.4])
+    known = np.array([NORMAL, NORMAL, 9.0])  # degrees of freedom of their sigmas
+    z = errors.needed(kinds, known, 2e-6, 0.0)
+    assert errors.p_values(z, kinds, known) == pytest.approx(np.full(3, 2e-6), rel=1e-5)
+    assert errors.needed(kinds, known, 2e-6, 2.0) - z == pytest.approx([2.0, 3.4, 3.4])
+    assert z[2] > 1.25 * z[1]  # fewer degrees of freedom than the errors of its kind have
 
 
 def test_a_patch_needs_so_many_of_its_sigmas_and_a_scrap_is_not_tested() -> None:
     patches = cast(Any, SimpleNamespace(sigmas=np.array([[1.0, 0.5], [2.0, 3.0]]), kinds=np.array([0, 1]),
+                                        dofs=np.full((2, 2), NORMAL),
                                         is_whole=np.array([[True, True], [True, False]])))  # fmt: skip
     errors = PatchErrors(np.array([1.0, 2.0]), np.full(2, NORMAL))
     found = needed(patches, (errors, errors), 0.05)

@@ -25,11 +25,11 @@ def test_each_kind_has_tails_of_its_own(rng: np.random.Generator) -> None:
     assert errors.dofs[0] > 30.0
     assert errors.dofs[1] == pytest.approx(4.0, rel=0.25)
     assert errors.scales == pytest.approx([1.0, 1.3], rel=0.06)
-    p = errors.p_values(z, kinds)
+    p = errors.p_values(z, kinds, np.full(len(z), NORMAL))
     far = [float(np.mean(p[kinds == kind] < 1e-3)) for kind in (0, 1)]
     assert far == pytest.approx([1e-3, 1e-3], abs=1e-3)
     plain = calm_errors(z, kinds)
-    assert np.mean(plain.p_values(z, kinds)[kinds == 1] < 1e-3) > 5e-3  # as if it were normal
+    assert np.mean(plain.p_values(z, kinds, np.full(len(z), NORMAL))[kinds == 1] < 1e-3) > 5e-3  # as if it were normal
 
 
 def test_what_scatters_less_than_stated_is_as_wide_as_stated(rng: np.random.Generator) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.signal import fftconvolve
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 from monitor.comparison import compare, lague_lod95, level_of_detection
 from monitor.comparison.borders import sigma_of_area
@@ -18,6 +18,7 @@ from monitor.comparison.correlation import Correlation
 from monitor.comparison.level_of_detection import Z95, estimate_floor
 from monitor.comparison.patches import benjamini_hochberg
 from monitor.comparison.region_figures import RegionView, find_extreme, name_kind, settle_kind, stands_out
+from monitor.comparison.scan_errors import AS_STATED, ScanErrors
 from monitor.comparison.shell import make_shell
 from projects.model import Registration, Surface
 
@@ -167,7 +168,7 @@ def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma
                            sigma_shared=unknown, sigma_motion=unknown,
                            surface=SimpleNamespace(vertices=place))  # fmt: skip
     noise = SimpleNamespace(parts_of=lambda side, which: np.zeros((2, len(which))))
-    found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise)
+    found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise, test=SimpleNamespace(scans=AS_STATED))
     gaps = -1e-3 * np.arange(1.0, n + 1.0)
     extreme, sigma = find_extreme(side, found, 0, (np.zeros(0, dtype=int), np.arange(n)), gaps)  # type: ignore[arg-type]
     assert extreme == pytest.approx(-1e-3 * (n - (n_told - 1) / 2))  # the median of so many nearest to the last
@@ -262,20 +263,32 @@ def test_a_sheet_seen_in_one_epoch_only_is_not_taken_for_a_loss(rng: np.random.G
     assert np.isnan(result.on_compared.distances[behind]).all()
 
 
-def view_of(mean: float, sigma: float, measured: float | None = None) -> RegionView:
-    """Return a region as one side sees it, of which only the mean and its sigma matter, with a guess and without."""
+def view_of(mean: float, sigma: float, measured: float | None = None, stated: float = 0.0) -> RegionView:
+    """Return a region as one side sees it, of which only the mean and its sigma matter, with a guess and without, and
+    what its scans are stated to disagree by."""
     largest, measured = (mean, sigma), sigma if measured is None else measured
-    return RegionView(-1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, measured, largest, largest, np.zeros(3), 0.0)
+    return RegionView(
+        -1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, measured, stated, largest, largest, np.zeros(3), 0.0
+    )
 
 
 def test_sides_that_disagree_on_how_much_do_not_make_a_loss_doubtful() -> None:
-    assert stands_out([view_of(-6e-3, 5e-4), view_of(-3e-3, 5e-4)]) == pytest.approx(6.0)  # the weaker witness
-    assert stands_out([view_of(-6e-3, 5e-4)]) == pytest.approx(12.0)
-    assert stands_out([view_of(-6e-3, 5e-4), view_of(3e-3, 5e-4)]) == pytest.approx(-6.0)  # one of them is wrong
-    assert np.isnan(stands_out([view_of(-6e-3, np.nan)]))
+    assert stands_out([view_of(-6e-3, 5e-4), view_of(-3e-3, 5e-4)], AS_STATED) == pytest.approx(6.0)  # the weaker one
+    assert stands_out([view_of(-6e-3, 5e-4)], AS_STATED) == pytest.approx(12.0)
+    assert stands_out([view_of(-6e-3, 5e-4), view_of(3e-3, 5e-4)], AS_STATED) == pytest.approx(-6.0)  # one is wrong
+    assert np.isnan(stands_out([view_of(-6e-3, np.nan)], AS_STATED))
 
 
 def test_a_region_stands_out_with_what_its_surfaces_guess_or_without() -> None:
     view = view_of(-6e-3, 4e-3, 5e-4)
-    assert stands_out([view]) == pytest.approx(1.5)
-    assert stands_out([view], is_guessed=False) == pytest.approx(12.0)
+    assert stands_out([view], AS_STATED) == pytest.approx(1.5)
+    assert stands_out([view], AS_STATED, is_guessed=False) == pytest.approx(12.0)
+
+
+def test_a_region_stands_out_less_where_its_scans_are_known_by_few_places() -> None:
+    """Six sigmas of ten degrees of freedom are as much as 3.86 of a normal distribution; of the other side, as less."""
+    scans = ScanErrors(np.zeros(1), np.array([0.5]), np.array([10.0]))
+    assert stands_out([view_of(-3e-3, 5e-4, stated=1e-3)], scans) == pytest.approx(norm.isf(t.sf(6.0, 10.0)), rel=1e-6)
+    assert stands_out([view_of(3e-3, 5e-4, stated=1e-3)], scans) == pytest.approx(3.82, abs=0.05)
+    half = 10.0 / 0.25**2  # of a variance of which a quarter is the scans'
+    assert stands_out([view_of(3e-3, 5e-4, stated=5e-4)], scans) == pytest.approx(norm.isf(t.sf(6.0, half)), rel=1e-6)
