@@ -27,8 +27,8 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 43,
-    "series": 10,
+    "comparison": 44,
+    "series": 11,
 }
 
 

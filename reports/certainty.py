@@ -127,6 +127,10 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         rows.append((words, percent(statistics["error_share_discord"])))
     if np.isfinite(statistics.get("error_scale_shared", NAN)):
         rows.append(("of what the scans of an epoch disagree by", percent(statistics["error_scale_shared"])))
+    if statistics.get("error_scales_scans"):
+        least, most = (percent(f(statistics["error_scales_scans"])) for f in (min, max))
+        words = least if least == most else f"{least} to {most}, where they disagree more"
+        rows.append(("of the same, counted in the mean of patches and regions", words))
     if "correlation_length_m" in statistics:
         rows.append(("errors of neighbours agree over", millimetres(statistics["correlation_length_m"])))
     if "tolerance_m" in statistics:

@@ -3,7 +3,7 @@
 In: what was detected. Out: the mean change that the patch of each unit needs, and medians over the surface for patches
 of every size. A level of detection says what one vertex exceeds by chance in one case of twenty. A change is told where
 a patch is significant among all patches tested, whose mean holds what no averaging takes off: what scans disagree by,
-and the registration. That takes a larger one.
+as far as patches show it (`scan_errors`), and the registration. That takes a larger one.
 """
 
 from __future__ import annotations

@@ -5,9 +5,8 @@ what is stated of each surface alone is then too much. Other errors are stated t
 too sparse for, grazing views, places between samples) or not at all. The stable areas show it: as a scale of what the
 surfaces state, one of what their neighbouring fits contradict each other by, one of what scans disagree by, a floor
 beneath all, and a factor of each class of place. That is the size of most errors, and right for a level that one vertex
-in twenty exceeds. What scans disagree by is large in few places, of which most of the surface says nothing: a test of
-patches at one in a hundred thousand keeps it as stated. So does a region with what is a guess of the surfaces
-(`guesses`).
+in twenty exceeds. Of a patch or region, a mean of many, what scans disagree by is most of the error: what it is there
+patches show (`scan_errors`). What is a guess of the surfaces counts in a region as stated (`guesses`).
 """
 
 from __future__ import annotations

@@ -61,6 +61,8 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         if side.states_noise
         else float("nan"),
         "error_scale_shared": float(np.median(found.noise.shared_scale_of(side))) if _is_shared(side) else float("nan"),
+        "error_scales_scans": found.test.scans.scales.tolist() if _is_shared(side) else [],
+        "error_steps_scans_m": found.test.scans.steps.tolist() if _is_shared(side) else [],
         **{f"error_scales_{kind}": scales for kind, scales in found.noise.scales_by_class(side).items()},
         "correlation_length_m": found.noise.correlation.length,
         "unit_size_m": found.test.size,

@@ -259,3 +259,12 @@ def test_a_tolerance_is_reported_where_one_was_given():
     assert "differs by more than the tolerance of 10 mm; 4.3 % tells only larger changes than that." in text
     exact = said(facts_of(example_comparison(tolerance_m=0.000125, share_beyond_tolerance=0.0031)))
     assert "more than the tolerance of 0.125 mm." in exact
+
+
+def test_what_scans_disagree_by_is_told_as_it_counts_in_regions():
+    row = "of the same, counted in the mean of patches and regions"
+    for scales, words in (([0.28, 0.28], "28 %"), ([0.28, 0.31, 1.2], "28 % to 120 %, where they disagree more")):
+        facts = facts_of(example_comparison(error_scale_shared=0.07, error_scales_scans=scales))
+        told = {plain(r[0]): plain(r[1]) for table in facts.certainty for r in table.rows}
+        assert told[row] == words
+    assert not any(row == plain(r[0]) for t in facts_of(example_comparison()).certainty for r in t.rows)
