@@ -26,6 +26,8 @@ from projects.provenance import hash_file
 from projects.store import Project
 from reports.history import tell_blind
 
+FIRST_YEAR = 1850  # of photogrammetry; clouds of old plates are surveys too
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpochRequest:
@@ -170,9 +172,16 @@ def _copies(project: Project, record: EpochRecord) -> list[str]:
         return []
 
 
+def _doubt_date(date: datetime.date) -> str:
+    """Return what makes the date of a survey doubtful, nothing where nothing does."""
+    if date > datetime.date.today():
+        return "has not come yet"
+    return "lies before anything was measured point by point" if date.year < FIRST_YEAR else ""
+
+
 def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:
     """Say what was kept, what was dropped, of how many scans the pose was found by what, what is a copy, and a date
-    that has not come yet."""
+    that can hardly be."""
     headers = project.scan_headers(record.object_id, record.epoch_id)
     copies = _copies(project, record)
     dropped: dict[str, int] = {}
@@ -180,9 +189,10 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
         for reason, n in header.dropped.items():
             dropped[reason] = dropped.get(reason, 0) + int(n)
     n_points = sum(header.n_points for header in headers)
-    if record.date > datetime.date.today():
+    doubt = _doubt_date(record.date)
+    if doubt:
         typer.echo(
-            f"mind: {record.date} has not come yet; was epoch {record.epoch_id} surveyed then? Rates rest on dates. "
+            f"mind: {record.date} {doubt}; was epoch {record.epoch_id} surveyed then? Rates rest on dates. "
             f"If not: monitor remove-epoch {project.path} {record.object_id} {record.epoch_id}, then add it again",
             err=True,
         )

@@ -51,7 +51,7 @@ def process_project(
     for fact in facts:
         for told in filter(None, (fact[name] for name in ("open_holes", "uncovered", "outside", "turned", "alone"))):
             typer.echo(f"mind: {fact['object']} {fact['epoch']}: {told}", err=True)
-    _require_none(failed, len(places), "epochs could not be processed")
+    _require_all(len(facts), len(places), failed, "epochs could not be processed")
 
 
 def _try_each(work: Sequence[Callable[[], Facts]]) -> tuple[list[Facts], list[MonitorError]]:
@@ -67,12 +67,13 @@ def _try_each(work: Sequence[Callable[[], Facts]]) -> tuple[list[Facts], list[Mo
     return done, failed
 
 
-def _require_none(failed: Sequence[MonitorError], n: int, what: str) -> None:
+def _require_all(n_done: int, n: int, failed: Sequence[MonitorError], what: str) -> None:
     """Say one by one what failed, and raise that `n` were asked for."""
     for error in failed:
         typer.echo(f"monitor: {error}", err=True)
     if failed:
-        raise StoreError(f"{len(failed)} of {n} {what}, for what is said above; the others are done")
+        others = "the others are done" if n_done else "none is done"
+        raise StoreError(f"{n - n_done} of {n} {what}, for what is said above; {others}")
 
 
 def epochs_to_process(project: Project, object_id: str | None, epoch_id: str | None) -> list[Place]:
@@ -129,7 +130,9 @@ def compare_object(
             step = compare_epochs(place, reference, settings, notify, mode, stable)
             return _compared(place, reference, step)
 
-        facts, failed = _try_each([partial(compare_pair, *pair) for pair in pairs])
+        ready, bare = _without_bare(project, object_id, pairs)
+        facts, failed = _try_each([partial(compare_pair, *pair) for pair in ready])
+        failed = [*bare, *failed]
         whole = not pair[0] and not failed  # a pair that failed may have an older comparison, made otherwise
         followed = follow_epochs(project, object_id, notify) if whole else None
         alike = epochs_of_one_date(project, object_id) if whole and len(pairs) > 1 else []
@@ -142,9 +145,24 @@ def compare_object(
         facts[-1]["answer"] += f"; {n} region{'s' if n != 1 else ''} followed over {followed.counts['epochs']} epochs"
         facts[-1]["answer"] += f", {alone} of them found by the trend alone" if alone else ""
     _tell(facts, as_json, "{object} {reference} -> {compared}: {answer}")
-    _require_none(
-        failed, len(pairs), "pairs of epochs could not be compared, and no change was followed over the epochs"
-    )
+    what = "pairs of epochs could not be compared, and no change was followed over the epochs"
+    _require_all(len(facts), len(pairs), failed, what)
+
+
+def _without_bare(
+    project: Project, object_id: str, pairs: list[tuple[str, str]]
+) -> tuple[list[tuple[str, str]], list[MonitorError]]:
+    """Return the pairs whose epochs have surfaces, and one error that names the epochs without; a single pair says by
+    itself what it misses."""
+    asked = dict.fromkeys(epoch_id for pair in pairs for epoch_id in pair)
+    bare = [e for e in asked if project.latest(object_id, e, "surface") is None]
+    if not bare or len(pairs) == 1:
+        return pairs, []
+    names = f"epoch {bare[0]}" if len(bare) == 1 else f"epochs {', '.join(bare[:-1])} and {bare[-1]}"
+    only = f" {bare[0]}" if len(bare) == 1 else ""
+    said = f"{names} of object {object_id} {'has' if only else 'have'} no surface yet; "
+    error = StoreError(f"{said}run: monitor process {project.path} {object_id}{only}")
+    return [pair for pair in pairs if not set(pair) & set(bare)], [error]
 
 
 def resolve_pairs(project: Project, object_id: str, pair: Pair) -> list[tuple[str, str]]:

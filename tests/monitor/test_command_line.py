@@ -344,11 +344,16 @@ def test_an_epoch_that_fails_does_not_keep_the_others_from_being_made(
     project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     np.savetxt(tmp_path / "few.xyz", relief(12, np.random.default_rng(3), 0.0), fmt="%.6f")
-    for name, date in (("e0", "2024-05-01"), ("e9", "2099-05-01")):
+    doubts = {"2024-05-01": "", "2099-05-01": "has not come yet",
+              "1020-05-01": "lies before anything was measured point by point"}  # fmt: skip
+    for name, date in zip(("e0", "e9", "e8"), doubts, strict=True):
         given = ["add-epoch", str(project), "relief", name, "--date", date, str(tmp_path / "few.xyz")]
         assert run(given) == 0
         said = capsys.readouterr().err
-        assert ("mind: 2099-05-01 has not come yet; was epoch e9 surveyed then?" in said) == (name == "e9")
+        assert (f"mind: {date} " in said) == bool(doubts[date])
+        assert f"mind: {date} {doubts[date]}; was epoch {name} surveyed then?" in said or not doubts[date]
+    assert run(["remove-epoch", str(project), "relief", "e8"]) == 0
+    capsys.readouterr()
     assert run(["process", str(project), "--json"]) == 2
     said = capsys.readouterr()
     assert [f["epoch"] for f in json.loads(said.out)] == ["e1", "e2"]
@@ -360,6 +365,7 @@ def test_an_epoch_that_fails_does_not_keep_the_others_from_being_made(
     said = capsys.readouterr()
     assert [(f["reference"], f["compared"]) for f in json.loads(said.out)] == [("e1", "e2")]
     assert said.err.endswith(
+        f"monitor: epochs e0 and e9 of object relief have no surface yet; run: monitor process {project} relief\n"
         "monitor: 4 of 5 pairs of epochs could not be compared, and no change was followed over the epochs, "
         "for what is said above; the others are done\n"
     )
