@@ -26,6 +26,7 @@ FIRST_DOF = 4.0  # of Student's t in the first look
 LEAST_DOF = 3.0  # tails heavier than these have hardly a width
 NORMAL = 1e9  # degrees of freedom at which Student's t is the normal distribution
 HARDLY_T = 1e6  # from which on its p values are those of the normal distribution
+UNDECIDED = 1.9  # sigmas, within which no p value decides anything, and Student's t takes thirty times as long
 MOST_DOF = 200.0  # hardly another than it
 INNER, OUTER = 0.9, 0.99  # shares of the patches within the width, and within where tails show
 
@@ -60,9 +61,9 @@ class PatchErrors:
 
     def p_values(self, z: Floats, kinds: Ints, dofs: Floats) -> Floats:
         """Return two-sided p values (p,) of standardized means of patches of these kinds (p,), whose sigmas are known
-        to `dofs` (p,) degrees of freedom."""
+        to `dofs` (p,) degrees of freedom; of a normal distribution within `UNDECIDED` sigmas."""
         away, dofs = -np.abs(z) / self.scales[kinds], np.minimum(self.dofs[kinds], dofs)
-        p_values, is_t = ndtr(away), dofs < HARDLY_T
+        p_values, is_t = ndtr(away), (dofs < HARDLY_T) & (away < -UNDECIDED)
         p_values[is_t] = stdtr(dofs[is_t], away[is_t])
         return np.asarray(2.0 * p_values)
 

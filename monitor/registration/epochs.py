@@ -15,6 +15,7 @@ import numpy as np
 from monitor.registration.coarse import register_from_anywhere
 from monitor.registration.held import Frames
 from monitor.registration.icp import IcpSettings, Within, register
+from monitor.registration.mirrored import say_mirrored
 from projects.model import PointCloud, Registration, Surface
 
 UNLIKE_SIZE = 2.0  # times as large: more than what parts of one object are that overlap by half, and less than a foot
@@ -36,18 +37,31 @@ def register_epochs(compared: Surface | PointCloud, reference: Surface | PointCl
         Not converged, with the reasons of both attempts, where neither the given frames nor the shapes lead to one.
     mapping
         Empty where the epochs were given near each other; else `start` in words, `coarse_score` and `coarse_ambiguity`
-        of the pose found by shape (`CoarseAlignment`).
+        of the pose found by shape (`CoarseAlignment`). Where the mirror image of one epoch fits the other, and it
+        does not itself, the reason says so, or the doubt.
     """
     near = register(compared, reference, settings, frames=frames, within=within)
     if near.converged or near.overlap >= FOUND_NEAR:
-        return near, {}
+        return _with_doubt(near, say_mirrored(compared, reference, near)), {}
     far, coarse = register_from_anywhere(compared, reference, settings, within)
     figures = {"start": "by shape alone: the epochs are not near each other as given", "coarse_score": coarse.score,
                "coarse_ambiguity": coarse.ambiguity}  # fmt: skip
+    mirrored = say_mirrored(compared, reference, far)
     if far.converged:
-        return far, figures
-    reason = f"{near.reason}; by shape alone: {coarse.reason or far.reason}{_say_size(compared, reference)}"
+        return _with_doubt(far, mirrored), figures
+    further = _say_size(compared, reference) or mirrored
+    reason = f"{near.reason}; by shape alone: {coarse.reason or far.reason}{further and '; '}{further}"
     return replace(near, reason=reason), figures
+
+
+def _with_doubt(found: Registration, further: str) -> Registration:
+    """Return a registration with what else speaks against it, which is told first: in its reason where it is refused,
+    else in its doubt."""
+    if not further:
+        return found
+    if found.converged:
+        return replace(found, doubt="; ".join(filter(None, (further, found.doubt))))
+    return replace(found, reason=f"{found.reason}; {further}")
 
 
 def _say_size(compared: Surface | PointCloud, reference: Surface | PointCloud) -> str:
@@ -62,7 +76,7 @@ def _say_size(compared: Surface | PointCloud, reference: Surface | PointCloud) -
     ratio = sizes[0] / max(sizes[1], 1e-300)
     if 1.0 / UNLIKE_SIZE < ratio < UNLIKE_SIZE:
         return ""
-    return f"; the compared epoch is {ratio:.3g} times as large as the reference: is it in another unit or scale?"
+    return f"the compared epoch is {ratio:.3g} times as large as the reference: is it in another unit or scale?"
 
 
 def held_by_frames(frames: Frames, failed: Registration) -> Registration:
