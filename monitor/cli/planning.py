@@ -201,7 +201,7 @@ def _say(
     )
     typer.echo(
         "smallest change: what one place differs from zero by at 95 %; a comparison, sure that nothing on all of the "
-        "surface is told by mistake, tells larger ones: of simulated objects three to six times as large"
+        "surface is told by mistake, tells larger ones: of simulated objects two to four times as large"
     )
     typer.echo(table.to_string(index=False))
     typer.echo(f"{request.out / 'stations.csv'}\n{request.out / 'surface.ply'}")
