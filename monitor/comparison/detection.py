@@ -20,7 +20,7 @@ from monitor.apart import stand_apart
 from monitor.comparison.level_of_detection import far_levels
 from monitor.comparison.marking import find_deep, level_at, mark_changed
 from monitor.comparison.noise import Masks, Noise, learn_noise
-from monitor.comparison.patch_errors import NORMAL, PatchErrors, calm_errors, first_errors, tailed_errors
+from monitor.comparison.patch_errors import PatchErrors, calm_errors, first_errors, tailed_errors
 from monitor.comparison.patches import (
     Layout,
     Patches,
@@ -149,11 +149,11 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
     def measure(k: int) -> tuple[Units, Patches]:
         """Return the units of side k with their noise, and their patches measured."""
         units = judge_noise(layout.units[k], sides[k], noise, calm[k])
-        return units, measure_patches(layout.outlines[k], units, layout.reaches[k], noise.correlation)
+        return units, measure_patches(layout.outlines[k], units, layout.reaches[k], noise.correlation, AS_STATED)
 
     n_vertices = larger_of(sides)
     (first_units, first), (second_units, second) = map_sides(measure, n_vertices)
-    scans = scans_of_calm((first, second)) if scans is None else scans
+    scans = scans_of_still((first, second), (first_units, second_units)) if scans is None else scans
     both = (replace(first, scans=scans), replace(second, scans=scans))
     errors = errors_of(both)
 
@@ -164,10 +164,12 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
 
     a, b = map_sides(ask, n_vertices)
     tested = np.concatenate([a[0][first.is_whole], b[0][second.is_whole]])
+    beyond = [p.is_whole[:, 0] & (np.abs(p.means[:, 0]) > BESIDE * errors[0].scales[p.kinds] * p.sigmas[:, 0])
+              for p in both]  # fmt: skip
     far = far_levels(sum(int(s.is_assessed.sum()) for s in sides), level)
     limit = benjamini_hochberg(tested, level)
     return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]), limit, layout.size, errors,
-                  scans, len(tested), (a[0], b[0]), far, level)  # fmt: skip
+                  scans, len(tested), (a[0], b[0]), (beyond[0], beyond[1]), far, level)  # fmt: skip
 
 
 def errors_of_calm(side: Side) -> LearnErrors:
@@ -182,12 +184,12 @@ def learn_errors(learn: LearnErrors, both: Both) -> tuple[PatchErrors, ...]:
     return tuple(learn(of_size[~np.isnan(of_size)], kinds[~np.isnan(of_size)]) for of_size in z.T)
 
 
-def scans_of_calm(both: Both) -> ScanErrors:
-    """Return what the calm patches of both sides show of the errors of scans."""
-    means, own2, stated = (np.concatenate(columns) for columns in zip(*(
-        (np.where(p.is_whole & p.is_calm, p.means, np.nan), p.own2, p.stated) for p in both), strict=True))  # fmt: skip
-    calm_share = float(np.mean(np.concatenate([p.is_calm[:, 0] for p in both])))
-    return learn_scans(means, own2, stated, calm_share)
+def scans_of_still(both: Both, units: tuple[Units, Units]) -> ScanErrors:
+    """Return what the patches of both sides that hold still show of the errors of scans."""
+    of_still = [(np.where(p.is_whole & p.is_still, p.means, np.nan), p.own2, p.stated) for p in both]
+    means, own2, stated = (np.concatenate(columns) for columns in zip(*of_still, strict=True))
+    areas, calm = (np.concatenate(columns) for columns in zip(*((u.areas, u.calm_shares) for u in units), strict=True))
+    return learn_scans(means, own2, stated, float(areas @ calm) / max(float(areas.sum()), 1e-300))
 
 
 def _test(patches: Patches, errors: tuple[PatchErrors, ...]) -> Floats:
@@ -230,10 +232,8 @@ def lie_apart(test: Tested, which: int) -> Bools:
     One by one they are suspect only beyond the tail that a first look allows for; they are a third of all, and as
     errors would make the level so high that none of them is ever found.
     """
-    units, errors = test.units[which], test.errors[0]
-    limits = errors.p_values(BESIDE * errors.scales[units.kinds], units.kinds, np.full(len(units.kinds), NORMAL))
-    beyond = test.p_values[which][:, 0] <= limits
-    return stand_apart(units.means, units.areas, ~beyond)
+    units = test.units[which]
+    return stand_apart(units.means, units.areas, ~test.lies_beyond[which])
 
 
 @jit(nopython=True, cache=True, nogil=True)

@@ -24,6 +24,7 @@ from monitor.comparison.offsets import Offsets
 from monitor.comparison.portions import search_offsets
 from monitor.comparison.quantile import median
 from monitor.comparison.rim import distance_to_rim
+from monitor.comparison.scan_errors import stated_over
 from monitor.comparison.scratch import keep_on_disk
 from monitor.comparison.shell import Shell
 from monitor.comparison.side import EXTRAPOLATED, Side
@@ -308,8 +309,8 @@ def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detect
         both += 0.5 * _sum_sigma(side.areas[matched], noise2 * scale**2, found)
         guess += 0.5 * sigma_of_guess(side.surface.vertices[matched], side.areas[matched], guess2, found.test.size)
         alone += _sum_sigma(side.areas[own], np.full(len(own), 0.5 * typical), found) ** 2
-        stated = float(np.average(side.sigma_shared[mask], weights=side.areas[mask])) if mask.any() else 0.0
-        shared += 0.5 * float(side.areas[mask].sum() * found.test.scans.sigma_of(np.array(stated)))
+        stated = np.array(stated_over(side, np.flatnonzero(mask)))
+        shared += 0.5 * float(side.areas[mask].sum() * found.test.scans.sigma_of(stated))
     mask, side = masks[1], sides[1]
     arm = side.surface.vertices[mask] - registration.centre
     row = side.areas[mask] @ np.hstack([np.cross(arm, side.normals[mask]), side.normals[mask]])

@@ -8,8 +8,6 @@ as far as patches show it (`scan_errors`), and the registration. That takes a la
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.stats import norm
 
@@ -36,8 +34,8 @@ def patches_needed(sides: tuple[Side, Side], found: Detected) -> tuple[Floats, F
 
     def of_side(k: int) -> Floats:
         """Return those of side k."""
-        patches = measure_patches(layout.outlines[k], test.units[k], layout.reaches[k], found.noise.correlation)
-        patches = replace(patches, scans=test.scans)
+        patches = measure_patches(layout.outlines[k], test.units[k], layout.reaches[k], found.noise.correlation,
+                                  test.scans)  # fmt: skip
         return needed(patches, test.errors, p) if sides[k].states_noise else np.full(patches.sigmas.shape, np.nan)
 
     return map_sides(of_side, larger_of(sides))

@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.reaches import Reaches, gather_reaches, sum_over
-from monitor.comparison.scan_errors import AS_STATED, ScanErrors
+from monitor.comparison.scan_errors import ScanErrors
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.units import Units, cut_units, summarize_units
 from monitor.registration.propagation import motion_variance
@@ -30,22 +30,24 @@ REACHES = (
 )  # of a unit's edge: radius around a unit within which its patch takes others in
 LARGEST_SHARE = 0.05  # of the surface's area, for a patch: what is larger cannot be told from what is common to all
 SMALLEST_SHARE = 0.25  # of the median patch of its size: smaller ones are scraps at borders and not tested
+CALM, STILL = 0.5, 0.95  # of a patch's area: what changed in the rest moves its mean by half of that, or hardly
 AT_ONCE = 1 << 14  # patches whose figures are held at once: 8 MiB
 
 
 @dataclass(frozen=True)
 class Patches:
     """Patches of every size around each unit of one side, (p, s) each: `means` [m]; the variance `own2` [m2] of all but
-    what scans disagree by, `stated` [m] of these; `is_whole` (not a scrap), `is_calm`; and the `kinds` (p,) of the
-    units that they lie around. `scans` are held by it."""
+    what scans disagree by, `stated` [m] of these; `is_whole` (not a scrap), `is_calm` (most of it), `is_still` (nearly
+    all of it); the `kinds` (p,) of the units that they lie around; and what the `scans` really err by."""
 
     means: Floats
     own2: Floats
     stated: Floats
     is_whole: Bools
     is_calm: Bools
+    is_still: Bools
     kinds: Ints
-    scans: ScanErrors = AS_STATED
+    scans: ScanErrors
 
     @cached_property
     def sigmas(self) -> Floats:
@@ -131,15 +133,17 @@ def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: 
     return Outlines(areas, n_vertices, means, motion2, stated, is_whole)
 
 
-def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlation: Correlation) -> Patches:
-    """Return the patches of every size, with their means and what limits them; their scans as stated."""
+def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlation: Correlation,
+                    scans: ScanErrors) -> Patches:  # fmt: skip
+    """Return the patches of every size, with their means and what limits them."""
     weighted = units.areas[:, None] * np.column_stack([units.variances, units.calm_shares])
     sums = sum_over(reaches, outlines.areas.shape[1], weighted, slice(0, len(weighted)))
     averages = sums / outlines.areas[..., None]
     kept = np.column_stack([kept_variance(*of_size, correlation)
                             for of_size in zip(outlines.areas.T, outlines.n_vertices.T, strict=True)])  # fmt: skip
-    own2 = averages[..., 0] * kept + outlines.motion2
-    return Patches(outlines.means, own2, outlines.stated, outlines.is_whole, averages[..., 1] > 0.5, units.kinds)
+    own2, calm = averages[..., 0] * kept + outlines.motion2, averages[..., 1]
+    return Patches(outlines.means, own2, outlines.stated, outlines.is_whole, calm > CALM, calm > STILL, units.kinds,
+                   scans)  # fmt: skip
 
 
 def patch_radii(size: float, area: float) -> list[float]:

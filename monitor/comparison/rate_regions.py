@@ -32,7 +32,7 @@ from monitor.comparison.needed import patches_needed
 from monitor.comparison.patch_errors import PatchErrors
 from monitor.comparison.patches import Patches, lay_out_again
 from monitor.comparison.rate_side import RateSide
-from monitor.comparison.region_figures import sigma_of_mean, sigma_of_noise, stated_of_scans
+from monitor.comparison.region_figures import sigma_of_mean, sigma_of_noise
 from monitor.comparison.regions import (
     Regions,
     assessed_area,
@@ -42,6 +42,7 @@ from monitor.comparison.regions import (
     least_area,
     significant,
 )
+from monitor.comparison.scan_errors import stated_over
 from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected
@@ -158,7 +159,7 @@ def measure_rates(rates: RateSide, region: Ints, found: Detected) -> pd.DataFram
         at = np.flatnonzero(region == k)
         mean, alone = (float(np.average(v[at], weights=side.areas[at])) for v in (side.distances, stated))
         sigmas = [of(side, found, at, rates.motion) for of in (sigma_of_mean, sigma_of_noise)]
-        z = [found.test.scans.as_normal(abs(mean) / s, s, stated_of_scans(side, at)) for s in sigmas]
+        z = [found.test.scans.as_normal(float(np.divide(abs(mean), s)), s, stated_over(side, at)) for s in sigmas]
         rows.append([k, float(side.areas[at].sum()), mean, sigmas[0], *z, alone])
     return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m", "z_stated", "z_measured",
                                        "sigma_vertex_m"])  # fmt: skip

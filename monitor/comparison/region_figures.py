@@ -18,7 +18,7 @@ from monitor.comparison.correlation import Correlation, kept_variance
 from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.guesses import sigma_of_guess
 from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.scan_errors import ScanErrors
+from monitor.comparison.scan_errors import ScanErrors, stated_over
 from monitor.comparison.side import Side, cosine_to_foot
 from monitor.comparison.tested import Detected
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
@@ -201,7 +201,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         mean=mean,
         sigma_mean=sigma_of_mean(side, found, vertices, registration),
         sigma_measured=sigma_of_noise(side, found, vertices, registration),
-        stated=stated_of_scans(side, vertices),
+        stated=stated_over(side, vertices),
         extreme=find_extreme(
             side, found, which, (vertices, whole), np.where(beyond.is_end[which], np.nan, beyond.change[which])
         ),
@@ -221,7 +221,8 @@ def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Reg
 
 
 def sigma_of_noise(side: Side, found: Detected, vertices: Ints, registration: Registration) -> float:
-    """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, and the motion's.
+    """Return one sigma [m] of the area-weighted mean change over some vertices: correlated noise, that of scans and of
+    the motion.
 
     Beside a free edge errors are taken to agree over all of the vertices: a limb is seen steeply along all of its
     length, and there its surface stands off by as much as several of the sigmas that single vertices have.
@@ -236,14 +237,9 @@ def sigma_of_noise(side: Side, found: Detected, vertices: Ints, registration: Re
                                                                          found.noise.correlation)  # fmt: skip
     arm = side.surface.vertices[vertices] - registration.centre
     row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
-    shared = float(found.test.scans.sigma_of(np.array(stated_of_scans(side, vertices))))
+    shared = float(found.test.scans.sigma_of(np.array(stated_over(side, vertices))))
     common2 = max(float(row @ registration.covariance @ row), 0.0) + shared**2
     return float(np.sqrt(noise2 + common2))
-
-
-def stated_of_scans(side: Side, vertices: Ints) -> float:
-    """Return the mean [m] of what scans are stated to disagree by at some vertices."""
-    return float(np.average(side.sigma_shared[vertices], weights=side.areas[vertices])) if len(vertices) else 0.0
 
 
 def _sum_of_agreeing(weight: Floats, own2: Floats) -> float:

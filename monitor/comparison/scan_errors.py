@@ -16,13 +16,18 @@ from scipy.special import ndtri, stdtr, stdtrit
 
 from monitor.comparison.noise import STATED_WITNESSES, believe
 from monitor.comparison.patch_errors import HARDLY_T, INNER, NORMAL, quantile_of
+from monitor.comparison.quantile import median
+from monitor.comparison.side import Side
 from projects.model import Floats, Ints
 
 ALIKE = 0.05  # of the surface's area, over which what scans disagree by is taken to agree: as wide as any patch tested
-STATED_BEYOND = (0.0, 0.5, 0.8, 0.95)  # shares of the patches, beyond which more is stated: each has its own scale
-FEWEST_PATCHES = 20  # of a size, that show a scale
+STEPS = (0.0, 1.5)  # times what is stated of most patches: where more is, it has a scale of its own
+LEAST_USUAL = 1.0 / 16.0  # of the most that is stated: where hardly anything is of most patches, the rest is apart
+FEWEST_PATCHES = 40  # of a size, of both sides, that show a scale
+PER_WITNESS = 4.0  # patches of both sides, which bear the same witness, at least
 FAR = 1e-6  # p value of a patch that is significant among all of a surface
 LEAST_SCALE = 0.25  # what is stated may be off by a factor of two, one sigma; of one place by four
+MOST_SIGMAS = 37.0  # of a normal distribution that a p value can tell
 
 
 @dataclass(frozen=True)
@@ -50,56 +55,69 @@ class ScanErrors:
 
     def as_normal(self, z: float, sigma: float, stated: float) -> float:
         """Return how many sigmas off zero a normal distribution has the p value of a mean that lies `z` of its `sigma`
-        [m] off, of which so much [m] is `stated` of the scans."""
+        [m] off, of which so much [m] is `stated` of the scans; at most `MOST_SIGMAS`."""
         dof = float(self.dof_of(np.array(sigma**2), np.array(stated)))
-        return z if dof >= HARDLY_T else float(-np.sign(z) * ndtri(stdtr(dof, -abs(z))))
+        away = z if dof >= HARDLY_T else -np.sign(z) * ndtri(stdtr(dof, -abs(z)))
+        return float(np.clip(away, -MOST_SIGMAS, MOST_SIGMAS))
 
 
 AS_STATED = ScanErrors(np.zeros(1), np.ones(1), np.full(1, NORMAL))
 
 
-def learn_scans(means: Floats, own2: Floats, stated: Floats, calm_share: float) -> ScanErrors:
-    """Return what calm patches show of the errors of scans.
+def stated_over(side: Side, vertices: Ints) -> float:
+    """Return the mean by area [m] of what scans are stated to disagree by at some vertices; 0 of none."""
+    return float(np.average(side.sigma_shared[vertices], weights=side.areas[vertices])) if len(vertices) else 0.0
+
+
+def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float) -> ScanErrors:
+    """Return what patches that hold still show of the errors of scans.
 
     A scale is what nine tenths of the means of a size, their other errors taken off, lie within (`INNER`), of the size
-    that shows most; where more is stated it may be larger, never smaller. What is stated counts for `STATED_WITNESSES`,
-    since it may be off by a factor of two; no single place is believed to err by less than a quarter of it.
+    that shows most. What is stated counts for `STATED_WITNESSES`, since it may be off by a factor of two; no single
+    place is believed to err by less than a quarter of it. Where more is stated than of most, fewer places show what of
+    it is error, and each by itself: hardly ever enough to believe less than what is stated.
 
     Parameters
     ----------
-    means, own2, stated : (p, s), m, m2, m, of each size of patch; the variance of all but the scans, and what is stated
-        of these. NaN means of patches that are not calm.
-    calm_share : of all patches, that are.
+    means, own2, stated : (p, s), m, m2, m, of each size of patch, smallest first; the variance of all but the scans,
+        and what is stated of these. NaN means of patches that do not hold still.
+    still_share : of the area, that does.
     """
     is_known = np.isfinite(means)
     of_units = stated[is_known[:, 0], 0]
     if len(of_units) < FEWEST_PATCHES or not of_units.max() > 0.0:
         return AS_STATED
-    asked = scales_asked(means, own2, stated)
-    steps = np.quantile(of_units, STATED_BEYOND)
-    steps[0] = 0.0
-    scales = np.ones(len(steps))
+    steps = np.array(STEPS) * max(median(of_units), LEAST_USUAL * float(of_units.max()))
+    asked, most = scales_asked(means, own2, stated), min(still_share / ALIKE, len(of_units) / PER_WITNESS)
+    scales, witnesses = np.ones(len(steps)), np.full(len(steps), NORMAL)
     for k, step in enumerate(steps):
-        before, least = (scales[k - 1],) * 2 if k else (1.0, LEAST_SCALE)
+        least = min(scales[k - 1], 1.0) if k else LEAST_SCALE
         shown = max(_inner(asked[is_known[:, size] & (stated[:, size] >= step), size])
                     for size in range(means.shape[1]))  # fmt: skip
-        n_witnesses = calm_share * (1.0 - STATED_BEYOND[k]) / ALIKE
-        scales[k] = before * believe(max(shown, least) / before, n_witnesses, STATED_WITNESSES)
-    return ScanErrors(steps, *believe_stated(scales, calm_share / ALIKE))
+        n_witnesses = most * float(np.mean(of_units >= step))
+        scale = believe(max(shown, least), n_witnesses, STATED_WITNESSES)
+        scales[k], witnesses[k] = believe_stated(scale, n_witnesses)
+    return ScanErrors(steps, scales, witnesses)
 
 
-def believe_stated(scales: Floats, n_witnesses: float) -> tuple[Floats, Floats]:
-    """Return the scales (c,), which `n_witnesses` show, and how many each rests on: where so few tell less, far out
-    (`FAR`), than if all were as stated and known, that is believed, or what is more than stated."""
-    known = np.maximum(scales, 1.0)
-    is_vague = scales * -stdtrit(max(n_witnesses, 1.0), 0.5 * FAR) > known * -ndtri(0.5 * FAR)
-    return np.where(is_vague, known, scales), np.where(is_vague, NORMAL, n_witnesses)
+def believe_stated(scale: float, n_witnesses: float) -> tuple[float, float]:
+    """Return a scale that so many witnesses show, and how many it rests on: where so few tell less, far out (`FAR`),
+    than what is stated does, that is believed as if known; so is what is more than stated, as it was shown."""
+    known = max(scale, 1.0)
+    if n_witnesses < 1.0 or scale * -stdtrit(n_witnesses, 0.5 * FAR) > known * -ndtri(0.5 * FAR):
+        return known, NORMAL
+    return scale, n_witnesses
 
 
 def scales_asked(means: Floats, own2: Floats, stated: Floats) -> Floats:
-    """Return the scale (p, s) of what is stated from which on each patch lies within its sigma as `INNER` of all do."""
+    """Return the scale (p, s) of what is stated from which on each patch lies within its sigma as `INNER` of all do.
+
+    Where other errors are larger than what is stated of the scans, what they are stated too small by would be a scale
+    of any size: it is the scans' up to what is stated.
+    """
     rest2 = np.maximum((means / quantile_of(NORMAL, INNER)) ** 2 - own2, 0.0)
-    return np.asarray(np.sqrt(rest2) / np.maximum(stated, 1e-300))
+    asked = np.sqrt(rest2) / np.maximum(stated, 1e-12)
+    return np.where(stated**2 >= own2, asked, np.minimum(asked, 1.0))
 
 
 def _inner(asked: Floats) -> float:

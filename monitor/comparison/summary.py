@@ -10,6 +10,7 @@ import numpy as np
 from monitor.comparison.connected import connect_like
 from monitor.comparison.evidence import Sights, knows_beams
 from monitor.comparison.quantile import median
+from monitor.comparison.scan_errors import ScanErrors
 from monitor.comparison.side import Side
 from monitor.comparison.tested import Detected
 from monitor.comparison.whole_offset import measure_offset
@@ -61,8 +62,7 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         if side.states_noise
         else float("nan"),
         "error_scale_shared": float(np.median(found.noise.shared_scale_of(side))) if _is_shared(side) else float("nan"),
-        "error_scales_scans": found.test.scans.scales.tolist() if _is_shared(side) else [],
-        "error_steps_scans_m": found.test.scans.steps.tolist() if _is_shared(side) else [],
+        **_scales_of_scans(side, found.test.scans),
         **{f"error_scales_{kind}": scales for kind, scales in found.noise.scales_by_class(side).items()},
         "correlation_length_m": found.noise.correlation.length,
         "unit_size_m": found.test.size,
@@ -102,6 +102,14 @@ def _share_of_area(areas: Floats, which: Bools) -> float:
 def _is_shared(side: Side) -> bool:
     """Return whether anything is stated of what the scans disagree by."""
     return bool(side.sigma_shared.any())
+
+
+def _scales_of_scans(side: Side, scans: ScanErrors) -> dict[str, list[float]]:
+    """Return the scales of what scans are stated to disagree by, and from how much [m] stated on each holds, as far as
+    so much is stated anywhere."""
+    most = float(side.sigma_shared[side.is_assessed].max(initial=0.0))
+    is_used = (scans.steps <= most) & (most > 0.0)
+    return {"error_scales_scans": scans.scales[is_used].tolist(), "error_steps_scans_m": scans.steps[is_used].tolist()}
 
 
 def count_reasons(reasons: Ints) -> dict[str, int]:

@@ -19,8 +19,9 @@ class Tested:
 
     `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
     largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
-    first, and of their `scans`; `n_tested` patches in all; `p_values` (p, s) of them on each side; `far`, by how many
-    levels of detection no vertex lies off zero by chance; `level`, the share of false discoveries that is held.
+    first, and of their `scans`; `n_tested` patches in all; `p_values` (p, s) of them on each side; `lies_beyond` (u,)
+    of each side, units that lie farther off zero than the rest; `far`, by how many levels of detection no vertex lies
+    off zero by chance; `level`, the share of false discoveries that is held.
     """
 
     units: tuple[Units, Units]
@@ -33,6 +34,7 @@ class Tested:
     scans: ScanErrors
     n_tested: int
     p_values: tuple[Floats, Floats]
+    lies_beyond: tuple[Bools, Bools]
     far: float
     level: float
 
