@@ -37,8 +37,10 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, lod95: Floats,
     unit, of its sign; all beyond a level themselves.
 
     Beyond a level is a vertex whose own change exceeds its lod95, or whose smoothed change exceeds what that of calm
-    vertices does in 5 %; `own` is the side without the motion of the whole, the same where none is left. `test` is that
-    of the units without what is deep: it would carry all units that share a patch with it.
+    vertices does in 5 %, and what scans are stated to disagree by: how far a region reaches is told of each place by
+    itself, and errors that are left there go on from vertex to vertex. `own` is the side without the motion of the
+    whole, the same where none is left. `test` is that of the units without what is deep: it would carry all units that
+    share a patch with it.
     """
     reach = 0.5 * min(noise.correlation.length, test.size)
     smooth = keep_on_disk(smooth_distances(side, reach, lod95))
@@ -46,8 +48,7 @@ def mark_changed(side: Side, own: Side, test: Tested, which: int, lod95: Floats,
     ratio = np.abs(error[calm]) / lod95[calm]
     kept = min(quantile(ratio, 0.95), 1.0) if len(ratio) else 1.0
     del error
-    common = np.hypot(test.scans.sigma_of(side.sigma_shared), side.sigma_motion)
-    smooth_lod95 = keep_on_disk(np.maximum(kept * lod95, Z95 * common))
+    smooth_lod95 = keep_on_disk(np.maximum(kept * lod95, Z95 * side.sigma_common))
     sign = np.sign(np.where(side.is_assessed, smooth, 0.0)).astype(np.int8)
     is_own = np.sign(side.distances) == sign
     beyond = side.is_assessed & ((is_own & (np.abs(side.distances) > lod95)) | (np.abs(smooth) > smooth_lod95))
