@@ -308,6 +308,7 @@ def least_size(extreme: tuple[float, float]) -> float:
 
 
 def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
-    """Return one sigma (k,) [m] of the change of some vertices."""
-    common = np.hypot(found.test.scans.sigma_of(side.sigma_shared[vertices]), side.sigma_motion[vertices])
+    """Return one sigma (k,) [m] of the change of some vertices; of single places what scans disagree by is as stated:
+    most show a part of it, and the place is not most."""
+    common = np.hypot(side.sigma_shared[vertices], side.sigma_motion[vertices])
     return np.sqrt(np.add(*found.noise.parts_of(side, vertices)) + common**2)

@@ -168,7 +168,7 @@ def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma
                            sigma_shared=unknown, sigma_motion=unknown,
                            surface=SimpleNamespace(vertices=place))  # fmt: skip
     noise = SimpleNamespace(parts_of=lambda side, which: np.zeros((2, len(which))))
-    found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise, test=SimpleNamespace(scans=AS_STATED))
+    found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise)
     gaps = -1e-3 * np.arange(1.0, n + 1.0)
     extreme, sigma = find_extreme(side, found, 0, (np.zeros(0, dtype=int), np.arange(n)), gaps)  # type: ignore[arg-type]
     assert extreme == pytest.approx(-1e-3 * (n - (n_told - 1) / 2))  # the median of so many nearest to the last
