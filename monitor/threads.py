@@ -45,10 +45,10 @@ def run_tasks(kernel: Callable[..., Any], n_tasks: int, *arguments: Any) -> None
 def map_threads(function: Callable[[Any], Made], items: Iterable[Any]) -> list[Made]:
     """Return what `function` makes of each item, on as many threads as numba's; what runs in threads within has a share
     of them."""
-    todo, n_threads = list(items), numba.get_num_threads()
-    share = min(max(n_threads // max(len(todo), 1), 1), numba.config.NUMBA_NUM_THREADS)
+    pending, n_threads = list(items), numba.get_num_threads()
+    share = min(max(n_threads // max(len(pending), 1), 1), numba.config.NUMBA_NUM_THREADS)
     with ThreadPoolExecutor(n_threads, initializer=numba.set_num_threads, initargs=(share,)) as pool:
-        return list(pool.map(function, todo))
+        return list(pool.map(function, pending))
 
 
 def with_one_blas_thread(function: Callable[Given, Made]) -> Callable[Given, Made]:

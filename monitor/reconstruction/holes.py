@@ -173,13 +173,13 @@ def _span(corners: Floats, is_taken: Any, beyond: Floats) -> Ints | None:
     cost, middle = _least_area(corners, is_taken, beyond)
     if not np.isfinite(cost[0, n - 1]):
         return None
-    triangles, todo = [], [(0, n - 1)]
-    while todo:
-        i, k = todo.pop()
+    triangles, pending = [], [(0, n - 1)]
+    while pending:
+        i, k = pending.pop()
         if k - i > 1:
             m = int(middle[i, k])
             triangles.append((i, m, k))
-            todo += [(i, m), (m, k)]
+            pending += [(i, m), (m, k)]
     return np.array(triangles)
 
 
