@@ -144,7 +144,7 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
                 errors_of: Callable[[Both], tuple[PatchErrors, ...]],
                 scans: ScanErrors | None = None) -> Tested:  # fmt: skip
     """Test the patches of every size of both sides, all at once; `errors_of` says how those of each size scatter,
-    `scans` what theirs disagree by, None as the calm ones show it."""
+    `scans` what their scans err by, None as the patches that hold still show it."""
 
     def measure(k: int) -> tuple[Units, Patches]:
         """Return the units of side k with their noise, and their patches measured."""

@@ -1,8 +1,8 @@
 """How much of what scans are stated to disagree by is error of a change, as the means of unchanged patches show it.
 
 In: patches of every size of both sides. Out: `ScanErrors`, a scale of what is stated, by how much that is, and how many
-witnesses it rests on. Both epochs were seen alike, by the same scanner and from the same places, so that much of what
-their scans disagree by is the same in both and falls out of the change; or it does not, where scans were placed anew.
+witnesses it rests on. Where both epochs were seen alike, by the same scanner and from the same places, much of what
+their scans disagree by is the same in both and falls out of the change; where scans were placed anew, it may not.
 Single vertices hardly know which: their own noise hides it. In patches that averages out, and what scans disagree by is
 left. It agrees far along a surface, so that few places bear witness of it; where much is stated, fewer still.
 """

@@ -286,7 +286,7 @@ def test_a_region_stands_out_with_what_its_surfaces_guess_or_without() -> None:
 
 
 def test_a_region_stands_out_less_where_its_scans_are_known_by_few_places() -> None:
-    """Six sigmas of ten degrees of freedom are as much as 3.86 of a normal distribution; of the other side, as less."""
+    """Six sigmas of ten degrees of freedom are as much as 3.8 of a normal distribution, gained or lost."""
     scans = ScanErrors(np.zeros(1), np.array([0.5]), np.array([10.0]))
     assert stands_out([view_of(-3e-3, 5e-4, stated=1e-3)], scans) == pytest.approx(norm.isf(t.sf(6.0, 10.0)), rel=1e-6)
     assert stands_out([view_of(3e-3, 5e-4, stated=1e-3)], scans) == pytest.approx(3.82, abs=0.05)

@@ -263,7 +263,8 @@ def test_a_tolerance_is_reported_where_one_was_given():
 
 def test_what_scans_disagree_by_is_told_as_it_counts_in_regions():
     row = "of the same, counted in the mean of patches and regions"
-    for scales, words in (([0.28, 0.28], "28 %"), ([0.28, 0.31, 1.2], "28 % to 120 %, where they disagree more")):
+    for scales, words in (([0.28], "28 %"), ([0.28, 1.2], "28 %, and 120 % where they disagree more"),
+                          ([1.19, 1.0], "119 %, and 100 % where they disagree more")):  # fmt: skip
         facts = facts_of(example_comparison(error_scale_shared=0.07, error_scales_scans=scales))
         told = {plain(r[0]): plain(r[1]) for table in facts.certainty for r in table.rows}
         assert told[row] == words
