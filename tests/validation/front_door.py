@@ -43,9 +43,19 @@ def process(folder: Path, epochs: Sequence[Epoch], *, extent: Path | None = None
     tell("init", project)
     tell("add-object", project, OBJECT, *(("--extent", extent) if extent else ()))
     for epoch in epochs:
-        tell("add-epoch", project, OBJECT, epoch.name, "--date", epoch.date, *epoch.options, *epoch.files)
+        _add(project, epoch)
     tell("process", project, *_settings(folder, settings))
     return project
+
+
+def add(project: Path, epoch: Epoch) -> None:
+    """Add one more epoch to a project and make its surface."""
+    _add(project, epoch)
+    tell("process", project)
+
+
+def _add(project: Path, epoch: Epoch) -> None:
+    tell("add-epoch", project, OBJECT, epoch.name, "--date", epoch.date, *epoch.options, *epoch.files)
 
 
 def compare(project: Path, reference: str, compared: str, *, mode: str | None = None, settings: str = "") -> Comparison:
