@@ -178,9 +178,10 @@ def see_probes(surface: Surface, views: Sequence[View]) -> Bools:
 def choose_views(surface: Surface) -> list[View]:
     """Return the views worth drawing, of front, right, back, left, top and below, in this order.
 
-    A view is worth it where it shows at least 4 % of the measured surface that none before it shows: a relief has its
-    front alone, a statue its four sides, a floor its top. Where all six show less than half of the surface, and more
-    of it cut away, as of a room, all are cut away.
+    A view is worth it where it shows at least 4 % of the measured surface that none chosen before it shows: a relief
+    has its front alone, a statue its four sides, a floor, a tombstone or a ceiling its top or what is below. Chosen
+    first is what shows most, or nearly as much and stands before it in this order. Where all six show less than half
+    of the surface, and more of it cut away, as of a room, all are cut away.
     """
     views = all_views(find_front(surface))
     seen = see_probes(surface, views)
@@ -189,12 +190,20 @@ def choose_views(surface: Surface) -> list[View]:
         through = see_probes(surface, cut)
         if through.any(axis=0).sum() > seen.any(axis=0).sum():
             views, seen = cut, through
-    chosen, shown = [], np.zeros(N_PROBES, dtype=bool)
-    for view, sees in zip(views, seen, strict=True):
-        if np.count_nonzero(sees & ~shown) >= WORTH_A_VIEW * N_PROBES:
-            chosen.append(view)
-            shown |= sees
-    return chosen or [views[int(seen.sum(axis=1).argmax())]]
+    return [views[k] for k in sorted(pick_views(seen))]
+
+
+def pick_views(seen: Bools) -> list[int]:
+    """Return which views to draw, first the one that shows most, by which probes each one sees (v, p): always one."""
+    chosen: list[int] = []
+    shown = np.zeros(seen.shape[1], dtype=np.bool_)
+    while True:
+        more = np.count_nonzero(seen & ~shown, axis=1)
+        if chosen and more.max() < WORTH_A_VIEW * len(shown):
+            return chosen
+        k = int(np.flatnonzero(more >= NEARLY * more.max())[0])
+        chosen.append(k)
+        shown |= seen[k]
 
 
 def choose_one(surface: Surface, wanted: Bools | None = None) -> View:

@@ -241,6 +241,16 @@ def test_floor_is_seen_from_its_top_and_ceiling_from_below():
         assert [v.name for v in choose_views(plate((0.0, 0.0, z), up=(0.0, 1.0, 0.0)))] == [name]
 
 
+def test_a_relief_that_lies_is_seen_from_its_top_alone_and_not_along_it():
+    x, y = np.meshgrid(np.linspace(0.0, 0.5, 101), np.linspace(0.0, 0.3, 61), indexing="ij")
+    bosses = 0.02 * np.sin(60.0 * x) * np.sin(60.0 * y)  # slopes of up to 50 degrees look to all four sides
+    vertices = np.stack([x.ravel(), y.ravel(), bosses.ravel()], axis=1)
+    i, j = np.meshgrid(np.arange(100), np.arange(60), indexing="ij")
+    a = (i * 61 + j).ravel()
+    faces = np.concatenate([np.stack([a, a + 61, a + 62], axis=1), np.stack([a, a + 62, a + 1], axis=1)])
+    assert [v.name for v in choose_views(Surface(vertices, faces))] == ["top"]
+
+
 def test_round_object_has_its_front_towards_minus_y(comparison):
     np.testing.assert_array_equal(find_front(comparison.on_reference.surface), [0.0, -1.0, 0.0])
 
