@@ -65,7 +65,8 @@ def export_surface(out: Path, object_id: str, epoch_id: str, surface: Surface, f
 
 def export_series(out: Path, object_id: str, series: Series, surface: Surface, formats: Sequence[str]) -> list[Path]:
     """Write the rates on the reference surface, where they are significant (`rate_assessment`: 0 not assessable, 1 not
-    significant, 2 significant), the followed regions and their history; return the paths.
+    significant, 2 significant), from how large a rate on one is told, the followed regions and their history; return
+    the paths.
 
     Parameters
     ----------
@@ -80,6 +81,8 @@ def export_series(out: Path, object_id: str, series: Series, surface: Surface, f
     }  # fmt: skip
     if series.rate_assessment is not None:
         properties["rate_assessment"] = series.rate_assessment.astype(np.uint8)
+    if series.rate_told_from is not None:
+        properties["rate_told_from"] = series.rate_told_from
     written = _write_formats(out / stem, surface, properties, formats)
     for name in ("regions", "history", "forecast", "motions", "closures"):
         path = out / f"{stem}_{name}.csv"

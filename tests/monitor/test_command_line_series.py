@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import trimesh
 
 from monitor.chain import compare_epochs
 from monitor.cli import run
@@ -73,8 +74,9 @@ def test_rates_are_significant_where_it_is_worn_and_nowhere_else(made: Path) -> 
     assert significant[away < 0.025].all()
     assert not significant[away > 0.06].any()
     assert (np.isnan(series.rate) <= (series.rate_assessment == Assessment.NOT_ASSESSABLE)).all()
-    header = (made / "relief_e2021_series.ply").read_bytes()[:2000]
-    assert b"property uchar rate_assessment" in header
+    exported = trimesh.load(made / "relief_e2021_series.ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_array_equal(exported["rate_assessment"], series.rate_assessment)
+    np.testing.assert_array_equal(exported["rate_told_from"], series.rate_told_from)
 
 
 def test_motions_of_the_whole_are_adjusted_together_and_close(made: Path) -> None:

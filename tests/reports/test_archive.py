@@ -97,7 +97,7 @@ def test_the_readme_says_what_every_column_of_every_file_is(made: Path) -> None:
               for c in columns}  # fmt: skip
     told_once = {name for name in names if name.removeprefix("sigma_") in words or name in words}
     assert names - told_once == set()
-    assert {"unresolved", "crest", "invented", "stray_share", "rate_assessment"} <= words
+    assert {"unresolved", "crest", "invented", "stray_share", "rate_assessment", "rate_told_from"} <= words
 
 
 def test_points_of_the_cloud_name_their_scan_as_the_other_files_do(made: Path) -> None:
