@@ -1,5 +1,6 @@
 """Four epochs of a relief through the command line: change is followed, reported and exported."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -19,6 +20,7 @@ from projects.formats import write_ply_mesh
 from projects.model import Assessment, Step
 from reports import pictures
 from reports.courses import draw_courses
+from reports.exports import export_series
 
 YEARS = (2021, 2022, 2023, 2025)
 
@@ -74,9 +76,11 @@ def test_rates_are_significant_where_it_is_worn_and_nowhere_else(made: Path) -> 
     assert significant[away < 0.025].all()
     assert not significant[away > 0.06].any()
     assert (np.isnan(series.rate) <= (series.rate_assessment == Assessment.NOT_ASSESSABLE)).all()
-    exported = trimesh.load(made / "relief_e2021_series.ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
+    told = dataclasses.replace(series, rate_told_from=np.arange(len(series.rate), dtype=np.float32) / 1e6)
+    path = export_series(made, "told", told, surface, ["ply"])[0]
+    exported = trimesh.load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]
     np.testing.assert_array_equal(exported["rate_assessment"], series.rate_assessment)
-    np.testing.assert_array_equal(exported["rate_told_from"], series.rate_told_from)
+    np.testing.assert_array_equal(exported["rate_told_from"], told.rate_told_from)
 
 
 def test_motions_of_the_whole_are_adjusted_together_and_close(made: Path) -> None:
