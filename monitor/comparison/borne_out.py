@@ -54,17 +54,27 @@ def keep_borne_out(
     limits : m and rad, the search limit and the largest angle between normals.
     is_gone : (r,) what was looked through, which needs no surface to be told.
     """
-    seen, n = regions.seen, len(regions.table)
+    is_borne_out = are_borne_out(sides, regions.seen, len(regions.table), points, limits) | is_gone
+    if any(own is None for own in points) and len(regions.is_chip):
+        is_borne_out &= ~regions.is_chip
+    return keep_known(regions, sides, is_borne_out)
+
+
+def are_borne_out(
+    sides: tuple[Side, Side], regions: tuple[Ints, Ints], n: int, points: tuple[Floats | None, Floats | None],
+    limits: tuple[float, float], left: tuple[Floats, Floats] | None = None,
+) -> Bools:  # fmt: skip
+    """Return which of the regions 1 to `n` (n,) the points of both epochs bear out; see `keep_borne_out`.
+
+    `left` (n,) [m] of each side is what a motion of the whole makes of its distances, where those of the sides are told
+    without it.
+    """
     shown, variance = np.ones(n + 1), np.zeros(n + 1)
     for k, own in enumerate(points):
         if own is not None:
-            share, error2 = shares_shown(sides, seen, k, own, limits, n)
+            share, error2 = shares_shown(sides, regions, k, own, limits, n, None if left is None else left[k])
             shown, variance = shown + share - 1.0, variance + error2
-    is_borne_out = shown >= np.maximum(LEAST_SHOWN, SURE * np.sqrt(variance))
-    is_borne_out[1:] |= is_gone
-    if any(own is None for own in points) and len(regions.is_chip):
-        is_borne_out[1:] &= ~regions.is_chip
-    return keep_known(regions, sides, is_borne_out[1:])
+    return np.asarray(shown >= np.maximum(LEAST_SHOWN, SURE * np.sqrt(variance)))[1:]
 
 
 def drop_guessed(regions: Regions, sides: tuple[Side, Side]) -> tuple[Regions, tuple[Side, Side]]:
@@ -94,8 +104,9 @@ def name_anew(table: pd.DataFrame, sides: tuple[Side, Side], regions: tuple[Ints
 
 
 def shares_shown(
-    sides: tuple[Side, Side], regions: tuple[Ints, Ints], k: int, points: Floats, limits: tuple[float, float], n: int
-) -> tuple[Floats, Floats]:
+    sides: tuple[Side, Side], regions: tuple[Ints, Ints], k: int, points: Floats, limits: tuple[float, float], n: int,
+    left: Floats | None = None,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Return which share (n + 1,) of the change told of the regions 1 to `n` the points (m, 3) m of side `k` show, and
     its variance (n + 1,).
 
@@ -104,7 +115,7 @@ def shares_shown(
     sheets, a surface follows one, and the points on it alone would always bear it out. The share is the sum of m over
     that of c, over vertices with points, weighted by area: where points are dense does not move it, and strays are
     drawn in. 0 where a region holds no point of this epoch; 1 where it has no vertex or no foot here, and for entry 0,
-    of no region: this epoch says nothing then.
+    of no region: this epoch says nothing then. `left` (n,) [m] is taken off what the points show at each vertex.
     """
     side, other = sides[k], sides[1 - k]
     label, claim = told_at(side, other, regions[k], regions[1 - k])
@@ -116,6 +127,7 @@ def shares_shown(
         return out, variance
     around = spread_rings(other.neighbours, _asked_of(side, label, regions[1 - k]), RINGS)
     change = SIGNS[k] * distances_to_part(points[which], side.normals[vertex], other.surface, around, limits)
+    change = change if left is None else change - left[vertex]
     known = np.flatnonzero(np.isfinite(change) & (claim[vertex] != 0.0))
     vertex, change = vertex[known], change[known]
     for number in np.unique(label[vertex]):

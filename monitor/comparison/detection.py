@@ -49,16 +49,18 @@ CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a thi
 
 
 def detect(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
-           left: Registration | None = None, is_given: bool = False, is_rest: bool = False) -> Detected:  # fmt: skip
+           left: Registration | None = None, is_given: bool = False, is_rest: bool = False,
+           plain: Masks | None = None) -> Detected:  # fmt: skip
     """Decide for both sides which vertices have changed, with a false discovery rate of `level` over the surface.
 
     `left` is the motion of the whole that stays in the distances. It is change and no error: the noise is learned
     without it, and all is judged by that. `is_given`: someone knows that what is stable did not change; then it alone
     tells the noise, be it ever so small a part; so it does where the stable areas are what a layer on most of the
-    object left out (`is_rest`). Where nothing of it is stable, as if nobody knew.
+    object left out (`is_rest`). Where nothing of it is stable, as if nobody knew. What changed plainly (`plain`, of
+    both sides) does not teach.
     """
     is_known = (is_given or is_rest) and any((s.is_stable & s.is_assessed).any() for s in sides)
-    learn = partial(learn_from_given, is_sharp=is_given) if is_known else learn_and_judge
+    learn = partial(learn_from_given, is_sharp=is_given) if is_known else partial(learn_and_judge, plain=plain)
     if left is None:
         return learn(sides, registration, level, seed)
     own = (sides[0].without_motion(), sides[1].without_motion())
@@ -69,16 +71,18 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     return conclude(sides, noise, test, layout, calm, registration, own)
 
 
-def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level: float, seed: int) -> Detected:
-    """Learn the noise from what is stable, then from all that did not change, and judge by it."""
+def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
+                    plain: Masks | None = None) -> Detected:  # fmt: skip
+    """Learn the noise from what is stable, then from all that did not change, and judge by it; what is `plain` change
+    does not teach."""
     rng = np.random.default_rng(seed)
-    calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
+    calm = without_plain((stable_or_all(sides[0]), stable_or_all(sides[1])), plain)
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
     layout = lay_out(sides, noise, registration, None)
     test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, first_errors), AS_STATED)
     teaches_all = False
     for _ in range(N_ROUNDS):
-        rest = away_from_both(sides, test)
+        rest = without_plain(away_from_both(sides, test), plain)
         if can_teach(rest, sides, test):
             calm, noise = rest, learn_noise(sides, rest, 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, registration, layout)
@@ -126,6 +130,11 @@ def conclude(sides: tuple[Side, Side], noise: Noise, test: Tested, layout: Layou
         rest = judge_units(without, sides, calm, noise, test.level, lambda _: test.errors, test.scans)
     found = map_sides(lambda k: mark_changed(sides[k], own[k], rest, k, levels[k], deep[k], noise, calm[k]), n_vertices)
     return Detected(found, noise, test, layout, calm)
+
+
+def without_plain(masks: Masks, plain: Masks | None) -> Masks:
+    """Return the masks of both sides without what changed plainly."""
+    return masks if plain is None else (masks[0] & ~plain[0], masks[1] & ~plain[1])
 
 
 def stable_or_all(side: Side) -> Bools:

@@ -29,6 +29,7 @@ from monitor.comparison.distances import search_limit
 from monitor.comparison.enclosure import Beyond, look_beyond
 from monitor.comparison.evidence import Sights, look_through
 from monitor.comparison.needed import by_width, patches_needed
+from monitor.comparison.plain_change import changed_plainly
 from monitor.comparison.region_shapes import describe_shapes
 from monitor.comparison.regions import Regions, area_looked_through, find_regions, least_area, least_beyond
 from monitor.comparison.scratch import keep_on_disk
@@ -151,8 +152,10 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         sides = look_from(sides, sights, back)
     beyond = look_beyond(sides, shells, limit)
     del shells  # of small surfaces they hold their trees, the larger part of all memory
+    own = None if points is None else lambda: in_one_frame(judged_points(points(), compared, layer), T)
+    plain = None if own is None else changed_plainly(sides, own, limits)
     found = detect(sides, held, settings.false_discovery_rate, settings.seed, left, stable_is_given,
-                   registration.stable_is_rest)  # fmt: skip
+                   registration.stable_is_rest, plain)  # fmt: skip
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
     regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate, points is not None)
@@ -163,7 +166,6 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
-    own = None if points is None else lambda: in_one_frame(judged_points(points(), compared, layer), T)
     regions, sides = hold_to_points(regions, sides, found, beyond, own, limits)
     told = finish_sides(sides, found, regions, beyond)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
