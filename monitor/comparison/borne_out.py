@@ -62,18 +62,19 @@ def keep_borne_out(
 
 def are_borne_out(
     sides: tuple[Side, Side], regions: tuple[Ints, Ints], n: int, points: tuple[Floats | None, Floats | None],
-    limits: tuple[float, float], left: tuple[Floats, Floats] | None = None,
+    limits: tuple[float, float], left: tuple[Floats, Floats] | None = None, each_must: bool = False,
 ) -> Bools:  # fmt: skip
     """Return which of the regions 1 to `n` (n,) the points of both epochs bear out; see `keep_borne_out`.
 
     `left` (n,) [m] of each side is what a motion of the whole makes of its distances, where those of the sides are told
-    without it.
+    without it. `each_must`: an epoch of which no point says anything bears nothing out.
     """
     shown, variance = np.ones(n + 1), np.zeros(n + 1)
     for k, own in enumerate(points):
         if own is not None:
             share, error2 = shares_shown(sides, regions, k, own, limits, n, None if left is None else left[k])
             shown, variance = shown + share - 1.0, variance + error2
+            shown[(error2 == 0.0) & each_must] = -np.inf
     return np.asarray(shown >= np.maximum(LEAST_SHOWN, SURE * np.sqrt(variance)))[1:]
 
 
@@ -130,8 +131,9 @@ def shares_shown(
     change = change if left is None else change - left[vertex]
     known = np.flatnonzero(np.isfinite(change) & (claim[vertex] != 0.0))
     vertex, change = vertex[known], change[known]
-    for number in np.unique(label[vertex]):
-        own = label[vertex] == number
+    rising = np.argsort(label[vertex], kind="stable")
+    for own in np.split(rising, np.flatnonzero(np.diff(label[vertex[rising]])) + 1) if len(rising) else ():
+        number = label[vertex[own[0]]]
         out[number], variance[number] = _share_of(vertex[own], change[own], claim, side.areas)
     return out, variance
 

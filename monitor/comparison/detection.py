@@ -57,7 +57,7 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
     without it, and all is judged by that. `is_given`: someone knows that what is stable did not change; then it alone
     tells the noise, be it ever so small a part; so it does where the stable areas are what a layer on most of the
     object left out (`is_rest`). Where nothing of it is stable, as if nobody knew. What changed plainly (`plain`, of
-    both sides) does not teach.
+    both sides) does not teach, unless nothing is significant in the end.
     """
     is_known = (is_given or is_rest) and any((s.is_stable & s.is_assessed).any() for s in sides)
     learn = partial(learn_from_given, is_sharp=is_given) if is_known else partial(learn_and_judge, plain=plain)
@@ -74,7 +74,7 @@ def detect(sides: tuple[Side, Side], registration: Registration, level: float, s
 def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level: float, seed: int,
                     plain: Masks | None = None) -> Detected:  # fmt: skip
     """Learn the noise from what is stable, then from all that did not change, and judge by it; what is `plain` change
-    does not teach."""
+    does not teach, unless nothing is significant in the end."""
     rng = np.random.default_rng(seed)
     calm = without_plain((stable_or_all(sides[0]), stable_or_all(sides[1])), plain)
     noise = learn_noise(sides, calm, CORE_SHARE, rng)

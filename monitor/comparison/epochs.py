@@ -6,6 +6,7 @@ Registration (docs/method.md, step 11), distances both ways and level of detecti
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -113,8 +114,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         only what has a counterpart is changed. They also tell how steeply each place was seen, which its level of
         detection knows where the stations of both epochs are known.
     points : returns the points (n, 3) m that the reference and the compared surface were made of, each in its own
-        epoch's coordinates, None for a finished mesh; asked where regions were found. With them a region is one only
-        where what was measured shows it, in both epochs, and not what a surface makes up between its points.
+        epoch's coordinates, None for a finished mesh; asked once, where anything seems to have changed. With them a
+        region is one only where what was measured shows it, in both epochs, and not what a surface makes up between its
+        points.
     stable_is_given : someone knows where nothing changed, and the stable areas of the registration lie there. They
         alone tell the level of detection then, and all the rest may have changed, as where an object was cleaned all
         over but its base.
@@ -152,8 +154,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         sides = look_from(sides, sights, back)
     beyond = look_beyond(sides, shells, limit)
     del shells  # of small surfaces they hold their trees, the larger part of all memory
-    own = None if points is None else lambda: in_one_frame(judged_points(points(), compared, layer), T)
-    plain = None if own is None else changed_plainly(sides, own, limits)
+    own = None if points is None else once(lambda: in_one_frame(judged_points(points(), compared, layer), T))
+    knows = stable_is_given or registration.stable_is_rest
+    plain = None if own is None or knows else changed_plainly(sides, own, limits)
     found = detect(sides, held, settings.false_discovery_rate, settings.seed, left, stable_is_given,
                    registration.stable_is_rest, plain)  # fmt: skip
     if sights is not None:
@@ -269,6 +272,17 @@ def judged_points(points: tuple[Floats | None, Floats | None], compared: Surface
     """Return the points (n, 3) [m] of both epochs as their surfaces are judged: the compared one's without a `layer`
     [m] all over."""
     return points if not layer else (points[0], peel_points(points[1], compared, layer))
+
+
+def once(points: Points) -> Points:
+    """Return what returns the same points, asked for at most once and kept on disk."""
+    return functools.cache(lambda: keep_each(points()))
+
+
+def keep_each(points: tuple[Floats | None, Floats | None]) -> tuple[Floats | None, Floats | None]:
+    """Return the points of both epochs, where known, kept on disk."""
+    before, after = (None if own is None else keep_on_disk(own) for own in points)
+    return before, after
 
 
 def in_one_frame(points: tuple[Floats | None, Floats | None], T_reference_compared: Floats | None,

@@ -3,7 +3,9 @@
 In: both sides, and the points of both epochs. Out: which vertices do not teach the noise. How large errors are is
 learned from what did not change, of each class of place by itself. Where most of a class has changed, as all edges of
 an object do whose one boss was moved, it would teach the change as its error, and nothing would ever be told there.
-Surfaces alone differ by many times what they state along edges where nothing changed, too; their points do not.
+Fits to edges differ by many times what they state where nothing changed, too; the points that they were made of do not.
+What scans err by is in these as well: where most of an object errs by more than is stated, the rest must stand out of
+that, and what stands out all over is no plain change.
 """
 
 from __future__ import annotations
@@ -11,64 +13,86 @@ from __future__ import annotations
 import numpy as np
 
 from monitor.comparison.blocks import blocks
-from monitor.comparison.borne_out import SURE, Points, are_borne_out
-from monitor.comparison.chips import FEW
+from monitor.comparison.borne_out import Points, are_borne_out
 from monitor.comparison.connected import connect_like
-from monitor.comparison.marking import HALF, grow
-from monitor.comparison.side import Side, larger_of, map_sides
-from projects.model import Bools, Ints
+from monitor.comparison.marking import grow
+from monitor.comparison.quantile import median
+from monitor.comparison.regions import HANDFUL
+from monitor.comparison.side import N_DRAWN, Side, larger_of, map_sides
+from projects.model import Bools, Floats, Ints, NotAssessed
 
-BESIDE, PLAIN = 1, 2  # how far off zero: half of `SURE` sigmas as stated, all of it
+SIGMAS, AROUND = 3.0, 1.5  # as stated, or as most places err: plain is what lies so far off zero, with what around it
+MOST_PLAIN = 0.1  # of the assessed area: what stands out of the rest on more of it may be what scans err by there
+CORE = 0.6745  # sigmas within which half of normal errors lie
 
 
 def changed_plainly(sides: tuple[Side, Side], points: Points, limits: tuple[float, float]) -> tuple[Bools, Bools]:
-    """Return which vertices (n,) of both sides changed plainly: parts that both surfaces show, `SURE` sigmas as stated
-    off zero, and that the points of both epochs bear out; and what hangs together with them, off by half of that. A
-    motion of the whole that stays in the distances is taken off.
+    """Return which vertices (n,) of both sides changed plainly: parts that both surfaces show, `SIGMAS` off zero, and
+    that the points of both epochs bear out; and what hangs together with them, off by `AROUND`.
+
+    Sigmas are as stated, or larger by as much as the middle of all distances is; a motion of the whole that stays in
+    the distances is taken off. Nothing is plain where an epoch has no points or does not state its noise, nor where all
+    that seems so is more than `MOST_PLAIN` of what is assessed.
 
     Parameters
     ----------
-    points : returns those (m, 3) m of both epochs, in the reference's coordinates; nothing is plain without.
+    points : returns those (m, 3) m of both epochs, in the reference's coordinates.
     limits : m and rad, the search limit and the largest angle between normals.
     """
-    n_vertices, left = larger_of(sides), (sides[0].expected, sides[1].expected)
-    sides = sides[0].without_motion(), sides[1].without_motion()
-    steps = map_sides(lambda k: steps_off(sides[k]), n_vertices)
-    parts, n_parts = number_parts(sides, steps)
-    is_plain = np.zeros(n_parts + 1, dtype=np.bool_)  # the first: no part
-    if n_parts:
-        both = points()
-        if both[0] is not None and both[1] is not None:
-            is_plain[1:] = are_borne_out(sides, parts, n_parts, both, limits, left)
-    return map_sides(lambda k: grow(is_plain[parts[k]], np.abs(steps[k]) >= BESIDE, np.sign(steps[k]),
-                                    sides[k].neighbours), n_vertices)  # fmt: skip
+    nothing = np.zeros(len(sides[0].areas), dtype=np.bool_), np.zeros(len(sides[1].areas), dtype=np.bool_)
+    if not sides[0].states_noise:
+        return nothing
+    left = (sides[0].expected, sides[1].expected) if any(side.expected.any() for side in sides) else None
+    told = sides if left is None else (sides[0].without_motion(), sides[1].without_motion())
+    n_vertices = larger_of(told)
+    off = map_sides(lambda k: sigmas_off(told[k]), n_vertices)
+    usual = max(usual_sigmas(told, off), 1.0)
+    parts, n_parts = number_parts(told, off, SIGMAS * usual)
+    both = points() if n_parts else (None, None)
+    if both[0] is None or both[1] is None:
+        return nothing
+    is_plain = np.append(False, are_borne_out(told, parts, n_parts, both, limits, left, each_must=True))
+    found = map_sides(lambda k: grow(is_plain[parts[k]], np.abs(off[k]) > AROUND * usual,
+                                     np.sign(off[k]).astype(np.int8), told[k].neighbours), n_vertices)  # fmt: skip
+    shares = [float(s.areas[p].sum()) / float(s.areas[s.is_assessed].sum()) for s, p in zip(told, found, strict=True)
+              if p.any()]  # fmt: skip
+    return found if max(shares, default=0.0) <= MOST_PLAIN else nothing
 
 
-def steps_off(side: Side) -> Ints:
-    """Return of each vertex (n,) int8 how far its change is beyond what is stated, `BESIDE` or `PLAIN`, with its sign;
-    0 where it is not, or not assessed."""
-    out = np.zeros(len(side.distances), dtype=np.int8)
+def sigmas_off(side: Side) -> Floats:
+    """Return how many sigmas, as stated, each vertex (n,) float32 lies off zero, with its sign; 0 where it was not assessed."""
+    out = np.zeros(len(side.distances), dtype=np.float32)
     for block in blocks(len(out)):
-        stated2 = side.sigma_surfaces[block] ** 2 + side.sigma_discord[block] ** 2 + side.sigma_common[block] ** 2
-        change = np.where(side.is_assessed[block], side.distances[block], 0.0)
-        off = np.abs(change) / np.sqrt(np.maximum(stated2, 1e-300))
-        out[block] = np.sign(change) * np.where(off > SURE, PLAIN, off > HALF * SURE)
+        surfaces2 = side.sigma_surfaces[block] ** 2 + side.sigma_discord[block] ** 2
+        common2 = side.sigma_shared[block] ** 2 + side.sigma_motion[block] ** 2
+        change = np.where(side.reasons[block] == NotAssessed.ASSESSED, side.distances[block], 0.0)
+        out[block] = change / np.sqrt(np.maximum(surfaces2 + common2, 1e-300))
     return out
 
 
-def number_parts(sides: tuple[Side, Side], steps: tuple[Ints, Ints]) -> tuple[tuple[Ints, Ints], int]:
+def usual_sigmas(sides: tuple[Side, Side], off: tuple[Floats, Floats]) -> float:
+    """Return how many times larger than stated the errors of most assessed places are, by the middle of them."""
+    drawn = []
+    for side, own in zip(sides, off, strict=True):
+        step = max(len(own) // N_DRAWN, 1)
+        drawn.append(np.abs(own[::step][side.reasons[::step] == NotAssessed.ASSESSED]))
+    every = np.concatenate(drawn).astype(np.float64)
+    return float(median(every)) / CORE if len(every) else 1.0
+
+
+def number_parts(sides: tuple[Side, Side], off: tuple[Floats, Floats], least: float) -> tuple[tuple[Ints, Ints], int]:
     """Return the part (n,) of each vertex of both sides, from 1 on, 0 for none, and how many parts there are: what is
-    plain by its `steps` (n,), of one sign, hangs together over both, and is more than few vertices on each."""
-    n_first, links = len(steps[0]), []
-    kinds = np.concatenate([np.where(np.abs(s) == PLAIN, np.sign(s) + np.int8(1), np.int8(-1)) for s in steps])
-    for side, step, own, other in ((sides[0], steps[0], 0, n_first), (sides[1], steps[1], n_first, 0)):
-        at = np.flatnonzero((np.abs(step) == PLAIN) & (side.foot_vertices >= 0))
+    `off` (n,) by more than so many sigmas, of one sign, hangs together over both, and is a handful on each."""
+    n_first, links = len(off[0]), []
+    kinds = np.concatenate([np.where(np.abs(o) > least, np.sign(o).astype(np.int8) + np.int8(1), np.int8(-1))
+                            for o in off])  # fmt: skip
+    for side, own, other in ((sides[0], 0, n_first), (sides[1], n_first, 0)):
+        at = np.flatnonzero((kinds[own : own + len(side.areas)] >= 0) & (side.foot_vertices >= 0))
         links.append(np.column_stack([at + own, side.foot_vertices[at] + other]).astype(np.int64))
     part = connect_like(kinds, [s.neighbours for s in sides], links)
     both, n_parts = (part[:n_first], part[n_first:]), int(part.max(initial=-1)) + 1
     areas = [np.bincount(p[p >= 0], s.areas[p >= 0], minlength=n_parts) for s, p in zip(sides, both, strict=True)]
-    least = FEW * max(float(np.median(side.areas)) for side in sides)
-    kept = np.flatnonzero(np.minimum(*areas) >= least)
+    kept = np.flatnonzero(np.minimum(*areas) >= HANDFUL * max(float(median(s.areas)) for s in sides))
     number = np.zeros(n_parts + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     return (number[both[0]], number[both[1]]), len(kept)  # part -1 is the last entry: 0

@@ -208,7 +208,8 @@ def try_survey(survey: Survey, seed: int) -> Outcome:
 def run(size: Size) -> list[Row]:
     """Try each object; tell of all together how many patches of each depth were told, and of each what it said."""
     outcomes = [try_survey(survey, seed) for seed, survey in enumerate(surveys(size), start=1)]
-    return [*(row_of_times(times, outcomes) for times in TIMES), *map(row_of_object, outcomes)]
+    tried = {patch.times for outcome in outcomes for patch in outcome.patches}
+    return [*(row_of_times(times, outcomes) for times in TIMES if times in tried), *map(row_of_object, outcomes)]
 
 
 def row_of_times(times: float, outcomes: list[Outcome]) -> Row:
