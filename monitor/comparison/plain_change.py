@@ -60,7 +60,7 @@ def changed_plainly(sides: tuple[Side, Side], points: Points, limits: tuple[floa
 
 
 def sigmas_off(side: Side) -> Floats:
-    """Return how many sigmas, as stated, each vertex (n,) float32 lies off zero, with its sign; 0 where it was not assessed."""
+    """Return how many sigmas, as stated, each vertex (n,) float32 lies off zero, signed; 0 where not assessed."""
     out = np.zeros(len(side.distances), dtype=np.float32)
     for block in blocks(len(out)):
         surfaces2 = side.sigma_surfaces[block] ** 2 + side.sigma_discord[block] ** 2
