@@ -21,8 +21,10 @@ WIDE, SPACING, NOISE = 0.12, 1e-3, 3e-4  # m, of the sheet with the boss and of 
 ROUND, HIGH, WALL, MOVED = 0.015, 0.006, 0.004, 0.002  # m, of the boss: its radius, height, slope, and how far it moved
 N, EDGE = 101, 2e-3  # vertices along the sheets of the places, m between them
 RADIUS, SURE = 0.008, 5e-5  # m, of places that changed; one sigma as stated of each surface
-MIDDLES = {"deep": (0.04, 0.04), "half up, half less down": (0.04, 0.1), "just plain": (0.04, 0.16),
-           "spike": (0.1, 0.04), "not quite": (0.1, 0.1), "high, scans disagree": (0.1, 0.16), "seen once": (0.16, 0.1)}  # fmt: skip
+MIDDLES = {
+    "deep": (0.04, 0.04), "half up, half less down": (0.04, 0.1), "just plain": (0.04, 0.16), "spike": (0.1, 0.04),
+    "not quite": (0.1, 0.1), "high, scans disagree": (0.1, 0.16), "seen once": (0.16, 0.1),
+}  # m  # fmt: skip
 LIMITS = (0.02, np.radians(60.0))  # m, rad
 
 
