@@ -65,8 +65,8 @@ def sigmas_off(side: Side) -> Floats:
     for block in blocks(len(out)):
         surfaces2 = side.sigma_surfaces[block] ** 2 + side.sigma_discord[block] ** 2
         common2 = side.sigma_shared[block] ** 2 + side.sigma_motion[block] ** 2
-        change = np.where(side.reasons[block] == NotAssessed.ASSESSED, side.distances[block], 0.0)
-        out[block] = change / np.sqrt(np.maximum(surfaces2 + common2, 1e-300))
+        off = side.distances[block] / np.sqrt(np.maximum(surfaces2 + common2, 1e-300))
+        out[block] = np.where(side.reasons[block] == NotAssessed.ASSESSED, off, 0.0)
     return out
 
 
