@@ -85,13 +85,15 @@ def _between(first: Sample, second: Sample, sides: tuple[Side, Side], regions: t
 
 
 def is_explained(parts: tuple[Sample, Sample], between: Sample) -> bool:
-    """Whether one rigid motion explains nearly all of the change of both parts, n' (t + w x (x - c)) by least squares.
+    """Whether one rigid motion explains nearly all of the change of both parts, n' (t + w x (x - c)) by least squares
+    over them and what lies between.
 
     Each of both by itself: beside a deep loss all is explained that leaves the loss. And what did not change `between`
     them must not have to: any two layers can be laid on one motion, but a part moves with what lies within it. There
-    counts by how much the motion leaves more than no motion does.
+    counts by how much the motion leaves more than no motion does. It is fitted there too: the two sides of a part that
+    slid hardly tell how little it turned.
     """
-    points, normals, change = (np.concatenate(both) for both in zip(*parts, strict=True))
+    points, _, change = (np.concatenate(both) for both in zip(*parts, strict=True))
     if len(change) < FEWEST_VERTICES:
         return False
     centre = points.mean(axis=0)
@@ -101,7 +103,8 @@ def is_explained(parts: tuple[Sample, Sample], between: Sample) -> bool:
         """Return how the distances (n,) change with a small motion: rows (n, 6) of turn, scaled, and shift."""
         return np.hstack([np.cross((sample.points - centre) / scale, sample.normals), sample.normals])
 
-    motion, *_ = np.linalg.lstsq(rows(Sample(points, normals, change)), change, rcond=1e-6)
+    every = np.vstack([rows(sample) for sample in (*parts, between)])
+    motion, *_ = np.linalg.lstsq(every, np.append(change, between.change), rcond=1e-6)
     left = [float(np.sum((part.change - rows(part) @ motion) ** 2)) for part in parts]
     whole = [float(part.change @ part.change) for part in parts]
     told = rows(between) @ motion
