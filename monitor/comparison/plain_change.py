@@ -4,8 +4,8 @@ In: both sides, and the points of both epochs. Out: which vertices do not teach 
 learned from what did not change, of each class of place by itself. Where most of a class has changed, as all edges of
 an object do whose one boss was moved, it would teach the change as its error, and nothing would ever be told there.
 Fits to edges differ by many times what they state where nothing changed, too; the points that they were made of do not.
-What scans err by is in these as well: where most of an object errs by more than is stated, the rest must stand out of
-that, and what stands out all over is no plain change.
+What scans err by is in these as well: it is held to be twice what is stated, and where most of an object errs by more
+than is stated, the rest must stand out of that; what stands out all over is no plain change.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from projects.model import Bools, Floats, Ints, NotAssessed
 
 SIGMAS, AROUND = 3.0, 1.5  # as stated, or as most places err: plain is what lies so far off zero, with what around it
 MOST_PLAIN = 0.1  # of the assessed area: what stands out of the rest on more of it may be what scans err by there
+SCANS = 2.0  # times what scans are stated to disagree by: it may be off by a factor of two, and no point tells
 CORE = 0.6745  # sigmas within which half of normal errors lie
 
 
@@ -30,9 +31,9 @@ def changed_plainly(sides: tuple[Side, Side], points: Points, limits: tuple[floa
     """Return which vertices (n,) of both sides changed plainly: parts that both surfaces show, `SIGMAS` off zero, and
     that the points of both epochs bear out; and what hangs together with them, off by `AROUND`.
 
-    Sigmas are as stated, or larger by as much as the middle of all distances is; a motion of the whole that stays in
-    the distances is taken off. Nothing is plain where an epoch has no points or does not state its noise, nor where all
-    that seems so is more than `MOST_PLAIN` of what is assessed.
+    Sigmas are as stated, of the scans `SCANS` times that, or larger by as much as the middle of all distances is; a
+    motion of the whole that stays in the distances is taken off. Nothing is plain where an epoch has no points or does
+    not state its noise, nor where all that seems so is more than `MOST_PLAIN` of what is assessed.
 
     Parameters
     ----------
@@ -60,11 +61,12 @@ def changed_plainly(sides: tuple[Side, Side], points: Points, limits: tuple[floa
 
 
 def sigmas_off(side: Side) -> Floats:
-    """Return how many sigmas, as stated, each vertex (n,) float32 lies off zero, signed; 0 where not assessed."""
+    """Return how many sigmas, of the scans `SCANS` times as stated, each vertex (n,) float32 lies off zero, signed; 0
+    where it is not assessed."""
     out = np.zeros(len(side.distances), dtype=np.float32)
     for block in blocks(len(out)):
         surfaces2 = side.sigma_surfaces[block] ** 2 + side.sigma_discord[block] ** 2
-        common2 = side.sigma_shared[block] ** 2 + side.sigma_motion[block] ** 2
+        common2 = (SCANS * side.sigma_shared[block]) ** 2 + side.sigma_motion[block] ** 2
         off = side.distances[block] / np.sqrt(np.maximum(surfaces2 + common2, 1e-300))
         out[block] = np.where(side.reasons[block] == NotAssessed.ASSESSED, off, 0.0)
     return out
