@@ -17,7 +17,7 @@ from monitor.comparison.borne_out import Points, are_borne_out
 from monitor.comparison.connected import connect_like
 from monitor.comparison.marking import grow
 from monitor.comparison.quantile import median
-from monitor.comparison.regions import HANDFUL
+from monitor.comparison.regions import HANDFUL, foot_links
 from monitor.comparison.side import N_DRAWN, Side, larger_of, map_sides
 from projects.model import Bools, Floats, Ints, NotAssessed
 
@@ -85,12 +85,11 @@ def usual_sigmas(sides: tuple[Side, Side], off: tuple[Floats, Floats]) -> float:
 def number_parts(sides: tuple[Side, Side], off: tuple[Floats, Floats], least: float) -> tuple[tuple[Ints, Ints], int]:
     """Return the part (n,) of each vertex of both sides, from 1 on, 0 for none, and how many parts there are: what is
     `off` (n,) by more than so many sigmas, of one sign, hangs together over both, and is a handful on each."""
-    n_first, links = len(off[0]), []
+    n_first = len(off[0])
     kinds = np.concatenate([np.where(np.abs(o) > least, np.sign(o).astype(np.int8) + np.int8(1), np.int8(-1))
                             for o in off])  # fmt: skip
-    for side, own, other in ((sides[0], 0, n_first), (sides[1], n_first, 0)):
-        at = np.flatnonzero((kinds[own : own + len(side.areas)] >= 0) & (side.foot_vertices >= 0))
-        links.append(np.column_stack([at + own, side.foot_vertices[at] + other]).astype(np.int64))
+    links = [foot_links(sides[0], kinds[:n_first] >= 0) + np.array([0, n_first]),
+             foot_links(sides[1], kinds[n_first:] >= 0) + np.array([n_first, 0])]  # fmt: skip
     part = connect_like(kinds, [s.neighbours for s in sides], links)
     both, n_parts = (part[:n_first], part[n_first:]), int(part.max(initial=-1)) + 1
     areas = [np.bincount(p[p >= 0], s.areas[p >= 0], minlength=n_parts) for s, p in zip(sides, both, strict=True)]

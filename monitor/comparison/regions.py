@@ -291,8 +291,8 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
     changed = np.concatenate([f.is_changed | t for f, t in zip(found, beyond.is_through, strict=True)])
     sign = np.concatenate([np.where(t, s, np.sign(np.nan_to_num(f.smooth))).astype(np.int8)
                            for f, t, s in zip(found, beyond.is_through, SIGNS, strict=True)])  # fmt: skip
-    links = [_foot_links(sides[0], changed[:n_first]) + np.array([0, n_first]),
-             _foot_links(sides[1], changed[n_first:]) + np.array([n_first, 0])]  # fmt: skip
+    links = [foot_links(sides[0], changed[:n_first]) + np.array([0, n_first]),
+             foot_links(sides[1], changed[n_first:]) + np.array([n_first, 0])]  # fmt: skip
     for k, (own, other) in enumerate(((0, n_first), (n_first, 0))):
         at = np.flatnonzero(beyond.is_through[k] & (beyond.nearest[k] >= 0))
         links.append(np.column_stack([at + own, beyond.nearest[k][at] + other]))
@@ -301,7 +301,7 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
     return part[:n_first], part[n_first:]
 
 
-def _foot_links(side: Side, changed: Bools) -> Ints:
+def foot_links(side: Side, changed: Bools) -> Ints:
     """Return (vertex, nearest vertex of its foot's face on the other surface) for each assessed vertex in `changed`."""
     at = np.flatnonzero(side.is_assessed & changed)
     return np.column_stack([at, side.foot_vertices[at]]).astype(np.int64)
