@@ -15,6 +15,7 @@ import numpy as np
 
 from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.comparison import compare
+from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
 from monitor.filtered_scans import FilteredScans, filter_scans
@@ -114,7 +115,8 @@ def compare_epochs(
                         points=lambda: (measured_points(earlier), measured_points(place)),
                         stable_is_given=stable is not None)  # fmt: skip
         if len(found.regions):  # what moved as a whole shows as regions of change
-            parts = find_parts(compared, reference, motion, settings.parts, found.on_compared.is_changed)
+            side = found.on_compared
+            parts = find_parts(compared, reference, motion, settings.parts, side.is_changed, side.lod95 / Z95)
             found = tell_moved(found, parts, compared.vertices)
         clouds = filtered(earlier), filtered(place)
         if clouds[0] is None or clouds[1] is None:

@@ -14,7 +14,7 @@ from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
 from reports.quantities import MM, NBSP, NOT_KNOWN, estimate, in_words, listed, millimetres, percent, square
 from reports.whereabouts import Setting, locate_most
-from reports.wholemotion import describe_motion
+from reports.wholemotion import PartMotion, describe_motion, describe_parts
 
 NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
@@ -80,8 +80,17 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
         return f"No part changed against the rest{where}, but {_as_a_whole(comparison)}."
     if n == 0:
         return f"No change was found{where}."
-    told = "One region changed" if n == 1 else f"{in_words(n).capitalize()} regions changed"
+    told = _told_first(describe_parts(comparison), n)
     return f"{told} against the rest, which lies {_off(comparison)}." if is_beside_layer(comparison) else f"{told}."
+
+
+def _told_first(parts: list[PartMotion], n: int) -> str:
+    """Return how many parts moved, and how many of `n` regions are no part's motion, as the beginning of a sentence."""
+    rest = n - len({r for part in parts for r in part.regions})
+    moved = f"{in_words(len(parts))} part{'s' * (len(parts) > 1)} moved"
+    others = f"{in_words(rest)}{' other' * bool(parts)} region{'s' * (rest != 1)} changed"
+    told = others if not parts else f"{moved}, and {others}" if rest else moved
+    return told[0].upper() + told[1:]
 
 
 def differs_as_a_whole(comparison: Comparison) -> bool:
@@ -130,9 +139,21 @@ def _what_changed(
         happened = MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else HAPPENED.get(kind, kind)
         parts.append(f"{in_words(n)}{things} {happened}{which}")
     size = f"; together they cover {square(float(comparison.regions['area_m2'].sum()))}" if len(regions) > 1 else ""
-    told = [_tell(r) for r in regions[:NAMED]]
-    rest = ("The others stand in the table of regions.",) if len(regions) > NAMED else ()
+    moved = describe_parts(comparison)
+    of_parts = {number for part in moved for number in part.regions}
+    others = [r for r in regions if r.number not in of_parts]
+    told = [*(_tell_part(k, part) for k, part in enumerate(moved[:NAMED], start=1)), *map(_tell, others[:NAMED])]
+    tables = [f"the table of {what}" for what, left in (("parts", moved), ("regions", others)) if len(left) > NAMED]
+    rest = (f"The others stand in {listed(tables)}.",) if tables else ()
     return (f"{between} {listed(parts)}{size}.", *told, *rest)
+
+
+def _tell_part(number: int, part: PartMotion) -> str:
+    """Return as a sentence how far a part moved."""
+    n = len(part.regions)
+    which = f" (region{'s' * (n > 1)} {listed([str(r) for r in part.regions])})" if 0 < n <= LISTED else ""
+    turned = f" and turned by {part.turn.text}" if part.is_turned else ""
+    return f"Part {number}{which} moved as a whole against the rest, by {part.shift.text}{turned}."
 
 
 def holds_whole(comparison: Comparison) -> bool:

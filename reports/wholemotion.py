@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from projects.model import Comparison, Floats, Registration
 from projects.transforms import apply, invert
 from reports.facts import EpochFacts, Table
-from reports.quantities import DEGREES, MM, Estimate, coordinates, estimate
+from reports.quantities import DEGREES, MM, Z95, Estimate, coordinates, estimate
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,35 @@ class WholeMotion:
     sigma_rotation: Floats
     displacement: Estimate
     angle: Estimate
+
+
+@dataclass(frozen=True)
+class PartMotion:
+    """How far a part moved against the rest: shifted at its middle, and turned about it; `is_turned` where that is more
+    than its margin. `regions` are the numbers of those that it explains."""
+
+    centre: Floats
+    shift: Estimate
+    axes: tuple[Estimate, ...]
+    turn: Estimate
+    is_turned: bool
+    regions: tuple[int, ...]
+
+
+def describe_parts(comparison: Comparison) -> list[PartMotion]:
+    """Return the parts that moved rigidly, those of most points first."""
+    out = []
+    for part in comparison.statistics.get("parts") or ():
+        motion, covariance = np.asarray(part["motion"]), np.asarray(part["covariance"])
+        sigma_turn = _sigma_along(motion[:3], covariance[:3, :3])
+        axes = (estimate(float(t), float(s), MM, "", signed=True)
+                for t, s in zip(motion[3:], np.sqrt(np.diag(covariance)[3:]), strict=True))  # fmt: skip
+        out.append(PartMotion(
+            np.asarray(part["centre"]), _length(motion[3:], covariance[3:, 3:], MM, "mm"), tuple(axes),
+            _length(motion[:3], covariance[:3, :3], DEGREES, "°"),
+            bool(np.linalg.norm(motion[:3]) > Z95 * sigma_turn), tuple(int(r) for r in part["regions"]),
+        ))  # fmt: skip
+    return out
 
 
 def describe_motion(registration: Registration) -> WholeMotion:
@@ -41,12 +70,17 @@ def describe_motion(registration: Registration) -> WholeMotion:
 
 
 def _length(vector: Floats, covariance: Floats, scale: float, unit: str) -> Estimate:
-    """Return the length of a vector with its sigma along it; along its most uncertain axis where it is zero."""
+    """Return the length of a vector with its sigma along it."""
+    return estimate(float(np.linalg.norm(vector)), _sigma_along(vector, covariance), scale, unit)
+
+
+def _sigma_along(vector: Floats, covariance: Floats) -> float:
+    """Return one sigma of a vector along itself; along its most uncertain axis where it is zero."""
     length = float(np.linalg.norm(vector))
     if not np.isfinite(covariance).all():
-        return estimate(length, float("nan"), scale, unit)
+        return float("nan")
     along = vector / length if length > 0.0 else np.linalg.eigh(covariance)[1][:, -1]
-    return estimate(length, float(np.sqrt(along @ covariance @ along)), scale, unit)
+    return float(np.sqrt(along @ covariance @ along))
 
 
 def object_size(comparison: Comparison) -> float:
@@ -57,14 +91,10 @@ def object_size(comparison: Comparison) -> float:
 def parts_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -> Table | None:
     """Return the table of the parts that moved rigidly, None where there are none."""
     rows = []
-    for number, part in enumerate(comparison.statistics.get("parts") or (), start=1):
-        motion, covariance = np.asarray(part["motion"]), np.asarray(part["covariance"])
-        shift = _length(motion[3:], covariance[3:, 3:], MM, "mm").text
-        turn = _length(motion[:3], covariance[:3, :3], DEGREES, "°").text
-        axes = (estimate(float(t), float(s), MM, "", signed=True).text
-                for t, s in zip(motion[3:], np.sqrt(np.diag(covariance)[3:]), strict=True))  # fmt: skip
-        where = coordinates(part["centre"], object_size(comparison) / 100.0)
-        rows.append((f"Part {number}", where, shift, *axes, turn, ", ".join(str(r) for r in part["regions"]) or "–"))
+    for number, part in enumerate(describe_parts(comparison), start=1):
+        where = coordinates(part.centre, object_size(comparison) / 100.0)
+        rows.append((f"Part {number}", where, part.shift.text, *(axis.text for axis in part.axes), part.turn.text,
+                     ", ".join(map(str, part.regions)) or "–"))  # fmt: skip
     if not rows:
         return None
     return Table(

@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.comparison.moved import EXPLAINED
+from monitor.reconstruction.mesh import vertex_normals
 from monitor.registration.parts import MovedParts
-from projects.model import Comparison, Floats, Ints
+from monitor.registration.sampling import motion_rows
+from projects.model import Comparison, Floats, Ints, NotAssessed, Surface
 from projects.transforms import apply
 
 MOST = 0.5  # of a region's vertices, so many belong to a part: the region is its motion
@@ -41,12 +44,12 @@ def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> C
     regions = comparison.on_compared.changed_region, comparison.on_reference.changed_region
     belongs = count_vertices(regions, part_of, len(comparison.regions), len(found.parts))
     table = comparison.regions.copy()
-    explained = belongs[:, 1:].sum(axis=1) >= MOST * np.maximum(belongs.sum(axis=1), 1)
-    is_moved = explained[table["region"].to_numpy(dtype=int) - 1]
+    is_most = belongs[:, 1:].sum(axis=1) >= MOST * np.maximum(belongs.sum(axis=1), 1)
+    of_part = np.where(is_most, belongs[:, 1:].argmax(axis=1) + 1, 0)
+    of_part = np.where(is_most, of_part, goes_along(comparison, found, part_of))
+    is_moved = of_part[table["region"].to_numpy(dtype=int) - 1] > 0
     table["kind"] = np.where(is_moved, "moved", table["kind"].to_numpy(dtype=object))
-    largest = belongs[:, 1:].argmax(axis=1) + 1
-    parts = [{**describe_part(found, k),
-              "regions": [int(r) + 1 for r in np.flatnonzero(explained & (largest == k))]}
+    parts = [{**describe_part(found, k), "regions": [int(r) + 1 for r in np.flatnonzero(of_part == k)]}
              for k in range(1, len(found.parts) + 1)]  # fmt: skip
     return dataclasses.replace(comparison, regions=table, statistics={**comparison.statistics, "parts": parts})
 
@@ -76,6 +79,37 @@ def part_on_reference(comparison: Comparison, found: MovedParts, compared: Float
         nearer = distance < nearest
         part_of[changed[nearer]], nearest[nearer] = number, distance[nearer]
     return part_of
+
+
+def goes_along(comparison: Comparison, found: MovedParts, part_of: tuple[Ints, Ints]) -> Ints:
+    """Return the part (r,) whose motion explains nearly all of a region's change, 0 for none: what a joint or a groove
+    sets apart from the rest of it. Such a region lies no farther from the part than it is long."""
+    sides, n = (comparison.on_compared, comparison.on_reference), len(comparison.regions)
+    rows = [np.flatnonzero(side.is_changed & (side.reasons == NotAssessed.ASSESSED)) for side in sides]
+    both = list(zip(sides, rows, strict=True))
+    number = np.concatenate([side.region[which] for side, which in both]) - 1
+    change = np.concatenate([side.distances[which] for side, which in both])
+    points = np.concatenate([side.surface.vertices[which] for side, which in both])
+    normals = np.concatenate([normals_of(side.surface)[which] for side, which in both])
+    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    np.minimum.at(low, number, points)
+    np.maximum.at(high, number, points)
+    whole, length = np.bincount(number, change**2, n), np.linalg.norm(high - low, axis=1)
+    out, least = np.zeros(n, dtype=np.int64), (1.0 - EXPLAINED) * whole
+    for k, part in enumerate(found.parts, start=1):
+        of = [side.surface.vertices[which == k] for side, which in zip(sides, part_of, strict=True)]
+        away = np.full(n, np.inf)
+        np.minimum.at(away, number, cKDTree(np.concatenate(of)).query(points)[0])
+        along = motion_rows(points, normals, part.centre) @ part.motion
+        left = np.bincount(number, (change - along) ** 2, n)
+        better = (whole > 0.0) & (away <= length) & (left <= least)
+        out[better], least[better] = k, left[better]
+    return out
+
+
+def normals_of(surface: Surface) -> Floats:
+    """Return the normals (n, 3) of a surface's vertices."""
+    return vertex_normals(surface.vertices, surface.faces) if surface.normals is None else surface.normals
 
 
 def count_vertices(regions: tuple[Ints, Ints], part_of: tuple[Ints, Ints], n_regions: int, n_parts: int) -> Ints:

@@ -6,6 +6,7 @@ In: the pairs of the stable areas at the solution. Out: the free motion in plain
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import binom
 
 from monitor.registration.covariance import shape_information
 from monitor.registration.held import FreeMotions
@@ -13,7 +14,8 @@ from monitor.registration.matching import Matches
 from monitor.registration.sampling import motion_rows
 from projects.model import Floats, Ints
 
-N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertainty so many times
+N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertainty so many times,
+BY_CHANCE = 3e-5  # or so many patches hold it that noise alone, of either sign in each, would not once in so many
 NOISE_SHARE = 0.05  # and be no less than this share of what relief and noise of the normals seem to give together
 
 
@@ -21,7 +23,8 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints) -> FreeMoti
     """Return the motions that the shape does not hold, None where all six are held.
 
     The information of the shape is estimated without the noise of the normals (`shape_information`); its weakest
-    directions must differ from zero under the scatter between patches.
+    directions must differ from zero under the scatter between patches, or by the sign of most: few patches that all
+    hold a motion, some much more than others, scatter as widely as they hold.
     """
     lever = max(float(np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1)))), 1e-300)
     scale = np.repeat([1.0 / lever, 1.0], 3)
@@ -36,7 +39,8 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints) -> FreeMoti
         sums = np.bincount(member, a * b) / len(matches)
         sigma = float(np.sqrt(np.sum(sums**2)))
         apparent = float(np.mean(0.5 * (a**2 + b**2)))
-        if value > N_SIGMAS * sigma and value > NOISE_SHARE * apparent:
+        is_shape = value > N_SIGMAS * sigma or binom.sf(np.sum(sums > 0.0) - 1, len(sums), 0.5) < BY_CHANCE
+        if is_shape and value > NOISE_SHARE * apparent:
             break
         free.append(scale * vector)
     if not free:

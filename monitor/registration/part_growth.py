@@ -37,13 +37,13 @@ MOST_SEEDS = 1500
 
 @dataclass(frozen=True)
 class Field:
-    """The samples that parts are looked for among: neighbours (n, k), sigma [m], the rules of their alignment, and the
-    misfit (n,) of the stable pose in squared sigmas."""
+    """The samples that parts are looked for among: neighbours (n, k), what each is judged by, sigma (n,) [m], the rules
+    of their alignment, and the misfit (n,) of the stable pose in squared sigmas."""
 
     samples: Samples
     target: Side
     neighbours: Ints
-    sigma: float
+    sigma: Floats
     rules: AlignmentRules
     T_stable: Floats
     both_oriented: bool
@@ -58,7 +58,7 @@ class Piece:
     members: Ints
 
 
-def make_field(samples: Samples, target: Side, neighbours: Ints, sigma: float, rules: AlignmentRules, T_stable: Floats,
+def make_field(samples: Samples, target: Side, neighbours: Ints, sigma: Floats, rules: AlignmentRules, T_stable: Floats,
                both_oriented: bool) -> Field:  # fmt: skip
     """Return the field with its misfit at the stable pose."""
     field = Field(samples, target, neighbours, sigma, rules, T_stable, both_oriented, np.empty(0))
@@ -71,7 +71,7 @@ def measure_misfit(field: Field, T: Floats, window: Ints) -> Floats:
     limits = MatchLimits(field.rules.distance, field.rules.distance, field.rules.angle)
     pairs = match(field.samples.take(window), field.target, T, limits, field.both_oriented)
     score = np.full(len(field.samples.points), WORST)
-    score[window[pairs.source]] = np.minimum((pairs.residuals / np.maximum(pairs.sigma, field.sigma)) ** 2, WORST)
+    score[window[pairs.source]] = np.minimum((pairs.residuals / field.sigma[window[pairs.source]]) ** 2, WORST)
     around = field.neighbours[window]
     for _ in range(N_SMOOTHINGS):
         score[window] = 0.5 * (score[window] + score[around].mean(axis=1))
@@ -160,8 +160,8 @@ def fit(field: Field, members: Ints, T: Floats, *, fine: bool = False, damping: 
     found = align(field.samples.take(members), field.target, T, rules, fine=fine, both_oriented=field.both_oriented)
     if not found.weights.any():
         return T, 0.0
-    return found.T_target_source, float(np.mean(np.abs(found.matches.residuals) <= FITS * field.sigma)
-                                        * len(found.matches) / len(members))  # fmt: skip
+    fits = np.abs(found.matches.residuals) <= FITS * field.sigma[members[found.matches.source]]
+    return found.T_target_source, float(fits.sum()) / len(members)
 
 
 def merge_pieces(field: Field, pieces: Sequence[Piece]) -> list[Piece]:

@@ -9,7 +9,7 @@ as moved: `comparison.moved`.)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
 from monitor.registration.alignment import AlignmentRules
-from monitor.registration.covariance import estimate_covariance
+from monitor.registration.covariance import about, estimate_covariance
 from monitor.registration.degeneracy import find_free_motion
 from monitor.registration.icp import find_centre, into_local
 from monitor.registration.matching import MatchLimits, make_samples, match
@@ -30,6 +30,7 @@ from monitor.registration.part_growth import (
     Field,
     Piece,
     find_pieces,
+    fit,
     label_samples,
     make_field,
 )
@@ -40,9 +41,11 @@ from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surfac
 from projects.transforms import apply, invert, perturb
 
 N_NEIGHBOURS = 12
-LEAST_NEW = 0.3  # of a part's points must not fit the stable motion
+LEAST_TELLING = LEAST_POINTS // 2  # points of a part that its motion tells from none, and as many from a layer
+N_SHARPENINGS = 3
+LEAST_NEW = 0.5  # of the points that tell must not fit the stable motion
 JOINT = 0.5  # of the motion along the normal: as large is the jump at a joint
-TWO_SIDED = 0.15  # of a part gained, and as much lost
+TWO_SIDED = 0.15  # of what tells gained, and as much lost
 LEVEL = 1e-3  # of the test of a motion against none, over all parts tried
 SOURCE_TURN = np.radians(60.0)
 
@@ -65,7 +68,8 @@ class MovedPart:
     """One part: where it belongs, `T_target_source` (4, 4) from the source as given, and its own motion.
 
     `motion` (6,) is (w, t) [rad, m] of the part from the target's epoch to the source's, about `centre` (3,) in the
-    target's frame, the motion of the stable areas taken off; `covariance` (6, 6) is of it. `n_points` samples show it.
+    target's frame, the motion of the stable areas taken off; `covariance` (6, 6) is of it, with what is not known of
+    the stable areas' motion there. `n_points` samples show it.
     """
 
     T_target_source: Floats
@@ -84,7 +88,8 @@ class MovedParts:
 
 
 def find_parts(source: Surface | PointCloud, target: Surface | PointCloud, registration: Registration,
-               settings: PartSettings | None = None, is_changed: Bools | None = None) -> MovedParts:  # fmt: skip
+               settings: PartSettings | None = None, is_changed: Bools | None = None,
+               sigma: Floats | None = None) -> MovedParts:  # fmt: skip
     """Find what moved rigidly against the stable areas.
 
     Parameters
@@ -92,6 +97,8 @@ def find_parts(source: Surface | PointCloud, target: Surface | PointCloud, regis
     source, target : m; the nouns that were registered.
     registration : of the source onto the target, converged; its `sigma` says what fits.
     is_changed : (n,) bool, vertices or points of the source that changed for certain; parts are looked for only there.
+    sigma : (n,) m, of the distance between both where nothing changed, as `compare` learned it; NaN where it is not
+        known. Without it what the registration is sure of and the nouns state.
 
     Returns
     -------
@@ -102,15 +109,14 @@ def find_parts(source: Surface | PointCloud, target: Surface | PointCloud, regis
     shift = find_centre(target)
     sides = prepare_side(source, shift), prepare_side(target, shift)
     n_source = len(source.vertices if isinstance(source, Surface) else source.points)
-    field = _prepare(sides, into_local(registration.T_target_source, shift), registration.sigma, settings)
-    may_start = np.ones(len(field.samples.points), dtype=bool)
-    if is_changed is not None:
-        index = sides[0].index[_choose(sides[0], settings)]
-        may_start = (index >= 0) & is_changed[index]
-    return _conclude(field, find_pieces(field, may_start), sides[0], n_source, shift)
+    index = sides[0].index[_choose(sides[0], settings)]
+    known = np.full(len(index), np.nan) if sigma is None else np.where(index >= 0, sigma[index], np.nan)
+    field = _prepare(sides, into_local(registration.T_target_source, shift), registration.sigma, known, settings)
+    may_start = np.ones(len(index), dtype=bool) if is_changed is None else (index >= 0) & is_changed[index]
+    return _conclude(field, find_pieces(field, may_start), sides[0], n_source, registration, shift)
 
 
-def _prepare(sides: tuple[Side, Side], T_stable: Floats, sigma: float, settings: PartSettings) -> Field:
+def _prepare(sides: tuple[Side, Side], T_stable: Floats, least: float, sigma: Floats, settings: PartSettings) -> Field:
     source, target = sides
     samples = make_samples(source, _choose(source, settings))
     diagonal = float(np.linalg.norm(np.ptp(target.points, axis=0)))
@@ -119,7 +125,11 @@ def _prepare(sides: tuple[Side, Side], T_stable: Floats, sigma: float, settings:
         samples.points, k=min(N_NEIGHBOURS + 1, len(samples.points)), workers=-1
     )
     both_oriented = source.is_oriented and target.is_oriented
-    return make_field(samples, target, neighbours[:, 1:], max(sigma, 1e-6 * diagonal), rules, T_stable, both_oriented)
+    pairs = match(samples, target, T_stable, MatchLimits(rules.distance, rules.distance, rules.angle), both_oriented)
+    stated = np.full(len(sigma), max(least, 1e-6 * diagonal))
+    stated[pairs.source] = np.maximum(stated[pairs.source], pairs.sigma)
+    judged = np.where(np.isfinite(sigma), np.maximum(sigma, least), stated)
+    return make_field(samples, target, neighbours[:, 1:], judged, rules, T_stable, both_oriented)
 
 
 def _choose(source: Side, settings: PartSettings) -> Ints:
@@ -128,13 +138,19 @@ def _choose(source: Side, settings: PartSettings) -> Ints:
     return in_space_order(source.points, np.linspace(0, len(source) - 1, n).astype(np.int64))
 
 
-def _conclude(field: Field, pieces: list[Piece], source: Side, n_source: int, shift: Floats) -> MovedParts:
+def _conclude(field: Field, pieces: list[Piece], source: Side, n_source: int, registration: Registration,
+              shift: Floats) -> MovedParts:  # fmt: skip
     """Return the parts that hold: connected, significant, held by their shape, and bounded as a part is."""
-    pieces = [p for p in pieces if len(p.members) >= LEAST_POINTS]
+    pieces = [_sharpen(field, p) for p in pieces if len(p.members) >= LEAST_POINTS]
     label = label_samples(pieces, len(field.samples.points))
     found = []
+
+    def of_stable(centre: Floats) -> Floats:
+        """Return the covariance (6, 6) of the stable areas' motion about a place (3,) of the field."""
+        return about(registration.covariance, centre + shift - registration.centre)
+
     for k, piece in enumerate(pieces):
-        part = _measure(field, piece, len(pieces)) if _is_rigid_part(field, k, pieces, label) else None
+        part = _measure(field, piece, len(pieces), of_stable) if _is_rigid_part(field, k, pieces, label) else None
         if part is not None:
             found.append((part, piece.members))
     found.sort(key=lambda item: -item[0].n_points)
@@ -149,18 +165,34 @@ def _conclude(field: Field, pieces: list[Piece], source: Side, n_source: int, sh
     return MovedParts(tuple(_in_given_frame(part, shift) for part, _ in found), part_of)
 
 
-def _measure(field: Field, piece: Piece, n_tested: int) -> MovedPart | None:
+def _sharpen(field: Field, piece: Piece) -> Piece:
+    """Return a piece with the pose that its telling samples give: what fits both motions may belong to what is beside
+    it, as ground that a boss slides along, and would bend it."""
+    for _ in range(N_SHARPENINGS):
+        own = _way_along_normal(field, piece.T, piece.members)
+        telling = piece.members[np.abs(own) > FITS * field.sigma[piece.members]]
+        if len(telling) < LEAST_TELLING:
+            break
+        piece = Piece(fit(field, telling, piece.T, fine=True)[0], piece.members)
+    return piece
+
+
+def _measure(field: Field, piece: Piece, n_tested: int, of_stable: Callable[[Floats], Floats]) -> MovedPart | None:
     """Return a part with its motion and covariance; None where the shape or the significance does not hold it."""
     limits = MatchLimits(field.rules.distance, 0.0, field.rules.angle)
-    pairs = match(field.samples.take(piece.members), field.target, piece.T, limits, field.both_oriented)
-    pairs = pairs.take(np.abs(pairs.residuals) <= FITS * field.sigma)
+    own = _way_along_normal(field, piece.T, piece.members)
+    telling = piece.members[np.abs(own) > FITS * field.sigma[piece.members]]
+    pairs = match(field.samples.take(telling), field.target, piece.T, limits, field.both_oriented)
+    sigma = field.sigma[telling[pairs.source]]
+    fits = np.abs(pairs.residuals) <= FITS * sigma
+    pairs, sigma = pairs.take(fits), sigma[fits]
     if len(pairs) < LEAST_POINTS // 2:
         return None
     centre = pairs.points.mean(axis=0)
     grid = cut_patches(pairs.points, pairs.normals, 25)
     if find_free_motion(pairs, centre, grid.numbers(pairs.points, pairs.normals)):
         return None
-    covariance = estimate_covariance(pairs, np.full(len(pairs), field.sigma), centre)
+    covariance = estimate_covariance(pairs, sigma, centre) + of_stable(centre)
     motion = motion_between(piece.T, field.T_stable, centre)
     statistic = float(motion @ np.linalg.pinv(covariance, rcond=1e-15, hermitian=True) @ motion)
     if chi2.sf(statistic, 6) > LEVEL / n_tested:
@@ -175,15 +207,22 @@ def motion_between(T_part: Floats, T_stable: Floats, centre: Floats) -> Floats:
 
 
 def _is_rigid_part(field: Field, which: int, pieces: Sequence[Piece], label: Ints) -> bool:
-    """Whether a piece ends at a joint, or gains on one side what it loses on the other; wear does neither."""
+    """Whether a piece is told by its motion from what stands still, from a layer, and from wear: it ends at a joint, or
+    gains on one side what it loses on the other."""
     members = pieces[which].members
-    if np.mean(field.misfit_stable[members] > EXPLAINED) < LEAST_NEW:
+    own, sigma = _way_along_normal(field, pieces[which].T, members), field.sigma[members]
+    tells = np.abs(own) > FITS * sigma
+    if tells.sum() < LEAST_TELLING or np.mean(field.misfit_stable[members[tells]] > EXPLAINED) < LEAST_NEW:
         return False
-    own = _way_along_normal(field, pieces[which].T, members)
-    size = float(np.sqrt(np.mean(own**2)))
-    lost, gained = float(np.mean(own < -FITS * field.sigma)), float(np.mean(own > FITS * field.sigma))
-    if min(lost, gained) >= TWO_SIDED:
-        return True
+    if np.sum(np.abs(own - np.mean(own[tells])) > FITS * sigma) < LEAST_TELLING:
+        return False
+    lost, gained = float(np.mean(own[tells] < 0.0)), float(np.mean(own[tells] > 0.0))
+    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, which, pieces, label, own)
+
+
+def _ends_at_joint(field: Field, which: int, pieces: Sequence[Piece], label: Ints, own: Floats) -> bool:
+    """Whether what lies beside a piece moved otherwise than it, by half of its own way (m,) [m] along the normals."""
+    members = pieces[which].members
     beside = field.neighbours[members].ravel()
     beside = beside[label[beside] != which]
     if not len(beside):
@@ -192,7 +231,7 @@ def _is_rigid_part(field: Field, which: int, pieces: Sequence[Piece], label: Int
     for k in np.unique(label[beside][label[beside] >= 0]):
         there = label[beside] == k
         jump[there] -= _way_along_normal(field, pieces[k].T, beside[there])
-    return float(np.sqrt(np.mean(jump**2))) >= JOINT * size
+    return float(np.sqrt(np.mean(jump**2))) >= JOINT * float(np.sqrt(np.mean(own**2)))
 
 
 def _way_along_normal(field: Field, T: Floats, which: Ints) -> Floats:

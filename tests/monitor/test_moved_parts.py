@@ -1,5 +1,7 @@
 """Regions of change that a moved part explains are called so; its six parameters stand in the statistics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bumpy_body import NOISE
@@ -8,7 +10,7 @@ from scipy.spatial import ConvexHull
 from monitor.comparison import compare
 from monitor.comparison.moved_parts import tell_moved
 from monitor.registration import register
-from monitor.registration.parts import find_parts
+from monitor.registration.parts import MovedParts, find_parts
 from projects.model import Comparison, Floats, Surface
 from projects.transforms import apply, perturb
 from reports.facts import EpochFacts
@@ -40,12 +42,17 @@ def body(n: int, rng: np.random.Generator, later: bool) -> Surface:
 
 
 @pytest.fixture(scope="module")
-def told() -> Comparison:
+def measured() -> tuple[Comparison, MovedParts, Floats]:
     before, after = (body(12_000, np.random.default_rng(k), k > 0) for k in (0, 1))
     motion = register(after, before)
     found = compare(before, after, motion)
     parts = find_parts(after, before, motion, is_changed=found.on_compared.region > 0)
-    return tell_moved(found, parts, after.vertices)
+    return found, parts, after.vertices
+
+
+@pytest.fixture(scope="module")
+def told(measured: tuple[Comparison, MovedParts, Floats]) -> Comparison:
+    return tell_moved(*measured)
 
 
 def test_regions_of_the_part_are_called_moved_and_the_worn_place_lost(told: Comparison) -> None:
@@ -55,6 +62,18 @@ def test_regions_of_the_part_are_called_moved_and_the_worn_place_lost(told: Comp
     assert (kinds[towards @ TOWARDS > np.cos(HALF)] == "moved").all()
     assert (kinds[towards @ WORN > np.cos(0.4)] == "lost").all()
     assert {"moved", "lost"} <= set(kinds)
+
+
+def test_a_region_set_apart_from_the_part_by_a_groove_is_its_motion_and_the_worn_place_is_not(
+    told: Comparison, measured: tuple[Comparison, MovedParts, Floats]
+) -> None:
+    found, parts, vertices = measured
+    (part,) = told.statistics["parts"]
+    largest = max(part["regions"], key=lambda number: found.regions["area_m2"][number - 1])
+    apart = replace(parts, part_of=np.where(found.on_compared.region == largest, 0, parts.part_of))
+    again = tell_moved(found, apart, vertices)
+    assert again.regions["kind"].tolist() == told.regions["kind"].tolist()
+    assert again.statistics["parts"][0]["regions"] == part["regions"]
 
 
 def test_the_part_stands_in_the_statistics_with_its_motion_and_regions(told: Comparison) -> None:

@@ -269,3 +269,22 @@ def test_what_scans_disagree_by_is_told_as_it_counts_in_regions():
         told = {plain(r[0]): plain(r[1]) for table in facts.certainty for r in table.rows}
         assert told[row] == words
     assert not any(row == plain(r[0]) for t in facts_of(example_comparison()).certainty for r in t.rows)
+
+
+def test_parts_that_moved_are_told_before_the_regions_that_are_none_of_theirs():
+    def part(*regions, turn):
+        covariance = np.diag([1e-4] * 3 + [2.5e-5] * 3) ** 2  # 0.1 mrad and 0.025 mm
+        return {"centre": [0.1, 0.2, 0.3], "motion": [0.0, 0.0, turn, 0.003, 0.0, -0.004], "covariance": covariance,
+                "regions": list(regions)}  # fmt: skip
+
+    facts = facts_of(example_comparison(parts=[part(2, turn=0.01)]))
+    assert plain(facts.answer.headline) == "One part moved, and one other region changed."
+    text = said(facts)
+    assert (
+        "Part 1 (region 2) moved as a whole against the rest, by 5.00 ± 0.05 mm and turned by 0.573° ± 0.011°." in text
+    )
+    assert "Region 1 (" in text
+    assert "Region 2 (" not in text  # its volume is that of no material
+    facts = facts_of(example_comparison(parts=[part(1, turn=1e-4), part(2, turn=0.01)]))
+    assert plain(facts.answer.headline) == "Two parts moved."
+    assert "Part 1 (region 1) moved as a whole against the rest, by 5.00 ± 0.05 mm. Part 2" in said(facts)
