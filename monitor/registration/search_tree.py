@@ -18,6 +18,7 @@ from projects.model import Floats, Ints
 
 N_CUBES_ACROSS = 64  # of the longest extent: more take longer to sort by than the tree gains
 LEAF = 32
+MANY = 2000  # places: fewer are found before threads have started
 
 
 class SearchTree:
@@ -35,7 +36,8 @@ class SearchTree:
               ) -> tuple[Floats, Ints]:  # fmt: skip
         """Return distances [m] and numbers of the k nearest points of each place, as scipy's tree does: inf and n where
         none lies within the bound. The same for any number of threads."""
-        distance, near = self._tree.query(places, k=k, workers=-1, distance_upper_bound=distance_upper_bound)
+        workers = -1 if len(places) >= MANY else 1
+        distance, near = self._tree.query(places, k=k, workers=workers, distance_upper_bound=distance_upper_bound)
         return distance, self._order[near]
 
 
