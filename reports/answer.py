@@ -88,7 +88,7 @@ def _told_first(parts: list[PartMotion], n: int) -> str:
     """Return how many parts moved, and how many of `n` regions are no part's motion, as the beginning of a sentence."""
     rest = n - len({r for part in parts for r in part.regions})
     moved = f"{in_words(len(parts))} part{'s' * (len(parts) > 1)} moved"
-    others = f"{in_words(rest)}{' other' * bool(parts)} region{'s' * (rest != 1)} changed"
+    others = f"{in_words(rest)}{' other' * (rest < n)} region{'s' * (rest != 1)} changed"
     told = others if not parts else f"{moved}, and {others}" if rest else moved
     return told[0].upper() + told[1:]
 

@@ -21,6 +21,8 @@ from projects.model import Comparison, Floats, Ints, NotAssessed, Surface
 from projects.transforms import apply
 
 MOST = 0.5  # of a region's vertices, so many belong to a part: the region is its motion
+BESIDE = 0.15  # of a part's length: what a groove sets apart from it lies no farther off
+LAYER = 0.5  # of what an even layer leaves of a region's change, the motion of its part leaves less
 BESIDE_SPACINGS = 3.0  # a vertex of the reference is of a part that lay so near to it
 
 
@@ -35,8 +37,9 @@ def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> C
     Returns
     -------
     Comparison
-        `statistics["parts"]`: for each part `T_target_source` (4, 4), `motion` (6,) (w, t) [rad, m] about `centre` (3,)
-        in the reference's frame, its `covariance` (6, 6), `n_points` and the numbers of its `regions`.
+        `statistics["parts"]`: for each part that explains a region `T_target_source` (4, 4), `motion` (6,) (w, t)
+        [rad, m] about `centre` (3,) in the reference's frame, its `covariance` (6, 6), `n_points` and the numbers of
+        its `regions`.
     """
     if not found.parts:
         return comparison
@@ -50,7 +53,7 @@ def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> C
     is_moved = of_part[table["region"].to_numpy(dtype=int) - 1] > 0
     table["kind"] = np.where(is_moved, "moved", table["kind"].to_numpy(dtype=object))
     parts = [{**describe_part(found, k), "regions": [int(r) + 1 for r in np.flatnonzero(of_part == k)]}
-             for k in range(1, len(found.parts) + 1)]  # fmt: skip
+             for k in range(1, len(found.parts) + 1) if (of_part == k).any()]  # fmt: skip
     return dataclasses.replace(comparison, regions=table, statistics={**comparison.statistics, "parts": parts})
 
 
@@ -83,7 +86,9 @@ def part_on_reference(comparison: Comparison, found: MovedParts, compared: Float
 
 def goes_along(comparison: Comparison, found: MovedParts, part_of: tuple[Ints, Ints]) -> Ints:
     """Return the part (r,) whose motion explains nearly all of a region's change, 0 for none: what a joint or a groove
-    sets apart from the rest of it. Such a region lies no farther from the part than it is long."""
+    sets apart from the rest of it. Such a region is no larger than the part and lies beside it, and an even layer, as
+    of a coating, explains it much less well: where the motion is as even there, nothing tells which of both it was.
+    """
     sides, n = (comparison.on_compared, comparison.on_reference), len(comparison.regions)
     rows = [np.flatnonzero(side.is_changed & (side.reasons == NotAssessed.ASSESSED)) for side in sides]
     both = list(zip(sides, rows, strict=True))
@@ -91,18 +96,16 @@ def goes_along(comparison: Comparison, found: MovedParts, part_of: tuple[Ints, I
     change = np.concatenate([side.distances[which] for side, which in both])
     points = np.concatenate([side.surface.vertices[which] for side, which in both])
     normals = np.concatenate([normals_of(side.surface)[which] for side, which in both])
-    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
-    np.minimum.at(low, number, points)
-    np.maximum.at(high, number, points)
-    whole, length = np.bincount(number, change**2, n), np.linalg.norm(high - low, axis=1)
-    out, least = np.zeros(n, dtype=np.int64), (1.0 - EXPLAINED) * whole
+    size, whole = np.bincount(number, minlength=n), np.bincount(number, change**2, n)
+    uneven = whole - np.bincount(number, change, n) ** 2 / np.maximum(size, 1)
+    out, least = np.zeros(n, dtype=np.int64), np.minimum((1.0 - EXPLAINED) * whole, LAYER * uneven)
     for k, part in enumerate(found.parts, start=1):
-        of = [side.surface.vertices[which == k] for side, which in zip(sides, part_of, strict=True)]
-        away = np.full(n, np.inf)
-        np.minimum.at(away, number, cKDTree(np.concatenate(of)).query(points)[0])
+        of = np.concatenate([s.surface.vertices[which == k] for s, which in zip(sides, part_of, strict=True)])
+        away, reach = np.full(n, np.inf), BESIDE * np.linalg.norm(np.ptp(of, axis=0))
+        np.minimum.at(away, number, cKDTree(of).query(points)[0])
         along = motion_rows(points, normals, part.centre) @ part.motion
         left = np.bincount(number, (change - along) ** 2, n)
-        better = (whole > 0.0) & (away <= length) & (left <= least)
+        better = (size > 0) & (size <= len(of)) & (away <= reach) & (left < least)
         out[better], least[better] = k, left[better]
     return out
 

@@ -14,17 +14,18 @@ from monitor.registration.matching import Matches
 from monitor.registration.sampling import motion_rows
 from projects.model import Floats, Ints
 
-N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertainty so many times,
-BY_CHANCE = 3e-5  # or so many patches hold it that noise alone, of either sign in each, would not once in so many
+N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertainty so many times
+BY_CHANCE = 3e-5  # p value of so many patches that hold a motion, where noise alone does in one of two
 NOISE_SHARE = 0.05  # and be no less than this share of what relief and noise of the normals seem to give together
 
 
-def find_free_motions(matches: Matches, centre: Floats, patch: Ints) -> FreeMotions | None:
+def find_free_motions(matches: Matches, centre: Floats, patch: Ints, by_sign: bool = False) -> FreeMotions | None:
     """Return the motions that the shape does not hold, None where all six are held.
 
     The information of the shape is estimated without the noise of the normals (`shape_information`); its weakest
-    directions must differ from zero under the scatter between patches, or by the sign of most: few patches that all
-    hold a motion, some much more than others, scatter as widely as they hold.
+    directions must differ from zero under the scatter between patches. `by_sign`, for parts of few patches, which err
+    independently: or by the sign of most. Few that all hold a motion, some much more than others, scatter as widely as
+    they hold.
     """
     lever = max(float(np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1)))), 1e-300)
     scale = np.repeat([1.0 / lever, 1.0], 3)
@@ -39,7 +40,9 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints) -> FreeMoti
         sums = np.bincount(member, a * b) / len(matches)
         sigma = float(np.sqrt(np.sum(sums**2)))
         apparent = float(np.mean(0.5 * (a**2 + b**2)))
-        is_shape = value > N_SIGMAS * sigma or binom.sf(np.sum(sums > 0.0) - 1, len(sums), 0.5) < BY_CHANCE
+        is_shape = value > N_SIGMAS * sigma
+        if by_sign and not is_shape:
+            is_shape = binom.sf(np.sum(sums > 0.0) - 1, len(sums), 0.5) < BY_CHANCE
         if is_shape and value > NOISE_SHARE * apparent:
             break
         free.append(scale * vector)
@@ -48,9 +51,9 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints) -> FreeMoti
     return FreeMotions(np.stack(free, axis=1), centre, lever, " and ".join(describe(m, lever) for m in free))
 
 
-def find_free_motion(matches: Matches, centre: Floats, patch: Ints) -> str:
+def find_free_motion(matches: Matches, centre: Floats, patch: Ints, by_sign: bool = False) -> str:
     """Return in words the motions that the shape does not hold and what would, or an empty text where all are held."""
-    free = find_free_motions(matches, centre, patch)
+    free = find_free_motions(matches, centre, patch, by_sign)
     if free is None:
         return ""
     return (

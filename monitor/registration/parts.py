@@ -2,9 +2,10 @@
 
 In: both surfaces and the registration on what is stable. Out: `MovedParts`, each with its six parameters and their
 covariance, and the part of each point of the source. Motions share out the surface (`part_growth`); a part is what of
-it is held by its shape, significant, and bounded as a part is. Wear is no motion: it runs out where a part has a joint,
-and it does not bring to one side what it takes from the other. (What no six parameters can be stated of may still show
-as moved: `comparison.moved`.)
+it is held by its shape, significant, and bounded as a part is. Wear runs out where a part has a joint, and does not
+bring to one side what it takes from the other; a layer is as thick everywhere. But what was lost as a wedge, or of
+uneven depth, along a sharp border may pass for a part that tilted. (What no six parameters can be stated of may still
+show as moved: `comparison.moved`.)
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from monitor.registration.part_growth import (
     Piece,
     find_pieces,
     fit,
+    is_member,
     label_samples,
     make_field,
 )
@@ -44,7 +46,8 @@ N_NEIGHBOURS = 12
 LEAST_TELLING = LEAST_POINTS // 2  # points of a part that its motion tells from none, and as many from a layer
 N_SHARPENINGS = 3
 LEAST_NEW = 0.5  # of the points that tell must not fit the stable motion
-JOINT = 0.5  # of the motion along the normal: as large is the jump at a joint
+N_BESIDE = 2  # rings of neighbours: within the first a piece's border is smoothed
+JOINT = 0.55  # of the motion along the normal: as large is the jump at a joint; where wear runs out 0.3 to 0.5
 TWO_SIDED = 0.15  # of what tells gained, and as much lost
 LEVEL = 1e-3  # of the test of a motion against none, over all parts tried
 SOURCE_TURN = np.radians(60.0)
@@ -190,9 +193,11 @@ def _measure(field: Field, piece: Piece, n_tested: int, of_stable: Callable[[Flo
         return None
     centre = pairs.points.mean(axis=0)
     grid = cut_patches(pairs.points, pairs.normals, 25)
-    if find_free_motion(pairs, centre, grid.numbers(pairs.points, pairs.normals)):
+    if find_free_motion(pairs, centre, grid.numbers(pairs.points, pairs.normals), by_sign=True):
         return None
     covariance = estimate_covariance(pairs, sigma, centre) + of_stable(centre)
+    if not np.isfinite(covariance).all():
+        return None
     motion = motion_between(piece.T, field.T_stable, centre)
     statistic = float(motion @ np.linalg.pinv(covariance, rcond=1e-15, hermitian=True) @ motion)
     if chi2.sf(statistic, 6) > LEVEL / n_tested:
@@ -217,20 +222,25 @@ def _is_rigid_part(field: Field, which: int, pieces: Sequence[Piece], label: Int
     if np.sum(np.abs(own - np.mean(own[tells])) > FITS * sigma) < LEAST_TELLING:
         return False
     lost, gained = float(np.mean(own[tells] < 0.0)), float(np.mean(own[tells] > 0.0))
-    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, which, pieces, label, own)
+    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, which, pieces, own)
 
 
-def _ends_at_joint(field: Field, which: int, pieces: Sequence[Piece], label: Ints, own: Floats) -> bool:
-    """Whether what lies beside a piece moved otherwise than it, by half of its own way (m,) [m] along the normals."""
+def _ends_at_joint(field: Field, which: int, pieces: Sequence[Piece], own: Floats) -> bool:
+    """Whether what lies beside a piece did not go along: what was measured there differs from the piece's motion by
+    half of its own way (m,) [m] along the normals and more. Wear runs out: next to a piece of it is wear.
+    """
     members = pieces[which].members
-    beside = field.neighbours[members].ravel()
-    beside = beside[label[beside] != which]
-    if not len(beside):
+    inside = is_member(members, len(field.samples.points))
+    beside = members
+    for _ in range(N_BESIDE):
+        inside[beside] = True
+        beside = np.unique(field.neighbours[beside])
+        beside = beside[~inside[beside]]
+    limits = MatchLimits(field.rules.distance, 0.0, field.rules.angle)
+    pairs = match(field.samples.take(beside), field.target, field.T_stable, limits, field.both_oriented)
+    if not len(pairs):
         return True
-    jump = _way_along_normal(field, pieces[which].T, beside)
-    for k in np.unique(label[beside][label[beside] >= 0]):
-        there = label[beside] == k
-        jump[there] -= _way_along_normal(field, pieces[k].T, beside[there])
+    jump = _way_along_normal(field, pieces[which].T, beside[pairs.source]) - pairs.residuals
     return float(np.sqrt(np.mean(jump**2))) >= JOINT * float(np.sqrt(np.mean(own**2)))
 
 

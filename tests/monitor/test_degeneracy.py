@@ -33,11 +33,11 @@ def test_few_patches_that_all_hold_a_motion_hold_it_though_some_do_so_much_more(
     _, patch = pairs_of(slopes, np.random.default_rng(seed))
     edges = np.isin(patch, rng.choice(N_PATCHES, 3, replace=False))
     pairs, patch = pairs_of(np.where(edges[:, None], 12.0, 1.0) * slopes, np.random.default_rng(seed))
-    assert find_free_motion(pairs, np.zeros(3), patch) == ""
+    assert find_free_motion(pairs, np.zeros(3), patch, by_sign=True) == ""
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_of_normals_holds_no_slide_of_a_plane(seed: int) -> None:
     pairs, patch = pairs_of(np.zeros((N, 2)), np.random.default_rng(seed))
-    words = find_free_motion(pairs, np.zeros(3), patch)
+    words = find_free_motion(pairs, np.zeros(3), patch, by_sign=True)
     assert words.count("slide along") + words.count("turn about") == 3  # two slides and a turn, in any mixture

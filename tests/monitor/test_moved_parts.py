@@ -69,8 +69,8 @@ def test_a_region_set_apart_from_the_part_by_a_groove_is_its_motion_and_the_worn
 ) -> None:
     found, parts, vertices = measured
     (part,) = told.statistics["parts"]
-    largest = max(part["regions"], key=lambda number: found.regions["area_m2"][number - 1])
-    apart = replace(parts, part_of=np.where(found.on_compared.region == largest, 0, parts.part_of))
+    smallest = min(part["regions"], key=lambda number: found.regions["area_m2"][number - 1])
+    apart = replace(parts, part_of=np.where(found.on_compared.region == smallest, 0, parts.part_of))
     again = tell_moved(found, apart, vertices)
     assert again.regions["kind"].tolist() == told.regions["kind"].tolist()
     assert again.statistics["parts"][0]["regions"] == part["regions"]

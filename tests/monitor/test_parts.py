@@ -53,14 +53,15 @@ def test_two_parts_are_found_with_their_motions_and_nothing_else(reference: Poin
         assert np.sqrt((left**2).sum(axis=1).mean()) < 2.5e-4
 
 
-def test_wear_and_growth_are_no_parts(reference: PointCloud) -> None:
+@pytest.mark.parametrize(("half", "seed"), [(0.5, 3), (0.8, 4), (0.8, 5), (1.0, 3), (1.0, 4)])
+def test_wear_and_growth_are_no_parts(reference: PointCloud, half: float, seed: int) -> None:
     towards = WAYS["knob"][0]
 
     def wear(d: Floats) -> Floats:
         angle = np.arccos(np.clip(d @ towards, -1.0, 1.0))
-        return np.where(angle < 0.5, -3e-3 * 0.5 * (1 + np.cos(np.pi * angle / 0.5)), 0.0)
+        return np.where(angle < half, -3e-3 * 0.5 * (1 + np.cos(np.pi * angle / half)), 0.0)
 
-    worn = noisy_cloud(N, np.random.default_rng(3), wear)
+    worn = noisy_cloud(N, np.random.default_rng(seed), wear)
     assert find_parts(worn, reference, register(worn, reference)).parts == ()
 
 
