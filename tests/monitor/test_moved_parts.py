@@ -3,15 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from bumpy_body import NOISE
 from scipy.spatial import ConvexHull
 
 from monitor.comparison import compare
-from monitor.comparison.moved_parts import tell_moved
+from monitor.comparison.moved_parts import goes_along, tell_moved
 from monitor.registration import register
-from monitor.registration.parts import MovedParts, find_parts
-from projects.model import Comparison, Floats, Surface
+from monitor.registration.parts import MovedPart, MovedParts, find_parts
+from monitor.simulation.scenes import grid_faces
+from projects.model import Assessment, ComparedSurface, Comparison, Floats, Registration, Surface
 from projects.transforms import apply, perturb
 from reports.facts import EpochFacts
 from reports.wholemotion import parts_table
@@ -98,3 +100,25 @@ def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> 
     assert float(value) == pytest.approx(1e3 * np.linalg.norm(shift), abs=2.0 * float(margin))  # about four sigmas
     assert float(margin) < 0.6
     assert float(row[6].split("°")[0]) == pytest.approx(np.degrees(np.linalg.norm(MOTION[:3])), abs=0.15)
+
+
+def strip_beside(change: Floats) -> Comparison:
+    """Return a comparison of two flat sheets, 0.1 m wide, whose strip at x above 0.06 m changed by `change` (n,) m."""
+    xy = np.stack(np.meshgrid(np.arange(50), np.arange(50), indexing="ij"), axis=-1).reshape(-1, 2) * 0.002
+    sheet = Surface(np.column_stack([xy, np.zeros(len(xy))]), grid_faces(50, 50))
+    region = (xy[:, 0] > 0.06).astype(np.int32)
+    states = np.where(region, Assessment.CHANGED, Assessment.UNCHANGED).astype(np.uint8)
+    side = ComparedSurface(sheet, change * region, np.full(len(xy), 1e-4), states, region, np.zeros(len(xy), np.uint8))
+    table = pd.DataFrame({"region": [1], "kind": ["added"]})
+    return Comparison(side, side, table, Registration(np.eye(4), np.eye(6) * 1e-10, np.zeros(3), True), "relative", {})
+
+
+@pytest.mark.parametrize(("tilt", "expected"), [(0.02, 1), (0.0, 0)])
+def test_a_strip_goes_along_with_a_part_unless_an_even_layer_would_do_as_much(tilt: float, expected: int) -> None:
+    """Where a part came forward evenly, a strip of plaster as thick beside it looks the same."""
+    motion = np.array([0.0, -tilt, 0.0, 0.0, 0.0, 2e-3])
+    x = strip_beside(np.zeros(2500)).on_compared.surface.vertices[:, 0]
+    found = strip_beside(2e-3 + tilt * (x - 0.05) + np.random.default_rng(1).normal(0.0, 2e-5, len(x)))
+    part_of = (x < 0.056).astype(np.int32)
+    parts = MovedParts((MovedPart(np.eye(4), motion, np.eye(6), np.array([0.05, 0.05, 0.0]), 1000),), part_of)
+    assert goes_along(found, parts, (part_of, part_of)).tolist() == [expected]
