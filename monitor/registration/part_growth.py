@@ -199,14 +199,6 @@ def share_out(field: Field, pieces: list[Piece]) -> list[Piece]:
     return pieces
 
 
-def label_samples(pieces: Sequence[Piece], n: int) -> Ints:
-    """Return the number (n,) of the piece that each sample belongs to, -1 for none."""
-    label = np.full(n, -1)
-    for k, piece in enumerate(pieces):
-        label[piece.members] = k
-    return label
-
-
 def is_member(members: Ints, n: int) -> Bools:
     """Return which of n samples are members."""
     mask = np.zeros(n, dtype=bool)

@@ -10,7 +10,7 @@ show as moved: `comparison.moved`.)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,12 +33,12 @@ from monitor.registration.part_growth import (
     find_pieces,
     fit,
     is_member,
-    label_samples,
     make_field,
 )
 from monitor.registration.patches import cut_patches
 from monitor.registration.sampling import in_space_order, motion_rows
 from monitor.registration.sides import Side, prepare_side
+from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
 from projects.transforms import apply, invert, perturb
 
@@ -107,11 +107,18 @@ def find_parts(source: Surface | PointCloud, target: Surface | PointCloud, regis
     -------
     MovedParts
         None where nothing moved. A part whose shape does not hold all six parameters is not told from wear.
+
+    Raises
+    ------
+    ParameterError
+        Where `sigma` is not of the source.
     """
     settings = settings or PartSettings()
     shift = find_centre(target)
     sides = prepare_side(source, shift), prepare_side(target, shift)
     n_source = len(source.vertices if isinstance(source, Surface) else source.points)
+    if sigma is not None and sigma.shape != (n_source,):
+        raise ParameterError(f"sigma has the shape {sigma.shape}: give one for each of the source's {n_source}")
     index = sides[0].index[_choose(sides[0], settings)]
     known = np.full(len(index), np.nan) if sigma is None else np.where(index >= 0, sigma[index], np.nan)
     field = _prepare(sides, into_local(registration.T_target_source, shift), registration.sigma, known, settings)
@@ -145,19 +152,16 @@ def _conclude(field: Field, pieces: list[Piece], source: Side, n_source: int, re
               shift: Floats) -> MovedParts:  # fmt: skip
     """Return the parts that hold: connected, significant, held by their shape, and bounded as a part is."""
     pieces = [_sharpen(field, p) for p in pieces if len(p.members) >= LEAST_POINTS]
-    label = label_samples(pieces, len(field.samples.points))
-    found = []
 
     def of_stable(centre: Floats) -> Floats:
         """Return the covariance (6, 6) of the stable areas' motion about a place (3,) of the field."""
         return about(registration.covariance, centre + shift - registration.centre)
 
-    for k, piece in enumerate(pieces):
-        part = _measure(field, piece, len(pieces), of_stable) if _is_rigid_part(field, k, pieces, label) else None
-        if part is not None:
-            found.append((part, piece.members))
+    measured = [(_measure(field, piece, len(pieces), of_stable), piece.members)
+                for piece in pieces if _is_rigid_part(field, piece)]  # fmt: skip
+    found = [(part, members) for part, members in measured if part is not None]
     found.sort(key=lambda item: -item[0].n_points)
-    number = np.zeros(len(label), dtype=np.int32)
+    number = np.zeros(len(field.samples.points), dtype=np.int32)
     for k, (_, members) in enumerate(found, start=1):
         number[members] = k
     part_of = np.zeros(n_source, dtype=np.int32)
@@ -172,24 +176,28 @@ def _sharpen(field: Field, piece: Piece) -> Piece:
     """Return a piece with the pose that its telling samples give: what fits both motions may belong to what is beside
     it, as ground that a boss slides along, and would bend it."""
     for _ in range(N_SHARPENINGS):
-        own = _way_along_normal(field, piece.T, piece.members)
-        telling = piece.members[np.abs(own) > FITS * field.sigma[piece.members]]
+        telling = _telling(field, piece)
         if len(telling) < LEAST_TELLING:
             break
         piece = Piece(fit(field, telling, piece.T, fine=True)[0], piece.members)
     return piece
 
 
+def _telling(field: Field, piece: Piece) -> Ints:
+    """Return which samples (k,) of a piece its motion tells from none: moved along their normals beyond errors."""
+    own = _way_along_normal(field, piece.T, piece.members)
+    return piece.members[np.abs(own) > FITS * field.sigma[piece.members]]
+
+
 def _measure(field: Field, piece: Piece, n_tested: int, of_stable: Callable[[Floats], Floats]) -> MovedPart | None:
     """Return a part with its motion and covariance; None where the shape or the significance does not hold it."""
     limits = MatchLimits(field.rules.distance, 0.0, field.rules.angle)
-    own = _way_along_normal(field, piece.T, piece.members)
-    telling = piece.members[np.abs(own) > FITS * field.sigma[piece.members]]
+    telling = _telling(field, piece)
     pairs = match(field.samples.take(telling), field.target, piece.T, limits, field.both_oriented)
     sigma = field.sigma[telling[pairs.source]]
     fits = np.abs(pairs.residuals) <= FITS * sigma
     pairs, sigma = pairs.take(fits), sigma[fits]
-    if len(pairs) < LEAST_POINTS // 2:
+    if len(pairs) < LEAST_TELLING:
         return None
     centre = pairs.points.mean(axis=0)
     grid = cut_patches(pairs.points, pairs.normals, 25)
@@ -211,27 +219,24 @@ def motion_between(T_part: Floats, T_stable: Floats, centre: Floats) -> Floats:
     return np.concatenate([Rotation.from_matrix(step[:3, :3]).as_rotvec(), apply(step, centre) - centre])
 
 
-def _is_rigid_part(field: Field, which: int, pieces: Sequence[Piece], label: Ints) -> bool:
+def _is_rigid_part(field: Field, piece: Piece) -> bool:
     """Whether a piece is told by its motion from what stands still, from a layer, and from wear: it ends at a joint, or
     gains on one side what it loses on the other."""
-    members = pieces[which].members
-    own, sigma = _way_along_normal(field, pieces[which].T, members), field.sigma[members]
-    tells = np.abs(own) > FITS * sigma
-    if tells.sum() < LEAST_TELLING or np.mean(field.misfit_stable[members[tells]] > EXPLAINED) < LEAST_NEW:
+    own, telling = _way_along_normal(field, piece.T, piece.members), _telling(field, piece)
+    if len(telling) < LEAST_TELLING or np.mean(field.misfit_stable[telling] > EXPLAINED) < LEAST_NEW:
         return False
-    if np.sum(np.abs(own - np.mean(own[tells])) > FITS * sigma) < LEAST_TELLING:
+    tells = own[np.isin(piece.members, telling)]
+    if np.sum(np.abs(own - np.mean(tells)) > FITS * field.sigma[piece.members]) < LEAST_TELLING:
         return False
-    lost, gained = float(np.mean(own[tells] < 0.0)), float(np.mean(own[tells] > 0.0))
-    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, which, pieces, own)
+    lost, gained = float(np.mean(tells < 0.0)), float(np.mean(tells > 0.0))
+    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, piece, own)
 
 
-def _ends_at_joint(field: Field, which: int, pieces: Sequence[Piece], own: Floats) -> bool:
+def _ends_at_joint(field: Field, piece: Piece, own: Floats) -> bool:
     """Whether what lies beside a piece did not go along: what was measured there differs from the piece's motion by
-    half of its own way (m,) [m] along the normals and more. Wear runs out: next to a piece of it is wear.
-    """
-    members = pieces[which].members
-    inside = is_member(members, len(field.samples.points))
-    beside = members
+    half of its own way (m,) [m] along the normals and more. Wear runs out: next to a piece of it is wear."""
+    inside = is_member(piece.members, len(field.samples.points))
+    beside = piece.members
     for _ in range(N_BESIDE):
         inside[beside] = True
         beside = np.unique(field.neighbours[beside])
@@ -240,7 +245,7 @@ def _ends_at_joint(field: Field, which: int, pieces: Sequence[Piece], own: Float
     pairs = match(field.samples.take(beside), field.target, field.T_stable, limits, field.both_oriented)
     if not len(pairs):
         return True
-    jump = _way_along_normal(field, pieces[which].T, beside[pairs.source]) - pairs.residuals
+    jump = _way_along_normal(field, piece.T, beside[pairs.source]) - pairs.residuals
     return float(np.sqrt(np.mean(jump**2))) >= JOINT * float(np.sqrt(np.mean(own**2)))
 
 

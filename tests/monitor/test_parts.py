@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from monitor.registration import register
 from monitor.registration.parts import find_parts, put_back
+from projects.errors import ParameterError
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb, rotate
 
@@ -80,3 +81,8 @@ def test_flat_piece_pushed_in_is_not_called_a_motion_of_six_parameters(rng: np.r
     pushed = flat.points - np.outer((np.abs(xy) < 0.06).all(axis=0) * 3e-3, [0.0, 0.0, 1.0])
     found = find_parts(PointCloud(pushed), flat, register(PointCloud(pushed), flat))
     assert found.parts == ()
+
+
+def test_errors_that_are_not_of_the_source_are_refused(reference: PointCloud) -> None:
+    with pytest.raises(ParameterError, match=r"sigma has the shape \(10,\): give one for each of the source's 24000"):
+        find_parts(reference, reference, register(reference, reference), sigma=np.ones(10))
