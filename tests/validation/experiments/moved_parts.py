@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import datetime
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import front_door
 import numpy as np
@@ -38,7 +39,7 @@ from monitor.simulation import (
 from monitor.simulation.campaign import SurveyedEpoch, write_campaign
 from monitor.simulation.scenes import grid_faces
 from monitor.simulation.stations import Station
-from projects.model import Comparison, Floats
+from projects.model import Comparison, Floats, Ints
 from projects.transforms import apply, perturb
 
 TITLE = "Parts that moved as a whole, among worn places: their six parameters"
@@ -234,7 +235,7 @@ def look(found: Comparison, state: State) -> tuple[list[Found], int, int]:
     return told, n_false, int(np.sum((apart < state.radius + WORN_REACH).any(axis=1)))
 
 
-def _hold_against(parts: Sequence[dict], which: Floats, move: Move) -> Found:
+def _hold_against(parts: Sequence[Mapping[str, Any]], which: Ints, move: Move) -> Found:
     """Return the largest of some parts against the move that it is of."""
     if not len(which):
         return Found(move.length)
@@ -262,7 +263,8 @@ def run(size: Size) -> list[Row]:
                         value=float(n_false + n_worn)))  # fmt: skip
         every += [f for f in all_found if f.error is not None]
     inside = sum(f.squared < chi2.ppf(0.95, 6) for f in every)
-    rows.append(Row("true motions within the 95 % ellipsoid", f"{inside} of {len(every)}", value=inside / len(every)))
+    rows.append(Row("true motions within the 95 % ellipsoid", f"{inside} of {len(every)}",
+                    value=inside / len(every) if every else np.nan))  # fmt: skip
     return rows
 
 
