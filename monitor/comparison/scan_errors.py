@@ -33,7 +33,11 @@ MOST_SIGMAS = 37.0  # of a normal distribution that a p value can tell
 @dataclass(frozen=True)
 class ScanErrors:
     """What is stated of the scans times `scales` (c,), of which each holds from `steps` (c,) [m] stated on, the first
-    from 0; as sure as `n_witnesses` (c,) independent places are."""
+    from 0; as sure as `n_witnesses` (c,) independent places are.
+
+    What falls out of the change up to a step, since both epochs' scans err alike there, does so beyond it too: a scale
+    holds of what is left then, and the error does not jump where more is stated.
+    """
 
     steps: Floats
     scales: Floats
@@ -43,15 +47,32 @@ class ScanErrors:
         """Return which of the scales holds for what is `stated` [m]."""
         return np.asarray(np.searchsorted(self.steps, stated, side="right") - 1)
 
+    def left_of(self, stated: Floats) -> Floats:
+        """Return what is left [m] of what is `stated` [m], without what falls out below the step; of any shape."""
+        return np.asarray(np.sqrt(np.asarray(stated) ** 2 - self._gone2()[self._class_of(stated)]))
+
+    def _gone2(self) -> Floats:
+        """Return the variance (c,) [m2] of what falls out of the change below each of the steps."""
+        out = np.zeros(len(self.steps))
+        for k in range(1, len(out)):
+            out[k] = self.steps[k] ** 2 - self.scales[k - 1] ** 2 * (self.steps[k] ** 2 - out[k - 1])
+        return out
+
     def sigma_of(self, stated: Floats) -> Floats:
         """Return one sigma [m] of the mean over a place, of what is `stated` [m] of it in the mean; of any shape."""
-        return np.asarray(self.scales[self._class_of(stated)] * stated)
+        return np.asarray(self.scales[self._class_of(stated)] * self.left_of(stated))
 
     def dof_of(self, sigma2: Floats, stated: Floats) -> Floats:
         """Return the degrees of freedom of a mean with the variance `sigma2` [m2], the scans' part of it included, of
-        which alone the size is estimated (Satterthwaite 1946); at most `NORMAL`."""
-        share = np.divide(self.sigma_of(stated) ** 2, sigma2, out=np.zeros(np.shape(stated)), where=sigma2 > 0.0)
-        return np.asarray(np.minimum(self.n_witnesses[self._class_of(stated)] / np.maximum(share**2, 1e-200), NORMAL))
+        which alone the size is estimated, below the step and beyond it (Satterthwaite 1946); at most `NORMAL`."""
+        which, gone2 = self._class_of(stated), self._gone2()
+        below2 = (self.steps**2 - gone2)[which]  # what is left at the step, which the witnesses below it bear out
+        parts = below2, self.left_of(stated) ** 2 - below2
+        witnesses = self.n_witnesses[np.maximum(which - 1, 0)], self.n_witnesses[which]
+        shares = [np.divide(self.scales[which] ** 2 * p, sigma2, out=np.zeros(np.shape(stated)), where=sigma2 > 0.0)
+                  for p in parts]  # fmt: skip
+        unsure = sum(share**2 / n for share, n in zip(shares, witnesses, strict=True))
+        return np.asarray(np.minimum(1.0 / np.maximum(unsure, 1e-200), NORMAL))
 
     def as_normal(self, z: float, sigma: float, stated: float) -> float:
         """Return how many sigmas off zero a normal distribution has the p value of a mean that lies `z` of its `sigma`
@@ -88,10 +109,13 @@ def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float)
     if len(of_units) < FEWEST_PATCHES or not of_units.max() > 0.0:
         return AS_STATED
     steps = np.array(STEPS) * max(median(of_units), LEAST_USUAL * float(of_units.max()))
-    asked, most = scales_asked(means, own2, stated), min(still_share / ALIKE, len(of_units) / PER_WITNESS)
+    most = min(still_share / ALIKE, len(of_units) / PER_WITNESS)
     scales, witnesses = np.ones(len(steps)), np.full(len(steps), NORMAL)
     for k, step in enumerate(steps):
         least = min(scales[k - 1], 1.0) if k else LEAST_SCALE
+        asked = scales_asked(
+            means, own2, ScanErrors(steps[: k + 1], scales[: k + 1], witnesses[: k + 1]).left_of(stated)
+        )
         shown = max(_inner(asked[is_known[:, size] & (stated[:, size] >= step), size])
                     for size in range(means.shape[1]))  # fmt: skip
         n_witnesses = most * float(np.mean(of_units >= step))

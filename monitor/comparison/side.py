@@ -135,13 +135,13 @@ def drop_contradicted(side: Side, back: Side) -> Side:
     Where two sheets lie close, or a surface was seen in one epoch only, a vertex may find the wrong sheet: from there
     the change looks less than half as large, beyond four sigma. Such a vertex is not assessable.
     """
-    sigma = np.hypot(np.hypot(side.sigma_surfaces, side.sigma_common), _unstated_noise(side))
+    sigma = np.hypot(np.hypot(side.sigma_surfaces, side.sigma_common), unstated_noise(side))
     seen_back = np.where(back.is_assessed, back.distances, np.nan)[side.foot_vertices]
     contradicted = side.is_assessed & (np.abs(side.distances) > 2.0 * np.abs(seen_back) + 4.0 * sigma)
     return side.without(contradicted, NotAssessed.SHEET_BETWEEN)
 
 
-def _unstated_noise(side: Side) -> float:
+def unstated_noise(side: Side) -> float:
     """Return the scatter [m] of the distances where a surface states no noise, 0 where both do."""
     if side.states_noise or not side.is_assessed.any():
         return 0.0

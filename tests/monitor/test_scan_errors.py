@@ -40,13 +40,35 @@ def test_where_more_is_stated_it_has_a_scale_of_its_own(rng: np.random.Generator
     assert better.sigma_of(np.array([1e-4, 3e-4])) == pytest.approx([0.5e-4, 3e-4], rel=0.15)
 
 
-def test_a_few_places_that_state_more_are_as_stated(rng: np.random.Generator) -> None:
-    """What most places show says nothing of three in a hundred that disagree three times as much."""
+def test_a_few_places_that_state_more_are_as_stated_beyond_the_rest(rng: np.random.Generator) -> None:
+    """What most places show says nothing of what three in a hundred disagree by beyond them."""
     stated = np.where(np.arange(N) < 0.97 * N, 1e-4, 3e-4)
     found = learn_scans(*simulate(rng, np.where(stated > 2e-4, 1.0, 0.0), stated), 1.0)
     low, high = found.sigma_of(np.array([1e-4, 3e-4])) / [1e-4, 3e-4]
     assert low < 0.3
-    assert high == 1.0
+    assert found.scales[1] == pytest.approx(1.0, abs=0.05)
+    left = np.sqrt(1.0 - 0.25 * (1.0 - low**2))  # half of it, up to the step, falls out as elsewhere
+    assert high == pytest.approx(found.scales[1] * left)
+
+
+def test_what_falls_out_of_the_change_does_so_where_a_place_errs_besides(rng: np.random.Generator) -> None:
+    """All err alike in both epochs by 0.1 mm, a third by as much again, 1.7 times or 2.8 times, in one epoch alone."""
+    own = 1e-4 * np.where(np.arange(N) < 0.7 * N, 0.0, np.array([1.0, 1.7, 2.8])[np.arange(N) % 3])
+    stated = np.hypot(1e-4, own)
+    found = learn_scans(*simulate(rng, own / stated, stated), 1.0)
+    assert found.scales[1] == pytest.approx(1.0, abs=0.1)
+    below, beyond = found.sigma_of(found.steps[1] * np.array([1.0 - 1e-9, 1.0]))
+    assert beyond == pytest.approx(below, rel=0.1)
+    for excess in (1.7e-4, 2.8e-4):
+        assert 0.9 * excess < found.sigma_of(np.hypot(1e-4, excess)) < 1.1 * excess
+
+
+def test_no_jump_where_what_most_show_ends() -> None:
+    scans = ScanErrors(np.array([0.0, 2e-4]), np.array([0.3, 1.0]), np.array([20.0, NORMAL]))
+    around, sigma = 2e-4 * np.array([1.0 - 1e-9, 1.0]), 0.6e-4
+    assert scans.sigma_of(around) == pytest.approx([sigma, sigma])
+    assert scans.dof_of(np.full(2, sigma**2), around) == pytest.approx([20.0, 20.0])
+    assert scans.sigma_of(np.array(2e-3)) == pytest.approx(np.sqrt(4.0 - 0.04 + 0.0036) * 1e-3)
 
 
 def test_noise_that_is_understated_is_not_laid_on_the_scans(rng: np.random.Generator) -> None:
@@ -93,10 +115,10 @@ def test_the_degrees_of_freedom_are_those_of_the_scans_share() -> None:
     """Satterthwaite (1946): the variances of two estimates add up, and one of them is known."""
     scans = ScanErrors(np.array([0.0, 2e-4]), np.array([0.5, 1.0]), np.array([20.0, 10.0]))
     stated = np.array([1e-4, 1e-4, 3e-4, 0.0])
-    shared2 = np.array([0.5e-4, 0.5e-4, 3e-4, 0.0]) ** 2
+    shared2 = np.array([0.5e-4**2, 0.5e-4**2, 1e-4**2 + 5e-8, 0.0])  # of the third a sixth as below the step
     assert scans.sigma_of(stated) ** 2 == pytest.approx(shared2)
     dofs = scans.dof_of(shared2 * [1.0, 3.0, 1.0, 1.0] + np.array([0.0, 0.0, 0.0, 1e-9]), stated)
-    assert dofs[:3] == pytest.approx([20.0, 180.0, 10.0])
+    assert dofs[:3] == pytest.approx([20.0, 180.0, 36.0 / (1.0 / 20.0 + 25.0 / 10.0)])
     assert dofs[3] > 1e8
     draws = np.random.default_rng(1)
     sigma = 0.5e-4 * np.sqrt(draws.chisquare(20.0, 400_000) / 20.0)
