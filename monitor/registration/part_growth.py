@@ -38,7 +38,8 @@ MOST_SEEDS = 1500
 @dataclass(frozen=True)
 class Field:
     """The samples that parts are looked for among: neighbours (n, k), what each is judged by, sigma (n,) [m], the rules
-    of their alignment, and the misfit (n,) of the stable pose in squared sigmas."""
+    of their alignment, the misfit (n,) of the stable pose in squared sigmas, and how many rings of neighbours at a
+    border are `blended`, fitted to points on both sides of it."""
 
     samples: Samples
     target: Side
@@ -48,6 +49,7 @@ class Field:
     T_stable: Floats
     both_oriented: bool
     misfit_stable: Floats
+    blended: int
 
 
 @dataclass(frozen=True)
@@ -59,9 +61,9 @@ class Piece:
 
 
 def make_field(samples: Samples, target: Side, neighbours: Ints, sigma: Floats, rules: AlignmentRules, T_stable: Floats,
-               both_oriented: bool) -> Field:  # fmt: skip
+               both_oriented: bool, blended: int) -> Field:  # fmt: skip
     """Return the field with its misfit at the stable pose."""
-    field = Field(samples, target, neighbours, sigma, rules, T_stable, both_oriented, np.empty(0))
+    field = Field(samples, target, neighbours, sigma, rules, T_stable, both_oriented, np.empty(0), blended)
     return replace(field, misfit_stable=measure_misfit(field, T_stable, np.arange(len(samples.points))))
 
 

@@ -47,6 +47,7 @@ LEAST_TELLING = LEAST_POINTS // 2  # points of a part that its motion tells from
 N_SHARPENINGS = 3
 LEAST_NEW = 0.5  # of the points that tell must not fit the stable motion
 N_BESIDE = 2  # rings of neighbours: within the first a piece's border is smoothed
+N_BLENDED = 2  # rings of vertices, whose fits reach so far
 JOINT = 0.55  # of the motion along the normal: as large is the jump at a joint; where wear runs out 0.3 to 0.5
 TWO_SIDED = 0.15  # of what tells gained, and as much lost
 LEVEL = 1e-3  # of the test of a motion against none, over all parts tried
@@ -121,13 +122,18 @@ def find_parts(source: Surface | PointCloud, target: Surface | PointCloud, regis
         raise ParameterError(f"sigma has the shape {sigma.shape}: give one for each of the source's {n_source}")
     index = sides[0].index[_choose(sides[0], settings)]
     known = np.full(len(index), np.nan) if sigma is None else np.where(index >= 0, sigma[index], np.nan)
-    field = _prepare(sides, into_local(registration.T_target_source, shift), registration.sigma, known, settings)
+    has_fits = isinstance(source, Surface) and source.normals is not None and source.sigma is not None
+    T = into_local(registration.T_target_source, shift)
+    field = _prepare(sides, T, (registration.sigma, known), settings, N_BLENDED if has_fits else 0)
     may_start = np.ones(len(index), dtype=bool) if is_changed is None else (index >= 0) & is_changed[index]
     return _conclude(field, find_pieces(field, may_start), sides[0], n_source, registration, shift)
 
 
-def _prepare(sides: tuple[Side, Side], T_stable: Floats, least: float, sigma: Floats, settings: PartSettings) -> Field:
-    source, target = sides
+def _prepare(sides: tuple[Side, Side], T_stable: Floats, judged_by: tuple[float, Floats], settings: PartSettings,
+             blended: int) -> Field:  # fmt: skip
+    """Return the field of samples of the source, which are judged by what is known of each, `judged_by` [m], and by no
+    less than the least."""
+    (source, target), (least, sigma) = sides, judged_by
     samples = make_samples(source, _choose(source, settings))
     diagonal = float(np.linalg.norm(np.ptp(target.points, axis=0)))
     rules = AlignmentRules(settings.search_radius or 0.02 * diagonal, SOURCE_TURN, LEAST_POINTS // 3, 1e-6, 60)
@@ -139,7 +145,7 @@ def _prepare(sides: tuple[Side, Side], T_stable: Floats, least: float, sigma: Fl
     stated = np.full(len(sigma), max(least, 1e-6 * diagonal))
     stated[pairs.source] = np.maximum(stated[pairs.source], pairs.sigma)
     judged = np.where(np.isfinite(sigma), np.maximum(sigma, least), stated)
-    return make_field(samples, target, neighbours[:, 1:], judged, rules, T_stable, both_oriented)
+    return make_field(samples, target, neighbours[:, 1:], judged, rules, T_stable, both_oriented, blended)
 
 
 def _choose(source: Side, settings: PartSettings) -> Ints:
@@ -203,7 +209,8 @@ def _measure(field: Field, piece: Piece, n_tested: int, of_stable: Callable[[Flo
     grid = cut_patches(pairs.points, pairs.normals, 25)
     if find_free_motion(pairs, centre, grid.numbers(pairs.points, pairs.normals), by_sign=True):
         return None
-    covariance = estimate_covariance(pairs, sigma, centre) + of_stable(centre)
+    inside = _away_from_border(field, piece, telling[pairs.source])
+    covariance = estimate_covariance(pairs.take(inside), sigma[inside], centre) + of_stable(centre)
     if not np.isfinite(covariance).all():
         return None
     motion = motion_between(piece.T, field.T_stable, centre)
@@ -211,6 +218,19 @@ def _measure(field: Field, piece: Piece, n_tested: int, of_stable: Callable[[Flo
     if chi2.sf(statistic, 6) > LEVEL / n_tested:
         return None
     return MovedPart(piece.T, motion, covariance, centre, len(piece.members))
+
+
+def _away_from_border(field: Field, piece: Piece, which: Ints) -> Bools:
+    """Return which of some samples (k,) of a piece lie within the rings of neighbours that are blended at its border,
+    as many rings as leave enough of them. Surfaces were fitted there to points of what moved and of what did not: they
+    hold a motion in place more firmly than they know it."""
+    inside, out = is_member(piece.members, len(field.samples.points)), np.ones(len(which), dtype=bool)
+    for _ in range(field.blended):
+        inside &= inside[field.neighbours].all(axis=1)
+        if np.count_nonzero(inside[which]) < LEAST_TELLING:
+            break
+        out = inside[which]
+    return out
 
 
 def motion_between(T_part: Floats, T_stable: Floats, centre: Floats) -> Floats:

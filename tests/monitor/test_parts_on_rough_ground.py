@@ -12,7 +12,16 @@ from test_parts import WAYS, N, shift_part
 
 from monitor.registration import register
 from monitor.registration.part_growth import Piece, fit
-from monitor.registration.parts import MovedParts, PartSettings, _prepare, _sharpen, find_parts, motion_between
+from monitor.registration.parts import (
+    LEAST_TELLING,
+    MovedParts,
+    PartSettings,
+    _away_from_border,
+    _prepare,
+    _sharpen,
+    find_parts,
+    motion_between,
+)
 from monitor.registration.sides import prepare_side
 from monitor.simulation.scenes import grid_faces
 from projects.model import Bools, Floats, PointCloud, Surface
@@ -91,7 +100,7 @@ def test_ground_that_passes_for_a_part_does_not_bend_its_motion(seed: int) -> No
     (before, _), (after, _) = plaque(rng, np.eye(4)), plaque(rng, T)
     sides = prepare_side(after, np.zeros(3)), prepare_side(before, np.zeros(3))
     sigma = np.full(len(after.vertices), 2.0 * SIGMA)
-    field = _prepare(sides, np.eye(4), SIGMA, sigma, PartSettings())
+    field = _prepare(sides, np.eye(4), (SIGMA, sigma), PartSettings(), blended=0)
     away = np.linalg.norm(field.samples.points[:, :2] - T[:2, 3], axis=1)
     members = np.flatnonzero(away < 1.4 * RADIUS)
     with_ground = Piece(fit(field, members, invert(T), fine=True)[0], members)
@@ -99,6 +108,21 @@ def test_ground_that_passes_for_a_part_does_not_bend_its_motion(seed: int) -> No
                  for piece in (with_ground, _sharpen(field, with_ground)))  # fmt: skip
     assert abs(left[5]) < 0.4 * abs(off[5])  # m, outwards, which the ground does not let it slide without
     assert abs(left[5]) < 3e-5 < abs(off[5])
+
+
+@pytest.mark.parametrize(("radius", "n_rings"), [(RADIUS, 2), (0.0075, 1), (0.004, 0)])
+def test_how_sure_a_motion_is_is_told_within_what_fits_blend_at_its_border(radius: float, n_rings: int) -> None:
+    """As many rings are left out, two at most, as leave enough samples: some 1800, 180 and 50 lie within such radii."""
+    after, _ = plaque(np.random.default_rng(5), np.eye(4))
+    side = prepare_side(after, np.zeros(3))
+    field = _prepare((side, side), np.eye(4), (SIGMA, np.full(len(side), SIGMA)), PartSettings(), blended=2)
+    members = np.flatnonzero(np.linalg.norm(field.samples.points[:, :2], axis=1) < radius)
+    left = set(members.tolist())
+    for _ in range(n_rings):
+        left = {k for k in left if left.issuperset(field.neighbours[k].tolist())}
+    inside = members[_away_from_border(field, Piece(np.eye(4), members), members)]
+    assert set(inside.tolist()) == left
+    assert (len(left) < LEAST_TELLING) == (n_rings == 0)
 
 
 def test_a_layer_that_came_off_along_a_sharp_border_is_no_part() -> None:
