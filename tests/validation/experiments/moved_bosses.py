@@ -40,7 +40,7 @@ def plaque(height: float, move: float) -> Scene:
     for middle in MIDDLES + move * ALONG:
         away = np.hypot(x - middle[0], z - middle[1])
         y -= height * np.clip((RADIUS - away) / WALL, 0.0, 1.0)
-    faces = grid_faces(*x.shape)[:, ::-1]  # counter-clockwise from the front, which is -y
+    faces = grid_faces(*x.shape)  # counter-clockwise from the front, which is -y
     vertices = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
     return Scene("plaque", (Body("plaque", vertices, np.ascontiguousarray(faces, np.int32), 0.6),))
 

@@ -170,7 +170,7 @@ def _plaque_scene(motions: Sequence[Floats], worn: Floats) -> Scene:
             away / BOSS_RADIUS, 1.0
         )
         out = np.maximum(out, boss.reshape(x.shape))
-    faces = grid_faces(*x.shape)[:, ::-1]  # counter-clockwise from the front, which is -y
+    faces = grid_faces(*x.shape)  # counter-clockwise from the front, which is -y
     vertices = np.stack([x.ravel(), -out.ravel(), z.ravel()], axis=1)
     return Scene("plaque", (Body("plaque", vertices, np.ascontiguousarray(faces, np.int32), 0.6),))
 
