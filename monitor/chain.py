@@ -15,6 +15,7 @@ import numpy as np
 
 from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.comparison import compare
+from monitor.comparison.beside_parts import changed_beside
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
@@ -111,13 +112,15 @@ def compare_epochs(
             reference, compared = place_against_held((earlier, place), (reference, compared), motion)
         sights = gather_sights(earlier), gather_sights(place)
         frames = tied.about(motion.centre) if tied is not None else None
-        found = compare(reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames,
-                        points=lambda: (measured_points(earlier), measured_points(place)),
-                        stable_is_given=stable is not None)  # fmt: skip
+        ask = partial(compare, reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames,
+                      points=lambda: (measured_points(earlier), measured_points(place)),
+                      stable_is_given=stable is not None)  # fmt: skip
+        found = ask()
         if len(found.regions):  # what moved as a whole shows as regions of change
             side = found.on_compared
             parts = find_parts(compared, reference, motion, settings.parts, side.is_changed, side.lod95 / Z95)
-            found = tell_moved(found, parts, compared.vertices)
+            beside = changed_beside(found, parts, compared.vertices)
+            found = tell_moved(found if beside is None else ask(apart=beside), parts, compared.vertices)
         clouds = filtered(earlier), filtered(place)
         if clouds[0] is None or clouds[1] is None:
             return Made(found, start)

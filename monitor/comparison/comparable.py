@@ -12,7 +12,7 @@ import numpy as np
 from monitor.comparison.side import Side
 from monitor.comparison.summary import count_reasons
 from projects.errors import ComparisonError, ParameterError, RegistrationError
-from projects.model import Registration, Surface, require_noun
+from projects.model import Bools, Registration, Surface, require_noun
 from projects.transforms import require_rigid
 
 MODES = ("relative", "absolute")
@@ -20,7 +20,7 @@ MOSTLY = 0.5  # share of the samples with a partner, from which on epochs that f
 
 
 def require_comparable(reference: Surface, compared: Surface, registration: Registration | None, mode: str,
-                       tolerance: float | None) -> None:  # fmt: skip
+                       tolerance: float | None, apart: tuple[Bools, Bools] | None = None) -> None:  # fmt: skip
     """Raise `ParameterError` or `ComparisonError` where something given to `compare` is none of what it stands for."""
     if mode not in MODES:
         raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")
@@ -28,6 +28,12 @@ def require_comparable(reference: Surface, compared: Surface, registration: Regi
     if registration is not None:
         require_noun(registration, "the registration", Registration)
     require_tolerance(tolerance)
+    shapes = [(len(surface.vertices),) for surface in (reference, compared)]
+    if apart is not None and [which.shape for which in apart] != shapes:
+        raise ParameterError(
+            f"apart has the shapes {apart[0].shape} and {apart[1].shape}: give one mask for each surface's vertices, "
+            f"{shapes[0]} and {shapes[1]}"
+        )
 
 
 def settle_motion(reference: Surface, compared: Surface, registration: Registration | None,

@@ -45,6 +45,7 @@ from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
 from projects.model import (
     Assessment,
+    Bools,
     ComparedSurface,
     Comparison,
     Floats,
@@ -95,7 +96,8 @@ class CompareSettings:
 def compare(reference: Surface, compared: Surface, registration: Registration | None = None,
             settings: CompareSettings | None = None, mode: str = "relative", tolerance: float | None = None,
             sights: Sights | None = None, *, frames: Floats | None = None,
-            points: Points | None = None, stable_is_given: bool = False) -> Comparison:  # fmt: skip
+            points: Points | None = None, stable_is_given: bool = False,
+            apart: tuple[Bools, Bools] | None = None) -> Comparison:  # fmt: skip
     """Compare two epochs of an object and say what has changed, how much and how sure.
 
     Parameters
@@ -121,6 +123,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     stable_is_given : someone knows where nothing changed, and the stable areas of the registration lie there. They
         alone tell the level of detection then, and all the rest may have changed, as where an object was cleaned all
         over but its base.
+    apart : of the vertices of the reference (n,) and of the compared surface (m,) those that belong to no region with
+        the rest, as what was worn beside a part that moved (`changed_beside`); left out, what hangs together is one.
 
     Returns
     -------
@@ -131,14 +135,15 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     Raises
     ------
     ParameterError
-        Where the mode is neither, the tolerance no length, or what should be a surface or registration is none.
+        Where the mode is neither, the tolerance no length, what should be a surface or registration is none, or `apart`
+        is not of the vertices.
     ComparisonError
         Where a surface is not sound, the epochs do not overlap, or are one and the same.
     RegistrationError
         Where the registration did not converge.
     """
     settings = CompareSettings() if settings is None else settings
-    require_comparable(reference, compared, registration, mode, tolerance)
+    require_comparable(reference, compared, registration, mode, tolerance, apart)
     limit = settings.search_limit or search_limit(reference, compared, 0.05)
     registration = settle_motion(reference, compared, registration, limit)
     left = registration if mode == "absolute" else None
@@ -162,7 +167,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
                    registration.stable_is_rest, plain)  # fmt: skip
     if sights is not None:
         sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
-    regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate, points is not None)
+    regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate, points is not None,
+                           apart)  # fmt: skip
     needs = patches_needed(sides, found)
     smallest = tell_smallest(sides, found, needs, settings.false_discovery_rate, points is not None)
     told_by_width = by_width(needs, found.test.size).tolist()

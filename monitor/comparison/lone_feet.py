@@ -27,10 +27,9 @@ def drop_lone(side: Side, max_angle: float) -> Side:
     its own side.
     """
     is_lone = np.zeros(len(side.areas), dtype=np.bool_)
-    slope = float(np.tan(max_angle)) if max_angle < 0.5 * np.pi else np.inf
     sigmas = side.sigma_surfaces, side.sigma_discord
     run_tasks(_mark_lone, len(is_lone), side.surface.vertices, side.distances, sigmas, unstated_noise(side),
-              side.neighbours, slope, is_lone)  # fmt: skip
+              side.neighbours, float(np.tan(max_angle)), is_lone)  # fmt: skip
     return side.without(is_lone, NotAssessed.SHEET_BETWEEN) if is_lone.any() else side
 
 

@@ -46,6 +46,7 @@ from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected, Detection, Tested
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
 
+N_SIGNS = 3  # of a change: loss, none, gain
 HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 
 
@@ -82,13 +83,14 @@ class Regions:
 
 
 def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, registration: Registration, level: float,
-                 are_points_asked: bool) -> Regions:  # fmt: skip
-    """Return the regions, largest first; `are_points_asked`: they must be borne out by the points of both epochs yet.
+                 are_points_asked: bool, apart: tuple[Bools, Bools] | None = None) -> Regions:  # fmt: skip
+    """Return the regions, largest first; `are_points_asked`: they must be borne out by the points of both epochs yet;
+    what of both sides is set `apart` is of no region with the rest.
 
     `beyond` tells of the vertices that are not assessed whether they lie outside or inside of the other surface: what
     of them hangs together with a region counts in its volume.
     """
-    parts = connect_sides(sides, found.sides, beyond)
+    parts = connect_sides(sides, found.sides, beyond, apart)
     area = np.zeros(max(int(p.max(initial=-1)) for p in parts) + 1)
     for side, part in zip(sides, parts, strict=True):
         own = np.bincount(part[part >= 0], side.areas[part >= 0], minlength=len(area))
@@ -282,10 +284,12 @@ def least_area(sides: Sequence[Side], found: Detected) -> float:
     return max(min(found.noise.correlation.area, found.test.size**2), HANDFUL * spacing2)
 
 
-def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], beyond: Beyond) -> tuple[Ints, Ints]:
+def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], beyond: Beyond,
+                  apart: tuple[Bools, Bools] | None = None) -> tuple[Ints, Ints]:  # fmt: skip
     """Return the connected part of each vertex of both sides, -1 where not changed; numbers are common to both.
 
-    Changed is also what was looked through: lost on the reference, gained on the compared surface.
+    Changed is also what was looked through: lost on the reference, gained on the compared surface. What is set `apart`
+    hangs together with nothing else.
     """
     n_first = len(sides[0].areas)
     changed = np.concatenate([f.is_changed | t for f, t in zip(found, beyond.is_through, strict=True)])
@@ -297,6 +301,8 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
         at = np.flatnonzero(beyond.is_through[k] & (beyond.nearest[k] >= 0))
         links.append(np.column_stack([at + own, beyond.nearest[k][at] + other]))
     kinds = np.where(changed, sign + np.int8(1), np.int8(-1))
+    if apart is not None:
+        kinds[changed & np.concatenate(apart)] += N_SIGNS
     part = connect_like(kinds, [s.neighbours for s in sides], links)
     return part[:n_first], part[n_first:]
 

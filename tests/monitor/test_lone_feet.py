@@ -57,10 +57,3 @@ def test_noise_that_is_not_stated_makes_no_vertex_lone(rng: np.random.Generator)
     """Of a mesh that states no noise, it is told by all vertices: 3 mm, at edges of 1 mm."""
     side = side_with(3e-3 * rng.normal(size=400), None)
     assert drop_lone(side, STEEPEST) is side
-
-
-def test_where_any_angle_is_compared_no_slope_is_too_steep() -> None:
-    changes = np.zeros(400)
-    changes[MIDDLE] = 0.025
-    side = side_with(changes)
-    assert drop_lone(side, 0.5 * np.pi) is side

@@ -9,10 +9,12 @@ from bumpy_body import NOISE
 from scipy.spatial import ConvexHull
 
 from monitor.comparison import compare
+from monitor.comparison.beside_parts import changed_beside
 from monitor.comparison.moved_parts import goes_along, tell_moved
 from monitor.registration import register
 from monitor.registration.parts import MovedPart, MovedParts, find_parts
 from monitor.simulation.scenes import grid_faces
+from projects.errors import ParameterError
 from projects.model import Assessment, ComparedSurface, Comparison, Floats, Registration, Surface
 from projects.transforms import apply, perturb
 from reports.facts import EpochFacts
@@ -23,7 +25,7 @@ WORN = np.array([-0.34, -0.86, 0.38]) / np.linalg.norm([-0.34, -0.86, 0.38])
 MOTION = np.array([0.01, -0.02, 0.015, 1e-3, 2e-3, -1e-3])
 
 
-def body(n: int, rng: np.random.Generator, later: bool) -> Surface:
+def body(n: int, rng: np.random.Generator, later: bool, worn: Floats = WORN) -> Surface:
     """Return a bumpy body of 0.6 m; later one part of it moved and another place lost 3 mm."""
     shape = np.random.default_rng(5)
     waves, phases = shape.normal(size=(12, 3)) * 4, shape.uniform(0, 6.28, 12)
@@ -36,7 +38,7 @@ def body(n: int, rng: np.random.Generator, later: bool) -> Surface:
     faces[inward] = faces[inward, ::-1]
     points = d * (radius + rng.normal(0, NOISE, n))[:, None]
     if later:
-        angle = np.arccos(np.clip(d @ WORN, -1, 1))
+        angle = np.arccos(np.clip(d @ worn, -1, 1))
         points -= d * np.where(angle < 0.4, 1.5e-3 * (1 + np.cos(np.pi * angle / 0.4)), 0.0)[:, None]
         part = d @ TOWARDS > np.cos(HALF)
         points[part] = apply(perturb(np.eye(4), points[part].mean(axis=0), MOTION), points[part])
@@ -100,6 +102,45 @@ def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> 
     assert float(value) == pytest.approx(1e3 * np.linalg.norm(shift), abs=2.0 * float(margin))  # about four sigmas
     assert float(margin) < 0.6
     assert float(row[6].split("°")[0]) == pytest.approx(np.degrees(np.linalg.norm(MOTION[:3])), abs=0.15)
+
+
+def test_wear_that_hangs_together_with_the_part_is_told_apart_from_it() -> None:
+    """Beside it, where the part's own motion takes surface inwards too: as one region both were lost."""
+    aside = MOTION[3:] - (MOTION[3:] @ TOWARDS) * TOWARDS
+    worn = np.cos(HALF + 0.2) * TOWARDS - np.sin(HALF + 0.2) * aside / np.linalg.norm(aside)
+    before, after = (body(12_000, np.random.default_rng(k), k > 0, worn) for k in (0, 1))
+    motion = register(after, before)
+    found = compare(before, after, motion)
+    parts = find_parts(after, before, motion, is_changed=found.on_compared.region > 0)
+    assert sorted(found.regions["kind"]) == ["added", "lost"]
+    apart = changed_beside(found, parts, after.vertices)
+    assert apart is not None
+    for side, which in zip((found.on_reference, found.on_compared), apart, strict=True):
+        d = side.surface.vertices / np.linalg.norm(side.surface.vertices, axis=1)[:, None]
+        assert (d[which] @ TOWARDS < np.cos(HALF)).all()  # nothing of the part
+        assert np.mean(which[(d @ worn > np.cos(0.15)) & (d @ TOWARDS < np.cos(HALF + 0.15))]) > 0.95
+    again = tell_moved(compare(before, after, motion, apart=apart), parts, after.vertices)
+    assert sorted(again.regions["kind"]) == ["lost", "moved", "moved"]
+    (place,) = again.regions.loc[again.regions["kind"] == "lost", ["x", "y", "z"]].to_numpy()
+    assert np.linalg.norm(place - 0.3 * worn) < 0.04
+    for side, first in ((again.on_reference, found.on_reference), (again.on_compared, found.on_compared)):
+        assert (side.assessment == first.assessment).mean() > 0.999
+
+    towards = after.vertices / np.linalg.norm(after.vertices, axis=1)[:, None]
+    rim = replace(parts, part_of=np.where(towards @ TOWARDS < np.cos(0.9 * HALF), parts.part_of, 0))
+    assert changed_beside(found, rim, after.vertices) is None  # what little of a region is a part's splits it not
+
+
+def test_nothing_lies_beside_a_part_whose_wear_is_elsewhere(measured: tuple[Comparison, MovedParts, Floats]) -> None:
+    found, parts, vertices = measured
+    assert changed_beside(found, parts, vertices) is None
+    assert changed_beside(found, replace(parts, parts=()), vertices) is None
+
+
+def test_masks_that_are_not_of_the_surfaces_are_refused() -> None:
+    before, after = (body(3000, np.random.default_rng(k), k > 0) for k in (0, 1))
+    with pytest.raises(ParameterError, match=r"\(3000,\) and \(7,\): give one mask for each surface's vertices"):
+        compare(before, after, apart=(np.zeros(3000, dtype=bool), np.zeros(7, dtype=bool)))
 
 
 def strip_beside(change: Floats) -> Comparison:
