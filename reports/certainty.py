@@ -129,7 +129,8 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         rows.append(("of what the scans of an epoch disagree by", percent(statistics["error_scale_shared"])))
     if statistics.get("error_scales_scans"):
         most_places, beyond = (percent(statistics["error_scales_scans"][k]) for k in (0, -1))
-        words = most_places if most_places == beyond else f"{most_places}, and {beyond} where they disagree more"
+        step = millimetres(statistics["error_steps_scans_m"][-1])
+        words = most_places if most_places == beyond else f"{most_places}, and {beyond} of what is beyond {step}"
         rows.append(("of the same, counted in the mean of patches and regions", words))
     if "correlation_length_m" in statistics:
         rows.append(("errors of neighbours agree over", millimetres(statistics["correlation_length_m"])))

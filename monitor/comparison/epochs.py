@@ -224,9 +224,8 @@ def measure_sides(shells: tuple[Shell, Shell], registration: Registration, left:
     `left` is the motion that stays in the distances."""
     sides = (measure_side(shells[0], shells[1], -1.0, registration, left),
              measure_side(shells[1], shells[0], 1.0, registration, left))  # fmt: skip
-    on_reference, on_compared = map_sides(
-        lambda k: drop_lone(drop_contradicted(sides[k], sides[1 - k]), shells[k].limits[1]), larger_of(sides)
-    )
+    on_reference, on_compared = map_sides(lambda k: drop_lone(drop_contradicted(sides[k], sides[1 - k])),
+                                          larger_of(sides))  # fmt: skip
     if registration.is_stable is None or len(registration.is_stable) != len(on_compared.areas):
         return on_reference, on_compared
     seen = on_reference.is_assessed & registration.is_stable[on_reference.foot_vertices]

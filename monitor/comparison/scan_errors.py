@@ -32,46 +32,34 @@ MOST_SIGMAS = 37.0  # of a normal distribution that a p value can tell
 
 @dataclass(frozen=True)
 class ScanErrors:
-    """What is stated of the scans times `scales` (c,), of which each holds from `steps` (c,) [m] stated on, the first
-    from 0; as sure as `n_witnesses` (c,) independent places are.
+    """What is stated of the scans, cut at `steps` (c,) [m], the first 0: what of it lies between two of them counts
+    `scales` (c,) times, as sure as `n_witnesses` (c,) independent places are.
 
-    What falls out of the change up to a step, since both epochs' scans err alike there, does so beyond it too: a scale
-    holds of what is left then, and the error does not jump where more is stated.
+    It is cut in squares. What falls out of the change up to a step, since both epochs' scans err alike there, does so
+    where more is stated too, and the error does not jump.
     """
 
     steps: Floats
     scales: Floats
     n_witnesses: Floats
 
-    def _class_of(self, stated: Floats) -> Ints:
-        """Return which of the scales holds for what is `stated` [m]."""
-        return np.asarray(np.searchsorted(self.steps, stated, side="right") - 1)
-
-    def left_of(self, stated: Floats) -> Floats:
-        """Return what is left [m] of what is `stated` [m], without what falls out below the step; of any shape."""
-        return np.asarray(np.sqrt(np.asarray(stated) ** 2 - self._gone2()[self._class_of(stated)]))
-
-    def _gone2(self) -> Floats:
-        """Return the variance (c,) [m2] of what falls out of the change below each of the steps."""
-        out = np.zeros(len(self.steps))
-        for k in range(1, len(out)):
-            out[k] = self.steps[k] ** 2 - self.scales[k - 1] ** 2 * (self.steps[k] ** 2 - out[k - 1])
-        return out
+    def _variances(self, stated: Floats) -> list[Floats]:
+        """Return the variance [m2] of what lies between each two steps, of what is `stated` [m]; of any shape."""
+        upper = np.append(self.steps[1:], np.inf)
+        return [scale**2 * np.maximum(np.minimum(stated, high) ** 2 - low**2, 0.0)
+                for scale, low, high in zip(self.scales, self.steps, upper, strict=True)]  # fmt: skip
 
     def sigma_of(self, stated: Floats) -> Floats:
         """Return one sigma [m] of the mean over a place, of what is `stated` [m] of it in the mean; of any shape."""
-        return np.asarray(self.scales[self._class_of(stated)] * self.left_of(stated))
+        return np.asarray(np.sqrt(sum(self._variances(stated))))
 
     def dof_of(self, sigma2: Floats, stated: Floats) -> Floats:
         """Return the degrees of freedom of a mean with the variance `sigma2` [m2], the scans' part of it included, of
-        which alone the size is estimated, below the step and beyond it (Satterthwaite 1946); at most `NORMAL`."""
-        which, gone2 = self._class_of(stated), self._gone2()
-        below2 = (self.steps**2 - gone2)[which]  # what is left at the step, which the witnesses below it bear out
-        parts = below2, self.left_of(stated) ** 2 - below2
-        witnesses = self.n_witnesses[np.maximum(which - 1, 0)], self.n_witnesses[which]
-        shares = [np.divide(self.scales[which] ** 2 * p, sigma2, out=np.zeros(np.shape(stated)), where=sigma2 > 0.0)
-                  for p in parts]  # fmt: skip
-        unsure = sum(share**2 / n for share, n in zip(shares, witnesses, strict=True))
+        which alone the size is estimated, between each two steps by itself (Satterthwaite 1946); at most `NORMAL`."""
+        unsure = np.zeros(np.shape(stated))
+        for variance, n_witnesses in zip(self._variances(stated), self.n_witnesses, strict=True):
+            share = np.divide(variance, sigma2, out=np.zeros(np.shape(stated)), where=sigma2 > 0.0)
+            unsure += share**2 / n_witnesses
         return np.asarray(np.minimum(1.0 / np.maximum(unsure, 1e-200), NORMAL))
 
     def as_normal(self, z: float, sigma: float, stated: float) -> float:
@@ -96,7 +84,7 @@ def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float)
     A scale is what nine tenths of the means of a size, their other errors taken off, lie within (`INNER`), of the size
     that shows most. What is stated counts for `STATED_WITNESSES`, since it may be off by a factor of two; no single
     place is believed to err by less than a quarter of it. Where more is stated than of most, fewer places show what of
-    it is error, and each by itself: hardly ever enough to believe less than what is stated.
+    that, beyond the rest, is error, and each by itself: hardly ever enough to believe less than what is stated.
 
     Parameters
     ----------
@@ -113,9 +101,8 @@ def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float)
     scales, witnesses = np.ones(len(steps)), np.full(len(steps), NORMAL)
     for k, step in enumerate(steps):
         least = min(scales[k - 1], 1.0) if k else LEAST_SCALE
-        asked = scales_asked(
-            means, own2, ScanErrors(steps[: k + 1], scales[: k + 1], witnesses[: k + 1]).left_of(stated)
-        )
+        below = ScanErrors(steps[:k], scales[:k], witnesses[:k]).sigma_of(np.minimum(stated, step)) if k else 0.0
+        asked = scales_asked(means, own2 + below**2, np.sqrt(np.maximum(stated**2 - step**2, step**2)))
         shown = max(_inner(asked[is_known[:, size] & (stated[:, size] >= step), size])
                     for size in range(means.shape[1]))  # fmt: skip
         n_witnesses = most * float(np.mean(of_units >= step))

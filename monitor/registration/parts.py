@@ -20,10 +20,10 @@ from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
 from monitor.registration.alignment import AlignmentRules
-from monitor.registration.covariance import about, estimate_covariance
+from monitor.registration.covariance import about, at_least, estimate_covariance
 from monitor.registration.degeneracy import find_free_motion
 from monitor.registration.icp import find_centre, into_local
-from monitor.registration.matching import MatchLimits, make_samples, match
+from monitor.registration.matching import Matches, MatchLimits, make_samples, match
 from monitor.registration.part_growth import (
     EXPLAINED,
     FITS,
@@ -47,7 +47,8 @@ LEAST_TELLING = LEAST_POINTS // 2  # points of a part that its motion tells from
 N_SHARPENINGS = 3
 LEAST_NEW = 0.5  # of the points that tell must not fit the stable motion
 N_BESIDE = 2  # rings of neighbours: within the first a piece's border is smoothed
-N_BLENDED = 2  # rings of vertices, whose fits reach so far
+N_BLENDED = 2  # rings of neighbours: fits reach so far
+SAMPLES_PER_PATCH = 25  # patches of a part must hold its motion
 JOINT = 0.55  # of the motion along the normal: as large is the jump at a joint; where wear runs out 0.3 to 0.5
 TWO_SIDED = 0.15  # of what tells gained, and as much lost
 LEVEL = 1e-3  # of the test of a motion against none, over all parts tried
@@ -206,11 +207,9 @@ def _measure(field: Field, piece: Piece, n_tested: int, of_stable: Callable[[Flo
     if len(pairs) < LEAST_TELLING:
         return None
     centre = pairs.points.mean(axis=0)
-    grid = cut_patches(pairs.points, pairs.normals, 25)
-    if find_free_motion(pairs, centre, grid.numbers(pairs.points, pairs.normals), by_sign=True):
+    if _free_motion(pairs, centre):
         return None
-    inside = _away_from_border(field, piece, telling[pairs.source])
-    covariance = estimate_covariance(pairs.take(inside), sigma[inside], centre) + of_stable(centre)
+    covariance = _covariance_of(field, piece, telling[pairs.source], pairs, sigma, centre) + of_stable(centre)
     if not np.isfinite(covariance).all():
         return None
     motion = motion_between(piece.T, field.T_stable, centre)
@@ -220,17 +219,27 @@ def _measure(field: Field, piece: Piece, n_tested: int, of_stable: Callable[[Flo
     return MovedPart(piece.T, motion, covariance, centre, len(piece.members))
 
 
-def _away_from_border(field: Field, piece: Piece, which: Ints) -> Bools:
-    """Return which of some samples (k,) of a piece lie within the rings of neighbours that are blended at its border,
-    as many rings as leave enough of them. Surfaces were fitted there to points of what moved and of what did not: they
-    hold a motion in place more firmly than they know it."""
-    inside, out = is_member(piece.members, len(field.samples.points)), np.ones(len(which), dtype=bool)
+def _covariance_of(field: Field, piece: Piece, which: Ints, pairs: Matches, sigma: Floats, centre: Floats) -> Floats:
+    """Return the covariance (6, 6) of a piece's motion, as the pairs (k,) of its samples `which` show it, and no less
+    than those show that lie within what is blended at its border, as many rings of neighbours as leave a shape that
+    holds it. Surfaces were fitted there to points of what moved and of what did not: they hold a motion in place more
+    firmly than they know it."""
+    covariance = estimate_covariance(pairs, sigma, centre)
+    inside = is_member(piece.members, len(field.samples.points))
+    least = covariance
     for _ in range(field.blended):
         inside &= inside[field.neighbours].all(axis=1)
-        if np.count_nonzero(inside[which]) < LEAST_TELLING:
+        within = pairs.take(inside[which])
+        if len(within) < LEAST_TELLING or _free_motion(within, centre):
             break
-        out = inside[which]
-    return out
+        least = estimate_covariance(within, sigma[inside[which]], centre)
+    return at_least(covariance, least)
+
+
+def _free_motion(pairs: Matches, centre: Floats) -> str:
+    """Return in words the motion that the shape of some pairs leaves free; empty where it holds all."""
+    grid = cut_patches(pairs.points, pairs.normals, SAMPLES_PER_PATCH)
+    return find_free_motion(pairs, centre, grid.numbers(pairs.points, pairs.normals), by_sign=True)
 
 
 def motion_between(T_part: Floats, T_stable: Floats, centre: Floats) -> Floats:

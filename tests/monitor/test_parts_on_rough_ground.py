@@ -3,6 +3,8 @@
 Errors are as a comparison learns them: at edges and where scans disagree they are many times those of smooth places.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bumpy_body import NOISE, correlated_noise, noisy_cloud, unit
@@ -11,20 +13,19 @@ from scipy.stats import chi2
 from test_parts import WAYS, N, shift_part
 
 from monitor.registration import register
-from monitor.registration.part_growth import Piece, fit
+from monitor.registration.part_growth import Field, Piece, fit
 from monitor.registration.parts import (
-    LEAST_TELLING,
     MovedParts,
     PartSettings,
-    _away_from_border,
+    _measure,
     _prepare,
     _sharpen,
     find_parts,
     motion_between,
 )
-from monitor.registration.sides import prepare_side
+from monitor.registration.sides import Side, prepare_side
 from monitor.simulation.scenes import grid_faces
-from projects.model import Bools, Floats, PointCloud, Surface
+from projects.model import Bools, Floats, PointCloud, Registration, Surface
 from projects.transforms import apply, invert, perturb
 
 ERRORS, REACH = 5e-4, 0.01  # m, of the part's surface in the later epoch, alike over this far
@@ -110,19 +111,67 @@ def test_ground_that_passes_for_a_part_does_not_bend_its_motion(seed: int) -> No
     assert abs(left[5]) < 3e-5 < abs(off[5])
 
 
-@pytest.mark.parametrize(("radius", "n_rings"), [(RADIUS, 2), (0.0075, 1), (0.004, 0)])
-def test_how_sure_a_motion_is_is_told_within_what_fits_blend_at_its_border(radius: float, n_rings: int) -> None:
-    """As many rings are left out, two at most, as leave enough samples: some 1800, 180 and 50 lie within such radii."""
-    after, _ = plaque(np.random.default_rng(5), np.eye(4))
-    side = prepare_side(after, np.zeros(3))
-    field = _prepare((side, side), np.eye(4), (SIGMA, np.full(len(side), SIGMA)), PartSettings(), blended=2)
-    members = np.flatnonzero(np.linalg.norm(field.samples.points[:, :2], axis=1) < radius)
-    left = set(members.tolist())
-    for _ in range(n_rings):
-        left = {k for k in left if left.issuperset(field.neighbours[k].tolist())}
-    inside = members[_away_from_border(field, Piece(np.eye(4), members), members)]
-    assert set(inside.tolist()) == left
-    assert (len(left) < LEAST_TELLING) == (n_rings == 0)
+def boss_at_rest(height: float, wall: float, ribs: float) -> tuple[Field, Piece]:
+    """Return the field of a plaque with one boss that did not move, round with ribs, or rectangular without, and the
+    boss as a piece of it that is held to have slid and sunk, so that all of it tells."""
+    n = int(0.12 / SPACING)
+
+    def away_from_middle(at: Floats) -> Floats:
+        return np.hypot(at[:, 0], at[:, 1]) if ribs else np.maximum(np.abs(at[:, 0]), 1.2 * np.abs(at[:, 1]))
+
+    def heights(xy: Floats) -> Floats:
+        wall_height = height * np.clip((RADIUS - away_from_middle(xy)) / wall, 0.0, 1.0)
+        return wall_height + ribs * np.cos(5.0 * np.arctan2(xy[:, 1], xy[:, 0]))
+
+    def scanned(rng: np.random.Generator) -> Side:
+        grid = np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), axis=-1).reshape(-1, 2)
+        xy = (grid + rng.uniform(-0.5, 0.5, grid.shape)) * SPACING - 0.06
+        slopes = [(heights(xy + d) - heights(xy - d)) / 4e-4 for d in (np.array([2e-4, 0.0]), np.array([0.0, 2e-4]))]
+        normals = unit(np.column_stack([-slopes[0], -slopes[1], np.ones(n * n)]) + rng.normal(0.0, 0.01, (n * n, 3)))
+        points = np.column_stack([xy, heights(xy) + rng.normal(0.0, SIGMA, n * n)])
+        return prepare_side(
+            Surface(points, grid_faces(n, n), normals=normals, sigma=np.full(n * n, SIGMA)), np.zeros(3)
+        )
+
+    after, before = (scanned(np.random.default_rng(k)) for k in (5, 6))
+    T_stable = perturb(np.eye(4), np.zeros(3), np.array([0.0, 0.0, 0.0, 2e-4, -2e-4, 3e-4]))
+    field = _prepare((after, before), T_stable, (SIGMA, np.full(len(after), SIGMA)), PartSettings(), blended=2)
+    boss = np.flatnonzero(away_from_middle(field.samples.points) < RADIUS)
+    return field, Piece(np.eye(4), boss)
+
+
+def sigmas_of(field: Field, piece: Piece, blended: int) -> Floats:
+    """Return one sigma (6,) of a piece's motion, so many rings at its border held to be blended."""
+    part = _measure(replace(field, blended=blended), piece, 1, lambda _: np.zeros((6, 6)))
+    assert part is not None
+    return np.sqrt(np.diag(part.covariance))
+
+
+def test_how_sure_a_motion_is_is_told_within_what_fits_blend_at_its_border() -> None:
+    """A round boss: its ribs hold how high it lies and its tilt less firmly than the foot of its wall does."""
+    field, boss = boss_at_rest(0.004, 0.004, 0.001)
+    alone, two = (sigmas_of(field, boss, blended) for blended in (0, 2))
+    assert (1.5 * alone[[0, 1, 5]] < two[[0, 1, 5]]).all()
+    assert (alone <= two * (1.0 + 1e-6)).all()
+
+
+def test_what_was_fitted_is_blended_at_borders_and_what_was_measured_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr("monitor.registration.parts.find_pieces", lambda field, _: seen.append(field.blended) or [])
+    surface, _ = plaque(np.random.default_rng(7), np.eye(4))
+    still = Registration(np.eye(4), np.zeros((6, 6)), np.zeros(3), True, sigma=SIGMA)
+    for noun in (surface, replace(surface, normals=None), PointCloud(surface.vertices, surface.normals)):
+        find_parts(noun, noun, still)
+    assert seen == [2, 0, 0]
+
+
+def test_rings_are_left_out_as_long_as_the_rest_holds_the_motion() -> None:
+    """Within two rings a flat-topped boss is flat; its covariance was no longer positive definite."""
+    field, boss = boss_at_rest(0.003, 0.001, 0.0)
+    alone, one, two = (sigmas_of(field, boss, blended) for blended in (0, 1, 2))
+    assert two == pytest.approx(one)
+    assert (alone < one).all()
+    assert (one < 2.0 * alone).all()
 
 
 def test_a_layer_that_came_off_along_a_sharp_border_is_no_part() -> None:

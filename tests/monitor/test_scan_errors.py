@@ -47,8 +47,7 @@ def test_a_few_places_that_state_more_are_as_stated_beyond_the_rest(rng: np.rand
     low, high = found.sigma_of(np.array([1e-4, 3e-4])) / [1e-4, 3e-4]
     assert low < 0.3
     assert found.scales[1] == pytest.approx(1.0, abs=0.05)
-    left = np.sqrt(1.0 - 0.25 * (1.0 - low**2))  # half of it, up to the step, falls out as elsewhere
-    assert high == pytest.approx(found.scales[1] * left)
+    assert high**2 == pytest.approx(0.25 * low**2 + 0.75 * found.scales[1] ** 2)  # up to the step it falls out
 
 
 def test_what_falls_out_of_the_change_does_so_where_a_place_errs_besides(rng: np.random.Generator) -> None:
@@ -61,6 +60,17 @@ def test_what_falls_out_of_the_change_does_so_where_a_place_errs_besides(rng: np
     assert beyond == pytest.approx(below, rel=0.1)
     for excess in (1.7e-4, 2.8e-4):
         assert 0.9 * excess < found.sigma_of(np.hypot(1e-4, excess)) < 1.1 * excess
+
+
+@pytest.mark.parametrize("beyond", [0.3, 0.5, 2.0])
+def test_the_error_grows_with_what_is_stated(beyond: float) -> None:
+    """No less than the first scale of all that is stated, whatever holds beyond."""
+    scans = ScanErrors(np.array([0.0, 2e-4]), np.array([0.3, beyond]), np.array([20.0, 5.0]))
+    stated = np.linspace(1e-5, 1e-3, 500)
+    sigma = scans.sigma_of(stated)
+    assert (np.diff(sigma) > 0.0).all()
+    assert np.diff(sigma).max() < 1.1 * max(0.3, beyond**2 / 0.3) * (stated[1] - stated[0])  # beyond the step
+    assert (sigma >= 0.3 * stated * (1.0 - 1e-12)).all()
 
 
 def test_no_jump_where_what_most_show_ends() -> None:

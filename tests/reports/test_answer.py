@@ -263,9 +263,10 @@ def test_a_tolerance_is_reported_where_one_was_given():
 
 def test_what_scans_disagree_by_is_told_as_it_counts_in_regions():
     row = "of the same, counted in the mean of patches and regions"
-    for scales, words in (([0.28], "28 %"), ([0.28, 1.2], "28 %, and 120 % where they disagree more"),
-                          ([1.19, 1.0], "119 %, and 100 % where they disagree more")):  # fmt: skip
-        facts = facts_of(example_comparison(error_scale_shared=0.07, error_scales_scans=scales))
+    for scales, words in (([0.28], "28 %"), ([0.28, 1.2], "28 %, and 120 % of what is beyond 0.21 mm"),
+                          ([1.19, 1.0], "119 %, and 100 % of what is beyond 0.21 mm")):  # fmt: skip
+        figures = {"error_scales_scans": scales, "error_steps_scans_m": [0.0, 2.1e-4][: len(scales)]}
+        facts = facts_of(example_comparison(error_scale_shared=0.07, **figures))
         told = {plain(r[0]): plain(r[1]) for table in facts.certainty for r in table.rows}
         assert told[row] == words
     assert not any(row == plain(r[0]) for t in facts_of(example_comparison()).certainty for r in t.rows)
