@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.comparison import compare
-from monitor.comparison.beside_parts import changed_beside
+from monitor.comparison.beside_parts import tell_apart
 from monitor.comparison.level_of_detection import Z95
 from monitor.comparison.moved_parts import tell_moved
 from monitor.engine import Engine
@@ -119,8 +119,9 @@ def compare_epochs(
         if len(found.regions):  # what moved as a whole shows as regions of change
             side = found.on_compared
             parts = find_parts(compared, reference, motion, settings.parts, side.is_changed, side.lod95 / Z95)
-            beside = changed_beside(found, parts, compared.vertices)
-            found = tell_moved(found if beside is None else ask(apart=beside), parts, compared.vertices)
+            if mode == "relative":  # else the motion of the whole is in the differences beside the parts, too
+                found = tell_apart(found, parts, compared.vertices, lambda apart: ask(apart=apart))
+            found = tell_moved(found, parts, compared.vertices)
         clouds = filtered(earlier), filtered(place)
         if clouds[0] is None or clouds[1] is None:
             return Made(found, start)

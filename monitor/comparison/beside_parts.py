@@ -6,6 +6,8 @@ tells apart (`compare`, `apart`). As one region with the part it would be called
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -19,7 +21,39 @@ from projects.model import Bools, ComparedSurface, Comparison, Floats, Ints, Not
 
 LEFT = 0.5  # of a squared change: what parts' motions leave of their own is 0.01 to 0.4, of wear beside them 1 to 4
 
+LOST = 0.05  # of a region: the skirts of a piece, beside the step to another, are none of it
+
 Apart = tuple[Bools, Bools]  # of the vertices of the reference and of the compared surface
+
+
+def tell_apart(comparison: Comparison, found: MovedParts, compared: Floats,
+               ask: Callable[[Apart], Comparison]) -> Comparison:  # fmt: skip
+    """Return the comparison with what changed beside its parts told apart from them.
+
+    Parameters
+    ----------
+    found, compared : as in `tell_moved`.
+    ask : returns the same comparison with some vertices told apart. Where more than `LOST` of a region's vertices would
+        no longer be changed then, as a piece does not stand by itself, the region stays one.
+    """
+    apart, sides, n = changed_beside(comparison, found, compared), sides_of(comparison), len(comparison.regions) + 1
+    whole = sum(np.bincount(side.changed_region, minlength=n) for side in sides)
+    while apart is not None:
+        again = ask(apart)
+        lost = sum(np.bincount(one.changed_region[~other.is_changed], minlength=n)
+                   for one, other in zip(sides, sides_of(again), strict=True))  # fmt: skip
+        falls = (lost > LOST * whole) & (np.arange(n) > 0)
+        if not falls.any():
+            return again
+        kept = [which & ~falls[side.region] for side, which in zip(sides, apart, strict=True)]
+        is_less = any((own != left).any() for own, left in zip(apart, kept, strict=True))
+        apart = (kept[0], kept[1]) if is_less and any(left.any() for left in kept) else None
+    return comparison
+
+
+def sides_of(comparison: Comparison) -> tuple[ComparedSurface, ComparedSurface]:
+    """Return the sides of a comparison, the reference first."""
+    return comparison.on_reference, comparison.on_compared
 
 
 def changed_beside(comparison: Comparison, found: MovedParts, compared: Floats) -> Apart | None:

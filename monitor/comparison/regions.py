@@ -90,12 +90,11 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     `beyond` tells of the vertices that are not assessed whether they lie outside or inside of the other surface: what
     of them hangs together with a region counts in its volume.
     """
-    parts = connect_sides(sides, found.sides, beyond, apart)
-    area = np.zeros(max(int(p.max(initial=-1)) for p in parts) + 1)
-    for side, part in zip(sides, parts, strict=True):
-        own = np.bincount(part[part >= 0], side.areas[part >= 0], minlength=len(area))
-        area = np.maximum(area, own)
-    least = least_area(sides, found)
+    parts = connect_sides(sides, found.sides, beyond)
+    if apart is not None:
+        parts = connect_apart(sides, parts, connect_sides(sides, found.sides, beyond, apart), apart,
+                              least_area(sides, found))  # fmt: skip
+    area, least = area_of_parts(sides, parts), least_area(sides, found)
     gone = area_looked_through(sides, beyond, parts, len(area))
     stands = hold_patches(sides, found.test, parts, len(area), level)
     stands &= bear_out_parts(sides, found.noise, parts, len(area))
@@ -109,7 +108,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     seen = before, after
     signs = np.array([0.0, *(sign_of_region(k, sides, seen, beyond) for k in range(1, len(kept) + 1))])
     whole = grow_regions(sides, beyond, seen, signs, least_beyond(sides, found))
-    one = join_grown(sides, whole, signs)
+    one = join_grown(sides, whole, signs * np.append(1.0, np.where(is_apart(parts, apart, len(area))[kept], 2.0, 1.0)))
     seen, whole = (one[seen[0]], one[seen[1]]), (one[whole[0]], one[whole[1]])
     gone, n_stand = (np.bincount(one[1:] - 1, v[kept]).astype(np.float64) for v in (gone, stands))
     signs = signs[np.unique(one, return_index=True)[1]]
@@ -305,6 +304,44 @@ def connect_sides(sides: tuple[Side, Side], found: tuple[Detection, Detection], 
         kinds[changed & np.concatenate(apart)] += N_SIGNS
     part = connect_like(kinds, [s.neighbours for s in sides], links)
     return part[:n_first], part[n_first:]
+
+
+def connect_apart(sides: tuple[Side, Side], whole: tuple[Ints, Ints], pieces: tuple[Ints, Ints],
+                  apart: tuple[Bools, Bools], least: float) -> tuple[Ints, Ints]:  # fmt: skip
+    """Return the parts of both sides (n,), where pieces of less than the `least` area [m2] are given back.
+
+    `whole` (n,) are the parts that hang together, `pieces` (n,) what is left of them where some is `apart`, -1 where
+    nothing changed. Of a part, small pieces that are apart go with the largest that is not, small ones that are not
+    with the largest that is: they hung together through it.
+    """
+    area, of_whole = area_of_parts(sides, pieces), np.zeros(max(int(p.max(initial=-1)) for p in pieces) + 1, dtype=int)
+    for part, piece in zip(whole, pieces, strict=True):
+        of_whole[piece[piece >= 0]] = part[piece >= 0]
+    is_set_apart, number = is_apart(pieces, apart, len(area)), np.append(np.arange(len(area)), -1)
+    for part in np.unique(of_whole[is_set_apart]):
+        own = np.flatnonzero(of_whole == part)
+        largest = [max(own[is_set_apart[own] == which], key=lambda k: area[k], default=-1) for which in (False, True)]
+        for piece in own[area[own] < least]:
+            other = largest[0] if is_set_apart[piece] or largest[1] < 0 or area[largest[1]] < least else largest[1]
+            number[piece] = other if other >= 0 else piece
+    return number[pieces[0]].astype(np.int32), number[pieces[1]].astype(np.int32)
+
+
+def area_of_parts(sides: Sequence[Side], parts: Sequence[Ints]) -> Floats:
+    """Return the area [m2] of each part on the side that has more of it; -1 in `parts` is none."""
+    area = np.zeros(max(int(p.max(initial=-1)) for p in parts) + 1)
+    for side, part in zip(sides, parts, strict=True):
+        area = np.maximum(area, np.bincount(part[part >= 0], side.areas[part >= 0], minlength=len(area)))
+    return area
+
+
+def is_apart(parts: tuple[Ints, Ints], apart: tuple[Bools, Bools] | None, n_parts: int) -> Bools:
+    """Return which parts (n_parts,) of both sides are mostly set `apart`."""
+    of_parts = np.zeros((2, n_parts))
+    for part, which in zip(parts, apart or (), strict=False):
+        for k, own in enumerate((part[~which & (part >= 0)], part[which & (part >= 0)])):
+            of_parts[k] += np.bincount(own, minlength=n_parts)
+    return np.asarray(of_parts[1] > of_parts[0])
 
 
 def foot_links(side: Side, changed: Bools) -> Ints:

@@ -32,11 +32,11 @@ MOST_SIGMAS = 37.0  # of a normal distribution that a p value can tell
 
 @dataclass(frozen=True)
 class ScanErrors:
-    """What is stated of the scans, cut at `steps` (c,) [m], the first 0: what of it lies between two of them counts
+    """What is stated of the scans, cut at `steps` (c,) [m] in squares, the first 0: up to the next step it counts
     `scales` (c,) times, as sure as `n_witnesses` (c,) independent places are.
 
-    It is cut in squares. What falls out of the change up to a step, since both epochs' scans err alike there, does so
-    where more is stated too, and the error does not jump.
+    What falls out of the change up to a step, since both epochs' scans err alike there, does so where more is stated
+    too. Beyond it what is stated counts in full, and all together, from there on, the scale of the step times.
     """
 
     steps: Floats
@@ -45,9 +45,12 @@ class ScanErrors:
 
     def _variances(self, stated: Floats) -> list[Floats]:
         """Return the variance [m2] of what lies between each two steps, of what is `stated` [m]; of any shape."""
+        out: list[Floats] = []
         upper = np.append(self.steps[1:], np.inf)
-        return [scale**2 * np.maximum(np.minimum(stated, high) ** 2 - low**2, 0.0)
-                for scale, low, high in zip(self.scales, self.steps, upper, strict=True)]  # fmt: skip
+        for scale, low, high in zip(self.scales, self.steps, upper, strict=True):
+            between2 = np.maximum(np.minimum(stated, high) ** 2 - low**2, 0.0)
+            out = [np.where(stated >= low, scale**2, 1.0) * below2 for below2 in out] + [scale**2 * between2]
+        return out
 
     def sigma_of(self, stated: Floats) -> Floats:
         """Return one sigma [m] of the mean over a place, of what is `stated` [m] of it in the mean; of any shape."""
@@ -83,8 +86,8 @@ def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float)
 
     A scale is what nine tenths of the means of a size, their other errors taken off, lie within (`INNER`), of the size
     that shows most. What is stated counts for `STATED_WITNESSES`, since it may be off by a factor of two; no single
-    place is believed to err by less than a quarter of it. Where more is stated than of most, fewer places show what of
-    that, beyond the rest, is error, and each by itself: hardly ever enough to believe less than what is stated.
+    place is believed to err by less than a quarter of it. Where more is stated than of most, what goes beyond that
+    counts in full, or more: fewer places show what of it is error, and each by itself.
 
     Parameters
     ----------
@@ -100,9 +103,9 @@ def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float)
     most = min(still_share / ALIKE, len(of_units) / PER_WITNESS)
     scales, witnesses = np.ones(len(steps)), np.full(len(steps), NORMAL)
     for k, step in enumerate(steps):
-        least = min(scales[k - 1], 1.0) if k else LEAST_SCALE
-        below = ScanErrors(steps[:k], scales[:k], witnesses[:k]).sigma_of(np.minimum(stated, step)) if k else 0.0
-        asked = scales_asked(means, own2 + below**2, np.sqrt(np.maximum(stated**2 - step**2, step**2)))
+        least = 1.0 if k else LEAST_SCALE
+        known = ScanErrors(steps[: k + 1], scales[: k + 1], witnesses[: k + 1]).sigma_of(stated)
+        asked = scales_asked(means, own2, known)
         shown = max(_inner(asked[is_known[:, size] & (stated[:, size] >= step), size])
                     for size in range(means.shape[1]))  # fmt: skip
         n_witnesses = most * float(np.mean(of_units >= step))

@@ -9,7 +9,7 @@ from bumpy_body import NOISE
 from scipy.spatial import ConvexHull
 
 from monitor.comparison import compare
-from monitor.comparison.beside_parts import changed_beside
+from monitor.comparison.beside_parts import changed_beside, tell_apart
 from monitor.comparison.moved_parts import goes_along, tell_moved
 from monitor.registration import register
 from monitor.registration.parts import MovedPart, MovedParts, find_parts
@@ -25,8 +25,9 @@ WORN = np.array([-0.34, -0.86, 0.38]) / np.linalg.norm([-0.34, -0.86, 0.38])
 MOTION = np.array([0.01, -0.02, 0.015, 1e-3, 2e-3, -1e-3])
 
 
-def body(n: int, rng: np.random.Generator, later: bool, worn: Floats = WORN) -> Surface:
-    """Return a bumpy body of 0.6 m; later one part of it moved and another place lost 3 mm."""
+def body(n: int, rng: np.random.Generator, later: bool, worn: Floats = WORN, reach: float = 0.4,
+         noise: float = NOISE) -> Surface:  # fmt: skip
+    """Return a bumpy body of 0.6 m; later one part of it moved, and another place lost 3 mm, so far around [rad]."""
     shape = np.random.default_rng(5)
     waves, phases = shape.normal(size=(12, 3)) * 4, shape.uniform(0, 6.28, 12)
     d = rng.normal(size=(n, 3))
@@ -36,13 +37,13 @@ def body(n: int, rng: np.random.Generator, later: bool, worn: Floats = WORN) -> 
     inward = np.einsum("ij,ij->i", np.cross(d[faces[:, 1]] - d[faces[:, 0]], d[faces[:, 2]] - d[faces[:, 0]]),
                        d[faces[:, 0]]) < 0  # fmt: skip
     faces[inward] = faces[inward, ::-1]
-    points = d * (radius + rng.normal(0, NOISE, n))[:, None]
+    points = d * (radius + rng.normal(0, noise, n))[:, None]
     if later:
         angle = np.arccos(np.clip(d @ worn, -1, 1))
-        points -= d * np.where(angle < 0.4, 1.5e-3 * (1 + np.cos(np.pi * angle / 0.4)), 0.0)[:, None]
+        points -= d * np.where(angle < reach, 1.5e-3 * (1 + np.cos(np.pi * angle / reach)), 0.0)[:, None]
         part = d @ TOWARDS > np.cos(HALF)
         points[part] = apply(perturb(np.eye(4), points[part].mean(axis=0), MOTION), points[part])
-    return Surface(points, faces, sigma=np.full(n, NOISE))
+    return Surface(points, faces, sigma=np.full(n, noise))
 
 
 @pytest.fixture(scope="module")
@@ -104,31 +105,51 @@ def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> 
     assert float(row[6].split("°")[0]) == pytest.approx(np.degrees(np.linalg.norm(MOTION[:3])), abs=0.15)
 
 
-def test_wear_that_hangs_together_with_the_part_is_told_apart_from_it() -> None:
-    """Beside it, where the part's own motion takes surface inwards too: as one region both were lost."""
+def worn_beside(
+    seed: int, away: float, reach: float, noise: float
+) -> tuple[Comparison, Comparison, MovedParts, Floats]:
+    """Return a body worn so far from its part's border [rad], where the part's own motion takes surface inwards too: as
+    it is compared, what `tell_apart` makes of it, its parts, and the worn direction (3,)."""
     aside = MOTION[3:] - (MOTION[3:] @ TOWARDS) * TOWARDS
-    worn = np.cos(HALF + 0.2) * TOWARDS - np.sin(HALF + 0.2) * aside / np.linalg.norm(aside)
-    before, after = (body(12_000, np.random.default_rng(k), k > 0, worn) for k in (0, 1))
+    worn = np.cos(HALF + away) * TOWARDS - np.sin(HALF + away) * aside / np.linalg.norm(aside)
+    before, after = (body(12_000, np.random.default_rng(seed + k), k > 0, worn, reach, noise) for k in (0, 1))
     motion = register(after, before)
     found = compare(before, after, motion)
     parts = find_parts(after, before, motion, is_changed=found.on_compared.region > 0)
-    assert sorted(found.regions["kind"]) == ["added", "lost"]
-    apart = changed_beside(found, parts, after.vertices)
-    assert apart is not None
-    for side, which in zip((found.on_reference, found.on_compared), apart, strict=True):
-        d = side.surface.vertices / np.linalg.norm(side.surface.vertices, axis=1)[:, None]
-        assert (d[which] @ TOWARDS < np.cos(HALF)).all()  # nothing of the part
-        assert np.mean(which[(d @ worn > np.cos(0.15)) & (d @ TOWARDS < np.cos(HALF + 0.15))]) > 0.95
-    again = tell_moved(compare(before, after, motion, apart=apart), parts, after.vertices)
+    again = tell_apart(found, parts, after.vertices, lambda apart: compare(before, after, motion, apart=apart))
+    return found, tell_moved(again, parts, after.vertices), parts, worn
+
+
+@pytest.mark.parametrize(("seed", "noise"), [(0, NOISE), (0, 1e-4), (2, 1e-4), (6, 1e-4)])
+def test_wear_that_hangs_together_with_the_part_is_told_apart_from_it(seed: int, noise: float) -> None:
+    """As one region both were lost, or both moved."""
+    found, again, parts, worn = worn_beside(seed, 0.2, 0.4, noise)
+    assert len(found.regions) == 2
     assert sorted(again.regions["kind"]) == ["lost", "moved", "moved"]
     (place,) = again.regions.loc[again.regions["kind"] == "lost", ["x", "y", "z"]].to_numpy()
-    assert np.linalg.norm(place - 0.3 * worn) < 0.04
-    for side, first in ((again.on_reference, found.on_reference), (again.on_compared, found.on_compared)):
-        assert (side.assessment == first.assessment).mean() > 0.999
+    assert np.linalg.norm(place - 0.3 * worn) < 0.05
+    for side, first in zip(
+        (again.on_reference, again.on_compared), (found.on_reference, found.on_compared), strict=True
+    ):
+        assert np.sum(first.is_changed & ~side.is_changed) < 0.02 * np.sum(first.is_changed)
+        d = side.surface.vertices / np.linalg.norm(side.surface.vertices, axis=1)[:, None]
+        is_lost = side.changed_region == 1 + again.regions["kind"].tolist().index("lost")
+        assert np.mean(d[is_lost] @ TOWARDS < np.cos(HALF)) > 0.97  # next to nothing of the part
+        assert is_lost[(d @ worn > np.cos(0.2)) & (d @ TOWARDS < np.cos(HALF + 0.15))].mean() > 0.95
+    rim = found.on_compared.surface.vertices @ TOWARDS < np.cos(0.9 * HALF) * np.linalg.norm(
+        found.on_compared.surface.vertices, axis=1)  # fmt: skip
+    few = replace(parts, part_of=np.where(rim, parts.part_of, 0))
+    assert changed_beside(found, few, found.on_compared.surface.vertices) is None  # little of a region is a part's
 
-    towards = after.vertices / np.linalg.norm(after.vertices, axis=1)[:, None]
-    rim = replace(parts, part_of=np.where(towards @ TOWARDS < np.cos(0.9 * HALF), parts.part_of, 0))
-    assert changed_beside(found, rim, after.vertices) is None  # what little of a region is a part's splits it not
+
+@pytest.mark.parametrize("reach", [0.15, 0.2])
+def test_wear_too_small_to_stand_beside_a_part_stays_changed(reach: float) -> None:
+    found, again, _, _ = worn_beside(0, 0.05, reach, 1e-4)
+    assert sorted(again.regions["kind"]) == ["moved", "moved"]
+    for side, first in zip(
+        (again.on_reference, again.on_compared), (found.on_reference, found.on_compared), strict=True
+    ):
+        assert (side.is_changed == first.is_changed).all()
 
 
 def test_nothing_lies_beside_a_part_whose_wear_is_elsewhere(measured: tuple[Comparison, MovedParts, Floats]) -> None:
