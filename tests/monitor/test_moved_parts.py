@@ -1,6 +1,7 @@
 """Regions of change that a moved part explains are called so; its six parameters stand in the statistics."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,13 +9,16 @@ import pytest
 from bumpy_body import NOISE
 from scipy.spatial import ConvexHull
 
+from monitor.cli import run
 from monitor.comparison import compare
 from monitor.comparison.beside_parts import changed_beside, tell_apart
 from monitor.comparison.moved_parts import goes_along, tell_moved
 from monitor.registration import register
 from monitor.registration.parts import MovedPart, MovedParts, find_parts
 from monitor.simulation.scenes import grid_faces
+from projects import Project
 from projects.errors import ParameterError
+from projects.formats import write_ply_mesh
 from projects.model import Assessment, ComparedSurface, Comparison, Floats, Registration, Surface
 from projects.transforms import apply, perturb
 from reports.facts import EpochFacts
@@ -105,14 +109,20 @@ def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> 
     assert float(row[6].split("°")[0]) == pytest.approx(np.degrees(np.linalg.norm(MOTION[:3])), abs=0.15)
 
 
-def worn_beside(
-    seed: int, away: float, reach: float, noise: float
-) -> tuple[Comparison, Comparison, MovedParts, Floats]:
-    """Return a body worn so far from its part's border [rad], where the part's own motion takes surface inwards too: as
-    it is compared, what `tell_apart` makes of it, its parts, and the worn direction (3,)."""
+def body_worn_beside(seed: int, away: float, reach: float, noise: float) -> tuple[Surface, Surface, Floats]:
+    """Return a body before and after it was worn so far from its part's border [rad], where the part's own motion takes
+    surface inwards too, and the worn direction (3,)."""
     aside = MOTION[3:] - (MOTION[3:] @ TOWARDS) * TOWARDS
     worn = np.cos(HALF + away) * TOWARDS - np.sin(HALF + away) * aside / np.linalg.norm(aside)
     before, after = (body(12_000, np.random.default_rng(seed + k), k > 0, worn, reach, noise) for k in (0, 1))
+    return before, after, worn
+
+
+def worn_beside(
+    seed: int, away: float, reach: float, noise: float
+) -> tuple[Comparison, Comparison, MovedParts, Floats]:
+    """Return such a body as it is compared, what `tell_apart` makes of it, its parts, and the worn direction (3,)."""
+    before, after, worn = body_worn_beside(seed, away, reach, noise)
     motion = register(after, before)
     found = compare(before, after, motion)
     parts = find_parts(after, before, motion, is_changed=found.on_compared.region > 0)
@@ -150,6 +160,20 @@ def test_wear_too_small_to_stand_beside_a_part_stays_changed(reach: float) -> No
         (again.on_reference, again.on_compared), (found.on_reference, found.on_compared), strict=True
     ):
         assert (side.is_changed == first.is_changed).all()
+
+
+def test_wear_beside_a_part_is_told_apart_on_the_command_line(tmp_path: Path) -> None:
+    project = str(tmp_path / "project")
+    assert run(["init", project]) == 0
+    assert run(["add-object", project, "body"]) == 0
+    for year, surface in zip((2021, 2022), body_worn_beside(2, 0.2, 0.4, 1e-4)[:2], strict=True):
+        write_ply_mesh(tmp_path / f"e{year}.ply", Surface(surface.vertices, surface.faces))
+        mesh = ["--mesh", str(tmp_path / f"e{year}.ply")]
+        assert run(["add-epoch", project, "body", f"e{year}", "--date", f"{year}-05-01", *mesh]) == 0
+    assert run(["process", project]) == 0
+    assert run(["compare", project, "body", "e2021", "e2022"]) == 0
+    found = Project.open(project).get("body", "e2022", "comparison-e2021")
+    assert sorted(found.regions["kind"]) == ["lost", "moved", "moved"]
 
 
 def test_nothing_lies_beside_a_part_whose_wear_is_elsewhere(measured: tuple[Comparison, MovedParts, Floats]) -> None:
