@@ -106,9 +106,8 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     seen = before, after
     signs = np.array([0.0, *(sign_of_region(k, sides, seen, beyond) for k in range(1, len(kept) + 1))])
     whole = grow_regions(sides, beyond, seen, signs, least_beyond(sides, found))
-    one = join_grown(
-        sides, whole, signs * np.append(1.0, np.where(are_set_apart(parts, apart, len(area))[kept], 2.0, 1.0))
-    )
+    is_apart = np.append(False, are_set_apart(parts, apart, len(area))[kept])
+    one = join_grown(sides, whole, np.where(is_apart, 2.0, 1.0) * signs)  # what is told apart is of another kind
     seen, whole = (one[seen[0]], one[seen[1]]), (one[whole[0]], one[whole[1]])
     gone, n_stand = (np.bincount(one[1:] - 1, v[kept]).astype(np.float64) for v in (gone, stands))
     signs = signs[np.unique(one, return_index=True)[1]]
