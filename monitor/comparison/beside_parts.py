@@ -20,7 +20,6 @@ from monitor.registration.sampling import motion_rows
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Ints, NotAssessed
 
 LEFT = 0.5  # of a squared change: what parts' motions leave of their own is 0.01 to 0.4, of wear beside them 1 to 4
-
 LOST = 0.05  # of a region: the skirts of a piece, beside the step to another, are none of it
 
 Apart = tuple[Bools, Bools]  # of the vertices of the reference and of the compared surface

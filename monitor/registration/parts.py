@@ -233,7 +233,7 @@ def _covariance_of(field: Field, piece: Piece, which: Ints, pairs: Matches, sigm
         if len(within) < LEAST_TELLING or _free_motion(within, centre):
             break
         least = estimate_covariance(within, sigma[inside[which]], centre)
-    return at_least(covariance, least)
+    return covariance if least is covariance else at_least(covariance, least)
 
 
 def _free_motion(pairs: Matches, centre: Floats) -> str:
