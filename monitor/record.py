@@ -27,7 +27,7 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 48,
+    "comparison": 49,
     "series": 11,
 }
 

@@ -3,9 +3,9 @@
 In: both surfaces and the registration on what is stable. Out: `MovedParts`, each with its six parameters and their
 covariance, and the part of each point of the source. Motions share out the surface (`part_growth`); a part is what of
 it is held by its shape, significant, and bounded as a part is. Wear runs out where a part has a joint, and does not
-bring to one side what it takes from the other; a layer is as thick everywhere. But what was lost as a wedge, or of
-uneven depth, along a sharp border may pass for a part that tilted. (What no six parameters can be stated of may still
-show as moved: `comparison.moved`.)
+bring to one side what it takes from the other; a layer is as thick everywhere. But what was lost as a wedge, along a
+sharp border, passes for a part that tilted. (What no six parameters can be stated of may still show as moved:
+`comparison.moved`.)
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ LEAST_NEW = 0.5  # of the points that tell must not fit the stable motion
 N_BESIDE = 2  # rings of neighbours: within the first a piece's border is smoothed
 N_BLENDED = 2  # rings of neighbours: fits reach so far
 SAMPLES_PER_PATCH = 25  # patches of a part must hold its motion
-JOINT = 0.55  # of the motion along the normal: as large is the jump at a joint; where wear runs out 0.3 to 0.5
+JOINT = 0.8  # of the motion carried on along the normals: as large is the jump at a joint; beside wear 0.3 to 0.7
 TWO_SIDED = 0.15  # of what tells gained, and as much lost
 LEVEL = 1e-3  # of the test of a motion against none, over all parts tried
 SOURCE_TURN = np.radians(60.0)
@@ -258,12 +258,12 @@ def _is_rigid_part(field: Field, piece: Piece) -> bool:
     if np.sum(np.abs(own - np.mean(tells)) > FITS * field.sigma[piece.members]) < LEAST_TELLING:
         return False
     lost, gained = float(np.mean(tells < 0.0)), float(np.mean(tells > 0.0))
-    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, piece, own)
+    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, piece)
 
 
-def _ends_at_joint(field: Field, piece: Piece, own: Floats) -> bool:
-    """Whether what lies beside a piece did not go along: what was measured there differs from the piece's motion by
-    half of its own way (m,) [m] along the normals and more. Wear runs out: next to a piece of it is wear."""
+def _ends_at_joint(field: Field, piece: Piece) -> bool:
+    """Whether what lies beside a piece did not go along: what was measured there differs from the piece's motion,
+    carried on, by nearly all of it. Wear runs out: next to a piece of it is wear."""
     inside = is_member(piece.members, len(field.samples.points))
     beside = piece.members
     for _ in range(N_BESIDE):
@@ -274,8 +274,9 @@ def _ends_at_joint(field: Field, piece: Piece, own: Floats) -> bool:
     pairs = match(field.samples.take(beside), field.target, field.T_stable, limits, field.both_oriented)
     if not len(pairs):
         return True
-    jump = _way_along_normal(field, piece.T, beside[pairs.source]) - pairs.residuals
-    return float(np.sqrt(np.mean(jump**2))) >= JOINT * float(np.sqrt(np.mean(own**2)))
+    carried_on = _way_along_normal(field, piece.T, beside[pairs.source])
+    jump = carried_on - pairs.residuals
+    return float(np.mean(jump**2)) >= JOINT**2 * float(np.mean(carried_on**2))
 
 
 def _way_along_normal(field: Field, T: Floats, which: Ints) -> Floats:

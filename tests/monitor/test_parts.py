@@ -66,6 +66,24 @@ def test_wear_and_growth_are_no_parts(reference: PointCloud, half: float, seed: 
     assert find_parts(worn, reference, register(worn, reference)).parts == ()
 
 
+@pytest.mark.parametrize(("shape", "seed"), [("blotchy", 3), ("blotchy", 4), ("uneven", 6), ("bowl", 6)])
+def test_loss_of_uneven_depth_is_no_part(reference: PointCloud, shape: str, seed: int) -> None:
+    """A motion fits patches of it, which end where it fits no more: half of it and more goes on beside them."""
+    towards = WAYS["knob"][0]
+
+    def loss(d: Floats) -> Floats:
+        angle = np.arccos(np.clip(d @ towards, -1.0, 1.0))
+        if shape == "bowl":
+            return -3e-3 * np.exp(-0.5 * (angle / 0.4) ** 2)
+        along = unit(np.cross(towards, [[0.0, 0.0, 1.0]]))[0]
+        waves = {"blotchy": 0.8 * np.sin(2.7 * d[:, 1] + 1.0) * np.cos(2.1 * d[:, 2]),
+                 "uneven": 0.6 * np.sin(9.0 * d @ along + 3.0 * d[:, 2])}[shape]  # fmt: skip
+        return np.where(angle < 0.58, -3e-3 * (1.0 + waves), 0.0)
+
+    worn = noisy_cloud(N, np.random.default_rng(seed), loss)
+    assert find_parts(worn, reference, register(worn, reference)).parts == ()
+
+
 def test_unchanged_body_has_no_parts(reference: PointCloud) -> None:
     again = noisy_cloud(N, np.random.default_rng(4))
     found = find_parts(again, reference, register(again, reference))
