@@ -34,7 +34,11 @@ HALF = 0.55  # rad, of what has a sharp border
 TOWARDS = np.array([1.0, 0.2, 0.3]) / np.linalg.norm([1.0, 0.2, 0.3])
 ACROSS = np.cross(TOWARDS, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(TOWARDS, [0.0, 0.0, 1.0]))
 MOTION = np.array([0.010, -0.020, 0.015, 1e-3, 2e-3, -1e-3])  # rad, m
-ALIKE = "Worn as a wedge with a sharp border, a place looks as if it had tilted: from two surfaces nobody can tell."
+CAUSES = {
+    "moved": "the shape, with so much noise, does not hold all six parameters of so small a motion: no part is stated",
+    "worn": "a loss that varies as slowly as a tilt does, up to a sharp border, looks like a tilt: two surfaces alone "
+    "do not tell which it was",
+}
 NOTES = (
     "A part passes for one where the comparison's `parts` hold it; what regions are called is of all pairs. Errors of "
     "a vertex 0.2 mm, vertices 8 mm apart."
@@ -103,9 +107,10 @@ def row_of(name: str, before: Surface, n_pairs: int) -> Row:
         told += bool(found.parts)
         called.update(tell_moved(comparison, found, after.vertices).regions["kind"])
     wanted = n_pairs if name in MOVED else 0
+    cause = CAUSES["moved" if name in MOVED else "worn"] if told != wanted else ""
     kinds = ", ".join(f"{n} {kind}" for kind, n in called.most_common())
     return Row(name, f"{told} of {n_pairs}", judge(told == wanted), asked="all" if wanted else "none",
-               others={"regions": kinds}, value=told / n_pairs, cause=ALIKE if name in WEAR else "")  # fmt: skip
+               others={"regions": kinds}, value=told / n_pairs, cause=cause)  # fmt: skip
 
 
 def scan(seed: int, depth: Depth | None = None, motion: Floats | None = None) -> Surface:
