@@ -17,7 +17,7 @@ from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.comparison import compare
 from monitor.comparison.beside_parts import tell_apart
 from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.moved_parts import tell_moved
+from monitor.comparison.moved_parts import doubt_which_stood, tell_moved
 from monitor.engine import Engine
 from monitor.filtered_scans import FilteredScans, filter_scans
 from monitor.filtering import estimate_normals, merge_scans
@@ -122,6 +122,8 @@ def compare_epochs(
             if mode == "relative":  # else the motion of the whole is in the differences beside the parts, too
                 found = tell_apart(found, parts, compared.vertices, lambda apart: ask(apart=apart))
             found = tell_moved(found, parts, compared.vertices)
+            if mode == "relative" and stable is None and tied is None and not motion.stable_is_rest:
+                found = doubt_which_stood(found)
         clouds = filtered(earlier), filtered(place)
         if clouds[0] is None or clouds[1] is None:
             return Made(found, start)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.comparison.moved import EXPLAINED
-from monitor.reconstruction.mesh import vertex_normals
+from monitor.reconstruction.mesh import face_areas_and_normals, vertex_normals
 from monitor.registration.parts import MovedParts
 from monitor.registration.sampling import motion_rows
 from projects.model import Comparison, Floats, Ints, NotAssessed, Surface
@@ -24,6 +24,7 @@ MOST = 0.5  # of a region's vertices, so many belong to a part: the region is it
 BESIDE = 0.15  # of a part's length: what a groove sets apart from it lies no farther off
 LAYER = 0.5  # of what an even layer leaves of a region's change, the motion of its part leaves less
 BESIDE_SPACINGS = 3.0  # a vertex of the reference is of a part that lay so near to it
+WIDE = 0.1  # of what is assessed: what moved is so much that it may as well be the rest that did
 
 
 def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> Comparison:
@@ -55,6 +56,31 @@ def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> C
     parts = [{**describe_part(found, k), "regions": [int(r) + 1 for r in np.flatnonzero(of_part == k)]}
              for k in range(1, len(found.parts) + 1) if (of_part == k).any()]  # fmt: skip
     return dataclasses.replace(comparison, regions=table, statistics={**comparison.statistics, "parts": parts})
+
+
+def doubt_which_stood(comparison: Comparison) -> Comparison:
+    """Return the comparison, of which nobody said what stood still, with the doubt whether it was the larger part that
+    did, where much of the surface moved against the rest: two surfaces tell of a motion, not which of both made it."""
+    side = comparison.on_compared
+    is_assessed = side.reasons == NotAssessed.ASSESSED
+    moved = comparison.regions["region"][comparison.regions["kind"] == "moved"]
+    areas = areas_of_vertices(side.surface)
+    share = float(areas[is_assessed & np.isin(side.region, moved)].sum()) / max(float(areas[is_assessed].sum()), 1e-300)
+    if share < WIDE:
+        return comparison
+    doubt = (
+        f"{100 * share:.0f} % of the surface moved against the rest, which is larger and taken to have stood still: "
+        "that it was the other way round two epochs alone cannot tell; say where nothing moved, or give control points"
+    )
+    registration = comparison.registration
+    told = "; ".join(filter(None, (registration.doubt, doubt)))
+    return dataclasses.replace(comparison, registration=dataclasses.replace(registration, doubt=told))
+
+
+def areas_of_vertices(surface: Surface) -> Floats:
+    """Return the area (n,) [m2] that each vertex stands for, a third of its faces'."""
+    thirds = np.repeat(face_areas_and_normals(surface.vertices, surface.faces)[0] / 3.0, 3)
+    return np.bincount(np.asarray(surface.faces).ravel(), thirds, len(surface.vertices))
 
 
 def describe_part(found: MovedParts, number: int) -> dict[str, Any]:

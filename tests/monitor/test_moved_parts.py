@@ -1,5 +1,6 @@
 """Regions of change that a moved part explains are called so; its six parameters stand in the statistics."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from scipy.spatial import ConvexHull
 from monitor.cli import run
 from monitor.comparison import compare
 from monitor.comparison.beside_parts import changed_beside, tell_apart
-from monitor.comparison.moved_parts import goes_along, tell_moved
+from monitor.comparison.level_of_detection import Z95
+from monitor.comparison.moved_parts import doubt_which_stood, goes_along, tell_moved
 from monitor.registration import register
 from monitor.registration.parts import MovedPart, MovedParts, find_parts
 from monitor.simulation.scenes import grid_faces
@@ -107,6 +109,23 @@ def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> 
     assert float(value) == pytest.approx(1e3 * np.linalg.norm(shift), abs=2.0 * float(margin))  # about four sigmas
     assert float(margin) < 0.6
     assert float(row[6].split("°")[0]) == pytest.approx(np.degrees(np.linalg.norm(MOTION[:3])), abs=0.15)
+
+
+def test_that_the_rest_stood_still_is_in_doubt_where_a_wide_part_moved(
+    told: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half a radian about a direction is 6 % of a sphere, 0.8 are 15 %."""
+    assert doubt_which_stood(told).registration.doubt == told.registration.doubt
+    monkeypatch.setattr(sys.modules[__name__], "HALF", 0.8)
+    before, after = (body(12_000, np.random.default_rng(1 + k), k > 0) for k in range(2))
+    motion = register(after, before)
+    found = compare(before, after, replace(motion, doubt="scales differ"))
+    parts = find_parts(after, before, motion, None, found.on_compared.is_changed, found.on_compared.lod95 / Z95)
+    doubt = doubt_which_stood(tell_moved(found, parts, after.vertices)).registration.doubt
+    before_it, of_it = doubt.split("; ")[:2]
+    assert before_it == "scales differ"
+    assert 10.0 <= float(of_it.split(" %")[0]) < 16.0  # all but what slid along itself
+    assert "the other way round two epochs alone cannot tell" in doubt
 
 
 def body_worn_beside(seed: int, away: float, reach: float, noise: float) -> tuple[Surface, Surface, Floats]:
