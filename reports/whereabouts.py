@@ -1,7 +1,8 @@
 """Where on the object a region lies, in the words of someone who stands before its front.
 
-In: a comparison. Out: which way the region faces, on which part of the object it lies, its height above the base. Of a
-room, in the words of someone who stands in it before the wall that the front view shows: which wall, floor or ceiling.
+In: a comparison. Out: which way the region faces, or that it goes all round, on which part of the object it lies, its
+height above the base. Of a room, in the words of someone who stands in it before the wall that the front view shows:
+which wall, floor or ceiling.
 """
 
 from __future__ import annotations
@@ -20,8 +21,11 @@ STEEP = np.cos(np.deg2rad(40.0))  # a region that faces so nearly up or down is 
 SIDES = ("front", "front right", "right side", "back right", "back", "back left", "left side", "front left")
 WALLS = ("wall ahead", "wall ahead to the left", "wall to the left", "wall behind to the left",
          "wall behind", "wall behind to the right", "wall to the right", "wall ahead to the right")  # fmt: skip
+ALL_WALLS = "walls all round"
 SIDEWAYS = {*SIDES, *WALLS} - {"front", "back", "wall ahead", "wall behind"}  # where left and right are said already
 ON_THE_WALL = 0.8  # of the way from the middle of a room to its end: what faces back from there is wall
+ON_ALL_WALLS = 0.5  # the same of walls all round, which stand nearer in the mean: 0.79 of the way where a room is round
+ALL_ROUND = 1.0 / 3.0  # of the area is left of the summed normals of three sides of a pillar; less: no side is meant
 APART = 1.0 / 6.0  # of the object's width, from its middle: beyond it one says "left" or "right"
 
 
@@ -43,10 +47,16 @@ def setting_of(surface: Surface) -> Setting:
     return Setting(find_front(surface), box, choose_views(surface)[0].cut_away)
 
 
-def facing(compared: ComparedSurface, number: int) -> Floats:
-    """Return the sum of the outward normals [m2] of the faces that lie in a region."""
+def patch_of(compared: ComparedSurface, number: int) -> Surface:
+    """Return the faces that lie in a region."""
     inside = (compared.region == number)[compared.surface.faces].any(axis=1)
-    return face_normals(compared.surface)[inside].sum(axis=0)
+    return Surface(compared.surface.vertices, compared.surface.faces[inside])
+
+
+def is_all_round(patch: Surface) -> bool:
+    """Return whether faces look in all directions: nearly nothing is left of the sum of their normals."""
+    normals = face_normals(patch)
+    return bool(np.linalg.norm(normals.sum(axis=0)) < ALL_ROUND * np.linalg.norm(normals, axis=1).sum())
 
 
 def name_side(normal: Floats, front: Floats) -> str:
@@ -67,11 +77,27 @@ def name_wall(normal: Floats, place: Floats, setting: Setting) -> str:
     side = name_side(normal, setting.front)
     if not side:
         return "within the room"
-    unit, half = normal / np.linalg.norm(normal), 0.5 * np.ptp(setting.box, axis=0)
-    away = -float((place - setting.box.mean(axis=0)) @ unit) / float(np.abs(unit) @ half)
-    if away < ON_THE_WALL:
+    if way_to_wall(normal[None], place[None], setting.box) < ON_THE_WALL:
         return "within the room"
     return {"top": "floor", "underside": "ceiling"}.get(side) or WALLS[SIDES.index(side)]
+
+
+def way_to_wall(normals: Floats, places: Floats, box: Floats) -> float:
+    """Return how far out of the middle of a room, 0, to its end, 1, faces lie that look back; below 0 they look away.
+
+    `normals` (m, 3) are as long as each counts, `places` (m, 3) [m] those of the faces, `box` (2, 3) [m] the room's.
+    """
+    towards = -float(np.sum((places - box.mean(axis=0)) * normals))
+    return towards / float(np.sum(np.abs(normals) @ (0.5 * np.ptp(box, axis=0))))
+
+
+def name_all_round(patches: list[Surface], setting: Setting) -> str:
+    """Return how one says of a change that it goes all round: round the object, or in a room along its walls."""
+    if not setting.is_room:
+        return "all round"
+    lines_walls = all(way_to_wall(face_normals(p), p.vertices[p.faces].mean(axis=1), setting.box) >= ON_ALL_WALLS
+                      for p in patches)  # fmt: skip
+    return ALL_WALLS if lines_walls else "within the room"
 
 
 def name_part(place: Floats, box: Floats, front: Floats) -> str:
@@ -83,11 +109,16 @@ def name_part(place: Floats, box: Floats, front: Floats) -> str:
 
 
 def locate(comparison: Comparison, number: int, place: Floats, setting: Setting) -> str:
-    """Return where a region with its centroid at `place` (3,) lies: its side, its part, its height above the base."""
+    """Return where a region with its centroid at `place` (3,) lies: its side, its part, its height above the base.
+
+    It goes all round where both surfaces do: a limb that broke off looks in all directions too, but not its fracture.
+    """
     if not np.isfinite(place).all():
         return NOT_KNOWN
-    normal = facing(comparison.on_compared, number) + facing(comparison.on_reference, number)
-    return say_where(normal, place, setting)
+    patches = [patch_of(side, number) for side in (comparison.on_compared, comparison.on_reference)]
+    if all(is_all_round(patch) for patch in patches):
+        return say_place(name_all_round(patches, setting), place, setting)
+    return say_where(np.sum([face_normals(patch).sum(axis=0) for patch in patches], axis=0), place, setting)
 
 
 def locate_most(side: ComparedSurface, which: Bools, setting: Setting) -> str:
@@ -111,6 +142,11 @@ def locate_most(side: ComparedSurface, which: Bools, setting: Setting) -> str:
 def say_where(normal: Floats, place: Floats, setting: Setting) -> str:
     """Return where something at `place` (3,) lies that faces along `normal`: its side, its part, its height."""
     side = name_wall(normal, place, setting) if setting.is_room else name_side(normal, setting.front)
-    part = "" if side in SIDEWAYS else name_part(place, setting.box, setting.front)
+    return say_place(side, place, setting)
+
+
+def say_place(side: str, place: Floats, setting: Setting) -> str:
+    """Return the words for a side with the part and the height at which `place` (3,) lies."""
+    part = "" if side in {*SIDEWAYS, ALL_WALLS} else name_part(place, setting.box, setting.front)
     above = f"{height(float(place[2] - setting.box[0, 2]))} above the {'floor' if setting.is_room else 'base'}"
     return ", ".join(words for words in (side, part, above) if words)
