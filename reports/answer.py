@@ -32,10 +32,14 @@ HAPPENED = {
     "lost": "lost material",
     "added": "gained material",
     "moved": "moved as a part",
-    "cleaned": "lost a thin, even layer (as cleaning or weathering leaves)",
-    "coated": "gained a thin, even layer (as a coating or dirt leaves)",
+    "cleaned": "lost a thin, even layer (cleaning, weathering) or, if flat, moved inwards as a whole",
+    "coated": "gained a thin, even layer (a coating, dirt) or, if flat, moved outwards as a whole",
     "unclear": "changed in a way that is neither clearly loss nor gain",
 }
+LAYER_OR_PIECE = (
+    "Where a region is flat, an even layer and a piece of its size that moved as a whole look alike: the surfaces do "
+    "not tell which it was."
+)
 MOVED_OR_WHOLE = "moved, as a part or with the whole"  # where the motion of the whole is in the differences
 WHY_NOT = {
     NotAssessed.NO_FACE: "the other epoch has no surface there that faces the same way",
@@ -145,7 +149,8 @@ def _what_changed(
     told = [*(_tell_part(k, part) for k, part in enumerate(moved[:NAMED], start=1)), *map(_tell, others[:NAMED])]
     tables = [f"the table of {what}" for what, left in (("parts", moved), ("regions", others)) if len(left) > NAMED]
     rest = (f"The others stand in {listed(tables)}.",) if tables else ()
-    return (f"{between} {listed(parts)}{size}.", *told, *rest)
+    doubt = (LAYER_OR_PIECE,) if any(r.kind in ("cleaned", "coated") for r in regions) else ()
+    return (f"{between} {listed(parts)}{size}.", *doubt, *told, *rest)
 
 
 def _tell_part(number: int, part: PartMotion) -> str:

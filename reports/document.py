@@ -45,7 +45,8 @@ from reports.wholemotion import parts_table
 
 MEANINGS = {
     "lost": "material lost", "added": "material added", "moved": "part moved",
-    "cleaned": "thin layer lost, as by cleaning or weathering", "coated": "thin layer added, as by coating or dirt",
+    "cleaned": "thin, even layer lost or, if flat, piece moved inwards (not told which)",
+    "coated": "thin, even layer added or, if flat, piece moved outwards (not told which)",
     "unclear": "changed, neither clearly lost nor added",
 }  # fmt: skip
 COLOURED = {"lost": "lost", "cleaned": "lost", "added": "gained", "coated": "gained"}

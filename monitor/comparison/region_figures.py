@@ -31,6 +31,7 @@ MOST_UNKNOWN = 0.2  # of a region's area: with more of its margin not assessable
 WHOLE = ("lost", "added")  # without any perpendicular: gone or come as a whole
 GAINS = ("added", "coated")
 WIDE = 20.0  # a layer: as wide as this many times its thickness
+THICKEST = 5e-3  # m, of a layer: paint, dirt, crusts and fine plaster are thinner; tiles, boards and slabs are thicker
 
 
 def is_volume_known(sides: Pair, regions: tuple[Ints, Ints], beyond: Beyond, width: float, n_regions: int) -> Bools:
@@ -128,10 +129,14 @@ def combine(values: list[float], sigmas: list[float]) -> tuple[float, float]:
 
 
 def name_kind(mean: float, sigma_mean: float, spread: float, area: float) -> str:
-    """Return lost, added, cleaned (thin, uniform, wide loss), coated (such a gain), or unclear within its sigma."""
+    """Return lost, added, cleaned (thin, uniform, wide loss), coated (such a gain), or unclear within its sigma.
+
+    A flat piece that moved along its normal by as little, all of it, is called what a layer is: its surfaces are alike.
+    """
     if abs(mean) < Z95 * sigma_mean:
         return "unclear"
-    is_layer = spread < UNIFORM * abs(mean) and np.sqrt(area) > WIDE * abs(mean)
+    is_thin = abs(mean) <= min(THICKEST, np.sqrt(area) / WIDE)
+    is_layer = is_thin and spread < UNIFORM * abs(mean)
     return ("cleaned" if is_layer else "lost") if mean < 0 else ("coated" if is_layer else "added")
 
 

@@ -224,9 +224,11 @@ def test_benjamini_hochberg_gives_the_textbook_answer() -> None:
 @pytest.mark.parametrize(
     ("mean", "spread", "area", "kind"),
     [(-1e-2, 8e-3, 0.01, "lost"), (1e-2, 8e-3, 0.01, "added"), (-1e-3, 1e-4, 0.04, "cleaned"),
-     (1e-3, 1e-4, 0.04, "coated"), (-1e-2, 1e-4, 0.01, "lost"), (1e-4, 1e-4, 0.01, "unclear")],
+     (1e-3, 1e-4, 0.04, "coated"), (-1e-2, 1e-4, 0.01, "lost"), (1e-4, 1e-4, 0.01, "unclear"),
+     (-4.9e-3, 1e-4, 0.2, "cleaned"), (4.9e-3, 1e-4, 0.2, "coated"),  # a coat of plaster
+     (-5.1e-3, 1e-4, 0.2, "lost"), (5.1e-3, 1e-4, 0.2, "added"), (-2e-2, 1e-4, 0.22, "lost")],  # tiles, a board
 )  # fmt: skip
-def test_kinds_follow_sign_evenness_and_width(mean: float, spread: float, area: float, kind: str) -> None:
+def test_kinds_follow_sign_evenness_width_and_thickness(mean: float, spread: float, area: float, kind: str) -> None:
     assert name_kind(mean, 1e-4, spread, area) == kind
 
 

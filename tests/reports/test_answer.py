@@ -39,6 +39,22 @@ def test_regions_beside_a_layer_all_over_say_that_their_figures_are_beside_it():
     assert "beside" not in write_captions(facts_of(example_comparison())).regions
 
 
+def test_an_even_change_is_said_to_be_a_layer_or_a_piece_that_moved():
+    """A step that sank by 3 mm and a step worn by 3 mm all over are one and the same to two surfaces."""
+    facts = facts_of(example_comparison(((DENT[0], "cleaned", *DENT[2:]), (PATCH[0], "coated", *PATCH[2:]))))
+    assert "one region lost a thin, even layer (cleaning, weathering) or, if flat, moved inwards as a whole" in said(
+        facts
+    )
+    assert "one gained a thin, even layer (a coating, dirt) or, if flat, moved outwards as a whole (no. 2)" in said(
+        facts
+    )
+    assert said(facts).count("look alike: the surfaces do not tell which it was.") == 1
+    told = dict(write_captions(facts).kinds)
+    assert told["cleaned"] == "thin, even layer lost or, if flat, piece moved inwards (not told which)"
+    assert told["coated"] == "thin, even layer added or, if flat, piece moved outwards (not told which)"
+    assert "look alike: the surfaces" not in said(facts_of(example_comparison()))
+
+
 def test_a_later_epoch_of_another_scale_is_told_in_the_headline():
     comparison = example_comparison()
     scaled = dataclasses.replace(comparison.registration, scale=1.02, sigma_scale=1e-4)
