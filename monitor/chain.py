@@ -7,7 +7,7 @@ Steps are numbered as in docs/method.md, and follow the papers named there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -36,12 +36,11 @@ from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, comparison_product, latest_step, once_step
 from monitor.registration.epochs import held_by_frames, register_epochs
-from monitor.registration.held import Frames
 from monitor.registration.parts import find_parts
 from monitor.registration.placement import placement_sigma
 from monitor.repeats import is_averaged
 from monitor.same_survey import require_own_scans
-from monitor.scan_network import adjust_epoch, frames_between
+from monitor.scan_network import adjust_epoch, frames_of
 from monitor.second_opinion import ask_m3c2, filtered, gather_sights
 from monitor.settings import Settings, as_mapping
 from monitor.strays import share_of_strays
@@ -102,7 +101,7 @@ def compare_epochs(
         if stable is not None:
             require_part(stable, reference.vertices, compared.vertices)
         notify(f"{compared_id}: registering to {reference_id}")
-        tied = _frames((earlier, place))
+        tied = frames_of((earlier, place))
         within = None if stable is None else partial(inside, stable)
         motion, start = register_epochs(compared, reference, settings.icp, tied, within)
         if mode == "absolute" and tied is not None and not motion.converged:
@@ -131,13 +130,6 @@ def compare_epochs(
 
     asked = Asked(comparison_product(reference_id), "comparison", parameters, (before, after))
     return once_step(place, asked, make)
-
-
-def _frames(places: Sequence[Place]) -> Frames | None:
-    """Return how far the frames of two epochs may differ; None where control holds not both."""
-    steps = [p.project.latest(p.object_id, p.epoch_id, "network") for p in places]
-    networks = [p.get(step) for p, step in zip(places, steps, strict=True) if step is not None]
-    return frames_between(networks) if len(networks) == len(places) else None
 
 
 def default_mode(project: Project, object_id: str, reference_id: str, compared_id: str) -> str:

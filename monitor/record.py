@@ -27,8 +27,8 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 49,
-    "series": 11,
+    "comparison": 50,
+    "series": 12,
 }
 
 

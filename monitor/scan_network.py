@@ -194,3 +194,10 @@ def frames_between(networks: Sequence[dict[str, Any]]) -> Frames | None:
             return None
         total += about(covariance, centre - np.asarray(network["centre"], dtype=float))
     return Frames(total, centre)
+
+
+def frames_of(places: Sequence[Place]) -> Frames | None:
+    """Return how far the frames of two epochs may differ; None where control holds not both."""
+    steps = [p.project.latest(p.object_id, p.epoch_id, "network") for p in places]
+    networks = [p.get(step) for p, step in zip(places, steps, strict=True) if step is not None]
+    return frames_between(networks) if len(networks) == len(places) else None

@@ -17,6 +17,8 @@ from monitor.comparison.series import DAYS_PER_YEAR
 from monitor.record import Asked, Made, Place, comparison_product, once_step
 from monitor.registration import motion_significance
 from monitor.registration.epoch_network import EpochLink, EpochNetwork, adjust_network
+from monitor.registration.held import Frames
+from monitor.scan_network import frames_of
 from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
 from projects.store import Project
 
@@ -36,7 +38,7 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
         return None
     steps = [kept_comparison(project, object_id, a, b) for a, b in pairwise(epochs)]
     between = [(k, step) for k, step in enumerate(steps) if step is not None]
-    places = [Place(project, object_id, e.epoch_id) for e in epochs]
+    before, *places = (Place(project, object_id, e.epoch_id) for e in (first, *epochs))
 
     def make() -> Made:
         """Follow the regions, and adjust all registrations between the epochs in one network."""
@@ -46,8 +48,11 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
         series = follow(changes, first.epoch_id, first.date, level=strictest_level(direct))
         links = [EpochLink(0, k + 1, c.registration) for k, c in enumerate(comparisons)]
         links += [EpochLink(k + 1, k + 2, places[k + 1].get(s).registration) for k, s in between]
-        network = adjust_network(links, len(epochs) + 1)
-        motions, closures = tell_network(network, links, [first, *epochs])
+        stood = (before, *places)
+        own = [without_frames(link, frames_of((stood[link.target], stood[link.source]))) for link in links]
+        network = adjust_network(own, len(stood))
+        frames = [frames_of((before, place)) for place in places]
+        motions, closures = tell_network(network, own, [first, *epochs], frames)
         figures = {"closure_chi2": network.chi2, "closure_freedom": network.freedom,
                    "closure_probability": network.probability}  # fmt: skip
         by_trend = int((series.regions["found_by"] == "trend").sum())
@@ -77,27 +82,41 @@ def strictest_level(comparisons: Sequence[Step]) -> float:
     return min(float(step.parameters["compare"]["false_discovery_rate"]) for step in comparisons)
 
 
-def tell_network(network: EpochNetwork, links: Sequence[EpochLink],
-                 epochs: Sequence[EpochRecord]) -> tuple[pd.DataFrame, pd.DataFrame]:  # fmt: skip
-    """Return the motion of each epoch against the first, and the misfit of each link, as tables."""
-    motions = [_motion_row(network, k, epochs) for k in range(1, len(epochs))]
+def without_frames(link: EpochLink, frames: Frames | None) -> EpochLink:
+    """Return a link as sure as the shapes tell it: what the frames of its epochs may differ by, which its covariance
+    holds where it is known, is the same in every link of an epoch, and no adjustment averages it."""
+    if frames is None:
+        return link
+    registration = link.registration
+    own = registration.covariance - frames.about(registration.centre)
+    return replace(link, registration=replace(registration, covariance=own))
+
+
+def tell_network(network: EpochNetwork, links: Sequence[EpochLink], epochs: Sequence[EpochRecord],
+                 frames: Sequence[Frames | None]) -> tuple[pd.DataFrame, pd.DataFrame]:  # fmt: skip
+    """Return the motion of each epoch against the first, and the misfit of each link, as tables; `frames` say for each
+    epoch but the first how far its own and the first one's may differ, which the network does not hold."""
+    motions = [_motion_row(network, k, epochs, frames[k - 1]) for k in range(1, len(epochs))]
     closures = [[epochs[link.target].epoch_id, epochs[link.source].epoch_id, float(m)]
                 for link, m in zip(links, network.misfit, strict=True)]  # fmt: skip
     return (pd.DataFrame(motions, columns=list(MOTION_COLUMNS)),
             pd.DataFrame(closures, columns=list(CLOSURE_COLUMNS)))  # fmt: skip
 
 
-def _motion_row(network: EpochNetwork, k: int, epochs: Sequence[EpochRecord]) -> list[object]:
-    """Return the object's motion from the first epoch to epoch k: the inverse of what undoes it."""
-    undo = Registration(network.T_first_epoch[k], network.covariance[k], network.centre, True)
+def _motion_row(network: EpochNetwork, k: int, epochs: Sequence[EpochRecord], frames: Frames | None) -> list[object]:
+    """Return the object's motion from the first epoch to epoch k, the inverse of what undoes it; whether it is one is
+    known only with the `frames`."""
+    of_frames = 0.0 if frames is None else frames.about(network.centre)
+    undo = Registration(network.T_first_epoch[k], network.covariance[k] + of_frames, network.centre, True)
     motion = motion_significance(undo)
+    unmoved = motion.probability_unmoved if frames is not None else float("nan")
     sigma_shift, sigma_turn = (
         along(motion.translation, undo.covariance[3:, 3:]),
         along(motion.rotation, undo.covariance[:3, :3]),
     )
     years = (epochs[k].date - epochs[0].date).days / DAYS_PER_YEAR
     return [epochs[k].epoch_id, years, motion.displacement, sigma_shift, motion.angle, sigma_turn,
-            motion.probability_unmoved, *motion.translation, *motion.sigma_translation]  # fmt: skip
+            unmoved, *motion.translation, *motion.sigma_translation]  # fmt: skip
 
 
 def along(vector: Floats, covariance: Floats) -> float:

@@ -345,8 +345,10 @@ class Comparison:
     and their figures are beside it, as the statistic `lod95_beside_layer_median_m` says by being there; distances and
     `lod95` are with it. `statistics` holds the figures of the summary file (`stable_share`,
     `bias_m`, `nmad_m`, `rmse_m`, `lod95_median_m`, `n_vertices`, `n_not_assessable`, `n_unchanged`, `n_changed`,
-    `share_above_lod95`, `motion_significance`, ...); `told_by_width_m` has rows of how wide [m] a change is and from
-    how large a mean change [m] on one so wide is told in 19 of 20 cases, the median over the surface.
+    `share_above_lod95`, `motion_significance`, ...); `motion_significance` is NaN, and `motion_is_significant` None,
+    where it is not known how far the frames of both epochs may differ; `told_by_width_m` has rows of how wide [m] a
+    change is and from how large a mean change [m] on one so wide is told in 19 of 20 cases, the median over the
+    surface.
     """
 
     on_compared: ComparedSurface
@@ -383,8 +385,9 @@ class Series:
     shows anything, and `first_seen` and `last_seen` are empty; others were found by "epochs", or "both". `forecast`
     (`FORECAST_COLUMNS`) says for regions with a trend which mean difference an epoch at a time should show if it goes
     on as before. `motions` (`MOTION_COLUMNS`) says how the object stood as a whole in each epoch against the first,
-    from one adjustment of all registrations, `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where
-    there was no such network.
+    from one adjustment of all registrations, its `probability_unmoved` NaN where it is not known how far the frames of
+    both may differ, `closures` (`CLOSURE_COLUMNS`) how well each of them fits it; empty where there was no such
+    network.
     `rate_assessment` (n,) is the `Assessment` of each vertex's rate: CHANGED where it is significant, with false
     discoveries held over the surface and over patches of every size, so that one vertex's rate over its sigma does not
     decide; NOT_ASSESSABLE where fewer than two epochs tell one; None where an older program left it open.

@@ -14,7 +14,7 @@ from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
 from reports.quantities import MM, NBSP, NOT_KNOWN, estimate, in_words, listed, millimetres, percent, square
 from reports.whereabouts import Setting, locate_most
-from reports.wholemotion import PartMotion, describe_motion, describe_parts
+from reports.wholemotion import PartMotion, describe_motion, describe_parts, knows_motion
 
 NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
@@ -23,11 +23,8 @@ MUCH_LESS = 0.9  # of what a narrower change needs: a wider one is worth words
 LEAST_COARSE = 0.01  # of the assessed surface tells only large changes: the report says so in words
 LEAST_UNSURE = 0.001  # of it does not tell changes of the client's tolerance: so here
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
-NO_CONTROL = (
-    "The margins are those of the fit of the two surfaces; the coordinates of each epoch are only as good as the poses "
-    "of its scans. Without control points in both epochs it cannot be told whether the object moved or only the "
-    "coordinates differ."
-)
+NOT_ASSESSABLE = "not assessable"
+AGREEMENT_UNKNOWN = "how well the coordinates of both epochs agree is not known"
 HAPPENED = {
     "lost": "lost material",
     "added": "gained material",
@@ -56,18 +53,16 @@ WHY_NOT = {
 
 
 def state_answer(
-    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts, has_control: bool,
-    setting: Setting,
+    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts, setting: Setting,
 ) -> Answer:  # fmt: skip
-    """Return the answer of a comparison; `has_control`: control points tie both epochs to the same ground; `setting`:
-    what words of place go by."""
+    """Return the answer of a comparison; `setting`: what words of place go by."""
     changed = _what_changed(comparison, regions, before, after)
     sure = (
         *_lies_off(comparison),
         _how_small(comparison, bool(regions)),
         *_coarse(comparison),
         *_beyond_tolerance(comparison),
-        _whole(comparison, has_control),
+        _whole(comparison),
         _not_assessed(comparison, (before, after)),
         *_met_nothing(comparison, (before, after), setting),
     )
@@ -162,8 +157,8 @@ def _tell_part(number: int, part: PartMotion) -> str:
 
 
 def holds_whole(comparison: Comparison) -> bool:
-    """Return whether the differences hold a motion of the whole, which looks like one of parts."""
-    return comparison.mode == "absolute" and bool(comparison.statistics.get("motion_is_significant"))
+    """Return whether the differences hold, or may hold, a motion of the whole, which looks like one of parts."""
+    return comparison.mode == "absolute" and comparison.statistics.get("motion_is_significant") is not False
 
 
 def _tell(region: RegionFacts) -> str:
@@ -190,10 +185,12 @@ def _lies_off(comparison: Comparison) -> tuple[str, ...]:
     lost = float(comparison.statistics["offset_m"]) < 0.0
     layer = "taken off (cleaning, weathering)" if lost else "laid on (a coating, dirt)"
     stands_out = "" if beside else ": no part stands out"
+    is_left = comparison.mode == "absolute"
+    included = ", a motion of the whole included" if is_left else ""
+    like = f"A layer {layer} nearly everywhere{', such a motion' if is_left else ''} and scanners whose ranges differ"
     return (
-        f"What is not called changed lies {_off(comparison)} on average. A layer {layer} nearly everywhere and "
-        f"scanners whose ranges differ look alike{stands_out}. Say where nothing changed (a stable area) to "
-        "tell them apart.",
+        f"What is not called changed lies {_off(comparison)} on average{included}. {like} look alike{stands_out}. "
+        "Say where nothing changed (a stable area) to tell them apart.",
         *(("Regions and their figures are beside that: how far they stand out of the rest.",) if beside else ()),
     )
 
@@ -278,20 +275,21 @@ def tolerance_in_words(tolerance: float) -> str:
     return f"{tolerance * MM:.12g}{NBSP}mm"
 
 
-def _whole(comparison: Comparison, has_control: bool) -> str:
-    """Return whether the object moved as a whole, and what was done about it."""
+def _whole(comparison: Comparison) -> str:
+    """Return whether the object moved as a whole, as far as that is known, and what was done about it."""
     motion = describe_motion(comparison.registration)
-    significant = comparison.statistics.get("motion_is_significant")
-    if significant is None or not np.isfinite(comparison.statistics.get("motion_significance", NAN)):
-        return "Whether the object as a whole moved is not known."
     shift, turn = motion.displacement.text, motion.angle.text
-    if not significant:
-        return f"The object as a whole did not measurably move ({shift}, turned by {turn})."
     where = "taken out of" if comparison.mode == "relative" else "contained in"
-    moved = (
+    if not knows_motion(comparison):
+        return (
+            f"Whether the object as a whole moved is {NOT_ASSESSABLE}: its coordinates differ by {shift}, turned by "
+            f"{turn}, which is {where} the differences, but {AGREEMENT_UNKNOWN} without control points in both."
+        )
+    if not comparison.statistics.get("motion_is_significant"):
+        return f"The object as a whole did not measurably move ({shift}, turned by {turn})."
+    return (
         f"The object as a whole stands {shift} from where it stood, turned by {turn}; this is {where} the differences."
     )
-    return moved if has_control else f"{moved} {NO_CONTROL}"
 
 
 def shares_not_assessed(comparison: Comparison) -> tuple[float, float]:
@@ -350,22 +348,28 @@ def _figures(
     comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts
 ) -> tuple[KeyFigure, ...]:
     """Return the four figures to remember."""
-    statistics, unknown = comparison.statistics, [percent(s) for s in shares_not_assessed(comparison)]
+    unknown = [percent(s) for s in shares_not_assessed(comparison)]
     k = less_assessed(comparison)
     here = (before, after)[k]
-    motion = describe_motion(comparison.registration)
-    significance = statistics.get("motion_significance", NAN)
-    moved = "significant" if statistics.get("motion_is_significant") else "not significant"
-    told = f"{moved} (confidence {print_significance(significance)})" if np.isfinite(significance) else NOT_KNOWN
-    sure = f"turned by {motion.angle.text}; {told}"
     return (
         _how_many(comparison, regions),
         _smallest(comparison),
-        KeyFigure("Object as a whole", motion.displacement.text, sure),
+        _moved(comparison),
         KeyFigure(
             "Not assessable", unknown[k], f"of the {here.order} epoch’s surface; {unknown[1 - k]} of the other’s"
         ),
     )
+
+
+def _moved(comparison: Comparison) -> KeyFigure:
+    """Return how far the object as a whole moved and how sure that is, or by how much its coordinates differ."""
+    motion, statistics = describe_motion(comparison.registration), comparison.statistics
+    if not knows_motion(comparison):
+        differ = f"its coordinates differ by {motion.displacement.text}, turned by {motion.angle.text}"
+        return KeyFigure("Motion of the whole", NOT_ASSESSABLE, f"{differ}; {AGREEMENT_UNKNOWN}")
+    moved = "significant" if statistics.get("motion_is_significant") else "not significant"
+    told = f"{moved} (confidence {print_significance(statistics['motion_significance'])})"
+    return KeyFigure("Object as a whole", motion.displacement.text, f"turned by {motion.angle.text}; {told}")
 
 
 def _smallest(comparison: Comparison) -> KeyFigure:

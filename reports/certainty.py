@@ -12,7 +12,9 @@ import numpy as np
 
 from projects.model import Assessment, Comparison, NotAssessed, Step
 from reports.answer import (
+    AGREEMENT_UNKNOWN,
     NAN,
+    NOT_ASSESSABLE,
     WHY_NOT,
     is_beside_layer,
     level_beside,
@@ -24,7 +26,7 @@ from reports.answer import (
 from reports.control import control_table
 from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, NOT_KNOWN, coordinates, count, estimate, millimetres, percent
-from reports.wholemotion import describe_motion, object_size
+from reports.wholemotion import describe_motion, knows_motion, object_size
 
 
 def state_certainty(
@@ -47,11 +49,13 @@ def state_certainty(
 def registration_table(comparison: Comparison) -> Table:
     """Return how well the two epochs were brought onto each other."""
     registration, statistics = comparison.registration, comparison.statistics
-    motion = describe_motion(registration)
+    motion, known = describe_motion(registration), knows_motion(comparison)
+    sure = print_significance(statistics["motion_significance"]) if known else f"{NOT_ASSESSABLE}: {AGREEMENT_UNKNOWN}"
+    what = "Object as a whole displaced by" if known else "Coordinates of the object differ by"
     rows: tuple[tuple[str, str], ...] = (
-        ("Object as a whole displaced by", motion.displacement.text),
+        (what, motion.displacement.text),
         ("turned by", motion.angle.text),
-        ("confidence that it moved (1 − p)", print_significance(statistics.get("motion_significance", NAN))),
+        ("confidence that it moved (1 − p)", sure),
         (
             "in the differences",
             "taken out (relative mode)" if comparison.mode == "relative" else "kept (absolute mode)",
@@ -68,11 +72,13 @@ def registration_table(comparison: Comparison) -> Table:
         rows = (*rows, ("known by the control points alone, not by the shape", registration.held_by_frames))
     if registration.doubt:
         rows = (*rows, ("doubt about this motion", registration.doubt))
-    return Table("Registration of the epochs", ("", ""), rows, "± is the half-width of the 95\u00a0% interval.")
+    of_fit = "" if known else ", of the fit of the two surfaces alone"
+    note = f"± is the half-width of the 95\u00a0% interval{of_fit}."
+    return Table("Registration of the epochs", ("", ""), rows, note)
 
 
 def motion_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -> Table:
-    """Return the motion axis by axis, with the margins from the registration's covariance."""
+    """Return the motion, or by how much coordinates differ, axis by axis, with margins from the covariance."""
     motion = describe_motion(comparison.registration)
     rows = []
     for axis, t, st, r, sr in zip("xyz", motion.translation, motion.sigma_translation, motion.rotation,
@@ -80,10 +86,14 @@ def motion_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) 
         shift = estimate(float(t), float(st), MM, "", signed=True).text
         rows.append((axis, shift, estimate(float(r), float(sr), DEGREES, "", signed=True).text))
     where = coordinates(comparison.registration.centre, object_size(comparison) / 1000.0)
+    title, doubt = "The motion, axis by axis", ""
+    if not knows_motion(comparison):
+        title = "By how much the coordinates differ, axis by axis"
+        doubt = f" As a motion this is {NOT_ASSESSABLE}: {AGREEMENT_UNKNOWN}."
     return Table(
-        "The motion, axis by axis", ("axis", "shift (mm)", "turn (°)"), tuple(rows),
+        title, ("axis", "shift (mm)", "turn (°)"), tuple(rows),
         f"From the {first.order} to the {second.order} epoch, about the point {where} m in the coordinates of the "
-        f"{first.order} epoch.",
+        f"{first.order} epoch.{doubt}",
     )  # fmt: skip
 
 
@@ -112,7 +122,7 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         *beside,
         *_coarse_rows(statistics),
         ("mean difference where nothing changed (bias)", millimetres(statistics.get("bias_m", NAN), signed=True)),
-        ("the same by area, without a motion of the whole", _offset(statistics)),
+        ("the same by area", _offset(statistics)),
         ("scatter there (robust sigma, NMAD)", millimetres(statistics.get("nmad_m", NAN))),
         ("root mean square there", millimetres(statistics.get("rmse_m", NAN))),
         (

@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from projects.model import Floats, Series
-from reports.answer import LEAST_COARSE
+from reports.answer import AGREEMENT_UNKNOWN, LEAST_COARSE, NOT_ASSESSABLE
 from reports.colours import change_ramp
 from reports.drawing import INK, SOFT, drawing, plain_number, write_svg
 from reports.facts import CourseFacts, SeriesFacts, Table
@@ -68,14 +68,24 @@ def tell_motions(series: Series) -> Table | None:
     for _, m in series.motions.iterrows():
         shift = estimate(float(m["shift_m"]), float(m["sigma_shift_m"]), MM, "mm")
         turn = estimate(float(m["turn_rad"]), float(m["sigma_turn_rad"]), DEGREES, "°")
-        moved = "significant" if float(m["probability_unmoved"]) < SIGNIFICANT else "not significant"
-        rows.append((str(m["epoch"]), shift.text, turn.text, moved))
+        rows.append((str(m["epoch"]), shift.text, turn.text, _moved(float(m["probability_unmoved"]))))
     worst = series.closures.sort_values("misfit_sigma").iloc[-1]
     note = (
         f"All registrations adjusted together, against epoch {series.reference_id}. The one that fits the others "
         f"least, {worst['reference']} to {worst['compared']}, is off by {float(worst['misfit_sigma']):.1f} sigma."
     )
-    return Table("The object as a whole", ("epoch", "displaced by", "turned by", "motion"), tuple(rows), note)
+    unknown = series.motions["probability_unmoved"].isna()
+    if unknown.any():
+        note += f" Of motions that are {NOT_ASSESSABLE}, {AGREEMENT_UNKNOWN}: control points in both would tell."
+    differ = "coordinates differ by" if unknown.all() else "displaced by"
+    return Table("The object as a whole", ("epoch", differ, "turned by", "motion"), tuple(rows), note)
+
+
+def _moved(probability_unmoved: float) -> str:
+    """Return whether the object moved, as far as that is known."""
+    if math.isnan(probability_unmoved):
+        return NOT_ASSESSABLE
+    return "significant" if probability_unmoved < SIGNIFICANT else "not significant"
 
 
 def _say_followed(n: int, going: int) -> str:

@@ -133,12 +133,13 @@ def make_facts(
     project_name, crs : as the object block names the project and its reference system.
     """
     made = after.step(f"comparison-{before.record.epoch_id}")
+    if _without_control(before) or _without_control(after):
+        comparison = without_significance(comparison)
     first, second = name_epochs(before.record, after.record)
     computed = datetime.date.fromisoformat(made.created[:10]) if made and made.created else None
     setting = setting_of(comparison.on_reference.surface)
     measures = choose_measures(comparison.regions["area_m2"])
     regions = tuple(describe_region(comparison, row, setting, measures) for _, row in comparison.regions.iterrows())
-    has_control = not _without_control(before) and not _without_control(after)
     heads = name_columns((before, after))
     columns = {f"{heads[0]} ({first.date})": before.steps, f"{heads[1]} ({second.date})": after.steps}
     return ReportFacts(
@@ -149,7 +150,7 @@ def make_facts(
         remarks=(*_remarks(made, before, after), *_doubts(comparison, (before, after))),
         before=first,
         after=second,
-        answer=state_answer(comparison, regions, first, second, has_control, setting),
+        answer=state_answer(comparison, regions, first, second, setting),
         regions=regions,
         measures=measures,
         certainty=(
@@ -168,6 +169,12 @@ def make_facts(
         stable=_given_stable(made),
         is_room=setting.is_room,
     )
+
+
+def without_significance(comparison: Comparison) -> Comparison:
+    """Return a comparison that does not say how surely the object moved: older programs did without control, too."""
+    unknown = {"motion_significance": math.nan, "motion_is_significant": None}
+    return replace(comparison, statistics={**comparison.statistics, **unknown})
 
 
 def describe_region(comparison: Comparison, row: pd.Series, setting: Setting, measures: Measures) -> RegionFacts:

@@ -69,6 +69,12 @@ def describe_motion(registration: Registration) -> WholeMotion:
     )  # fmt: skip
 
 
+def knows_motion(comparison: Comparison) -> bool:
+    """Return whether it is known how surely the object moved: only with how well the coordinates of both epochs agree,
+    which control points in both tell; else the coordinates differ, and the margins are those of the fit alone."""
+    return bool(np.isfinite(comparison.statistics.get("motion_significance", np.nan)))
+
+
 def _length(vector: Floats, covariance: Floats, scale: float, unit: str) -> Estimate:
     """Return the length of a vector with its sigma along it."""
     return estimate(float(np.linalg.norm(vector)), _sigma_along(vector, covariance), scale, unit)

@@ -25,6 +25,7 @@ from projects.store import Project
 from reports.answer import differs_as_a_whole, is_beside_layer, shares_not_assessed, told_by_width
 from reports.history import tell_alone, tell_open_holes, tell_outside, tell_turned, tell_uncovered
 from reports.quantities import NBSP, millimetres, percent, square
+from reports.wholemotion import knows_motion
 
 Facts = dict[str, Any]
 Where = tuple[int | None, str | None]  # workers, scheduler
@@ -197,11 +198,11 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
     answer += _met_nothing(comparison, reference, place.epoch_id)
     beside = comparison.statistics.get("lod95_beside_layer_median_m") if count else None
     if comparison.statistics.get("offset_is_told") or beside is not None:
-        off = comparison.statistics["offset_m"]
-        told = millimetres(abs(off)).replace(NBSP, " ")
-        answer += f"; what is not called changed lies {told} further {'out' if off > 0.0 else 'in'} on average"
+        answer += _lies_off(comparison)
     if beside is not None:
         answer += ", regions are told beside that"
+    if comparison.mode == "absolute" and not knows_motion(comparison):
+        answer += "; the differences are of coordinates, and how well both epochs' agree is not known"
     answer += f"; {comparison.registration.doubt}" if comparison.registration.doubt else ""
     elsewhere = "; as given the epochs do not lie near each other, they were brought together by their shapes alone"
     answer += elsewhere if "coarse_score" in step.automatic else ""
@@ -215,6 +216,15 @@ def _compared(place: Place, reference: str, step: Step) -> Facts:
         "n_regions": count,
         "answer": answer,
     }
+
+
+def _lies_off(comparison: Comparison) -> str:
+    """Return how far in or out the unchanged surface lies on average, in the differences as they are told."""
+    off = comparison.statistics["offset_m"]
+    told = millimetres(abs(off)).replace(NBSP, " ")
+    with_motion = ", a motion of the whole included" if comparison.mode == "absolute" else ""
+    way = "out" if off > 0.0 else "in"
+    return f"; what is not called changed lies {told} further {way} on average{with_motion}"
 
 
 def _say_none(comparison: Comparison) -> str:

@@ -109,7 +109,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         counts in both).
     frames : (6, 6) rad and m, how far the frames of both epochs may differ, as their control holds them, about the
         registration's centre. The motion, which is told against them, has it besides its own uncertainty; in absolute
-        mode it is what the differences hold. Left out: unknown, the uncertainty of the motion stands for it.
+        mode it is what the differences hold. Left out: unknown; no motion is called significant then, and the
+        uncertainty of the motion stands for that of the differences.
     tolerance : m, a client's own limit, reported beside the level of detection.
     sights : what the stations of the reference and of the compared epoch saw, each in its own epoch's coordinates. With
         them a missing surface is a loss only where a scan of the compared epoch looked through it, and not seen
@@ -188,7 +189,9 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     told = add_told_from(told, smallest)
     statistics |= coarse_figures(told[1], sides[1].areas, tolerance)
     statistics["met_nothing_area_m2"] = areas_met_nothing(told, sides, sights, found.test.size)
-    statistics = {**summarize(told[1], sides, found, registration, tolerance), **statistics}
+    figures = summarize(told[1], sides, found, registration, tolerance, held=held.covariance,
+                        knows_frames=frames is not None)  # fmt: skip
+    statistics = {**figures, **statistics}
     return Comparison(told[1], told[0], table, registration, mode, statistics)
 
 

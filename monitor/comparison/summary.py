@@ -19,21 +19,22 @@ from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints, Not
 
 
 def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Detected, registration: Registration,
-              tolerance: float | None) -> dict[str, Any]:  # fmt: skip
+              tolerance: float | None, *, held: Floats, knows_frames: bool) -> dict[str, Any]:  # fmt: skip
     """Return the statistics of `Comparison`, over the vertices of the compared surface; lengths in metres.
 
     Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones, by vertices above their level
-    of detection, by area beyond the tolerance. What could be assessed is told of the area of both surfaces.
+    of detection, by area beyond the tolerance. What could be assessed is told of the area of both surfaces. `held`
+    (6, 6) is the covariance of the motion that the differences are measured at; `knows_frames`: that of `registration`
+    holds how far the frames of both epochs may differ.
     """
     side = sides[1]
     state, areas = on_compared.assessment, side.areas
     assessed = on_compared.reasons == NotAssessed.ASSESSED
     calm = on_compared.distances[state == Assessment.UNCHANGED]
     d, lod = on_compared.distances[assessed], on_compared.lod95[assessed]
-    motion = motion_significance(registration)
     level = _or_nan(median, lod)
-    offset = measure_offset(side.without_motion(), state == Assessment.UNCHANGED, found.test.units[1],
-                            found.noise.correlation, registration.covariance, level)  # fmt: skip
+    offset = measure_offset(side, state == Assessment.UNCHANGED, found.test.units[1],
+                            found.noise.correlation, held, level)  # fmt: skip
     figures = {
         "stable_share": float(registration.stable_share),
         "bias_m": _or_nan(np.mean, calm),
@@ -45,10 +46,7 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         "n_unchanged": int((state == Assessment.UNCHANGED).sum()),
         "n_changed": int((state == Assessment.CHANGED).sum()),
         "share_above_lod95": _or_nan(np.mean, np.abs(d) > lod),
-        "motion_significance": float(1.0 - motion.probability_unmoved),
-        "motion_displacement_m": motion.displacement,
-        "motion_angle_rad": motion.angle,
-        "motion_is_significant": bool(motion.is_significant),
+        **tell_motion(registration, knows_frames),
         "offset_m": offset.mean,
         "sigma_offset_m": offset.sigma,
         "offset_is_told": offset.is_told and not math.isfinite(registration.scale),  # it is of the scale
@@ -73,6 +71,22 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         figures["tolerance_m"] = float(tolerance)
         figures["share_beyond_tolerance"] = _share_of_area(areas[assessed], np.abs(d) > tolerance)
     return figures
+
+
+def tell_motion(registration: Registration, knows_frames: bool) -> dict[str, Any]:
+    """Return by how much [m, rad] the coordinates of both epochs put the object elsewhere, and how surely it moved.
+
+    The latter is known only where it is known how far the frames of both epochs may differ (`knows_frames`), else NaN
+    and None: by the covariance of the fit alone any difference of the frames would be a sure motion.
+    """
+    motion = motion_significance(registration)
+    significance = float(1.0 - motion.probability_unmoved) if knows_frames else float("nan")
+    return {
+        "motion_significance": significance,
+        "motion_displacement_m": motion.displacement,
+        "motion_angle_rad": motion.angle,
+        "motion_is_significant": bool(motion.is_significant) if math.isfinite(significance) else None,
+    }
 
 
 def areas_met_nothing(told: tuple[ComparedSurface, ComparedSurface], sides: tuple[Side, Side], sights: Sights | None,

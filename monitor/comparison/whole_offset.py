@@ -3,6 +3,7 @@
 In: a measured side, what is unchanged of it, its units, how errors agree. Out: the mean and its sigma. What is the same
 all over cannot be told from errors that are: no region stands out of it, and it raises the level of detection. A
 registration takes a shift off, but no closed shape can be shifted into a smaller one; the mean is left and can be told.
+In absolute mode a motion of the whole stays in the differences, and in the mean of them: it is of what a reader sees.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ FEWEST = 4.0  # independent parts of the surface, whose scatter tells how sure t
 @dataclass(frozen=True)
 class WholeOffset:
     """The mean distance [m] of what is unchanged, positive = gained, one `sigma` [m] of it, NaN where it is not known,
-    and whether it is told: significant, and a large part of the level of detection."""
+    and whether it is told: significant, and a large part of the level of detection. A motion that is left in the
+    distances is in their mean."""
 
     mean: float
     sigma: float
@@ -38,8 +40,9 @@ def measure_offset(side: Side, unchanged: Bools, units: Units, correlation: Corr
 
     Parameters
     ----------
-    side : measured, a motion that is left in the differences taken off.
-    covariance : (6, 6) of the registration, rad and m, about the centre that the units' rows are about.
+    side : measured, as its distances are told.
+    covariance : (6, 6) rad and m, of the motion that the distances are measured at: the registration's where that is
+        taken off, the frames' where it is left in; about the centre that the units' rows are about.
     level : m, the median level of detection.
 
     Notes

@@ -41,7 +41,8 @@ def motion_significance(registration: Registration) -> MotionSignificance:
     """Return how the object moved between the epochs, with its significance.
 
     The registration undoes the motion: the object's own motion is its inverse, and to first order in the motion has
-    the same covariance. NaN, and not significant, where the registration did not converge.
+    the same covariance. It is one of the object only where that covariance holds how far the frames of both epochs may
+    differ, too. NaN, and not significant, where the registration did not converge.
     """
     T_source_target = invert(registration.T_target_source)
     translation = apply(T_source_target, registration.centre) - registration.centre

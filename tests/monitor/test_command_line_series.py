@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from monitor.chain import compare_epochs
-from monitor.cli import run
+from monitor.cli import run, working
 from monitor.record import Place
 from projects import Project, Surface
 from projects.errors import ComparisonError
@@ -90,6 +90,7 @@ def test_motions_of_the_whole_are_adjusted_together_and_close(made: Path) -> Non
     assert len(series.closures) == 5  # three with the first epoch, two with the one before
     assert series.closures["misfit_sigma"].max() < 5.0
     assert (series.motions["shift_m"] < 5e-5).all()  # the relief stayed where it was
+    assert series.motions["probability_unmoved"].isna().all()  # so far as anybody knows, without control
     assert project.latest("relief", "e2025", "series-e2021").automatic["closure_freedom"] == 12
 
 
@@ -97,6 +98,11 @@ def test_report_and_files_say_how_it_goes_on(made: Path) -> None:
     page = (made / "relief_e2021_e2025_report.html").read_text()
     assert 'id="series"' in page
     assert "goes on steadily" in page
+    assert "Of motions that are not assessable, how well the coordinates of both epochs agree is not known" in page
+    assert ">not significant<" not in page
+    summary = json.loads((made / "relief_e2021_e2025_summary.json").read_text())
+    assert summary["motion_significance"] is None
+    assert summary["statistics"]["motion_is_significant"] is None
     table = pd.read_csv(made / "relief_e2021_series_regions.csv")
     assert table["rate_m_per_year"].iloc[0] < -1e-4
     assert (made / "relief_e2021_series.ply").stat().st_size > 100_000
@@ -139,6 +145,21 @@ def test_program_reads_the_series_from_the_answer(made: Path, capsys: pytest.Cap
     assert run(["compare", str(made / "project"), "relief", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts[-1]["series"] == {"n_epochs": 4, "n_regions": 1, "n_regions_by_trend": 0}
+
+
+def test_in_absolute_mode_the_answer_says_what_the_differences_are_of(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    asked = ["compare", str(made / "project"), "relief", "e2022", "e2025", "--mode", "absolute", "--json"]
+    assert run(asked) == 0
+    answer = json.loads(capsys.readouterr().out)[0]["answer"]
+    assert answer.endswith("; the differences are of coordinates, and how well both epochs' agree is not known")
+    found = Project.open(made / "project").get("relief", "e2025", "comparison-e2022")
+    lower = dataclasses.replace(found, statistics={**found.statistics, "offset_m": -4e-4})
+    assert working._lies_off(lower).endswith("lies 0.40 mm further in on average, a motion of the whole included")
+    relative = dataclasses.replace(lower, mode="relative")
+    assert working._lies_off(relative).endswith("lies 0.40 mm further in on average")
 
 
 def test_epochs_of_one_date_leave_no_order_and_that_is_said(

@@ -172,12 +172,41 @@ def test_the_motion_told_against_frames_is_no_surer_than_they_are_and_what_it_le
 ) -> None:
     reference, lowered, registration = lower_sheet(rng)
     frames = np.diag([1e-9] * 3 + [3e-3] * 3) ** 2
-    alone = compare(reference, lowered, registration)
+    alone = compare(reference, lowered, registration, frames=np.zeros((6, 6)))
     framed = compare(reference, lowered, registration, frames=frames)
     assert np.array_equal(framed.on_compared.lod95, alone.on_compared.lod95, equal_nan=True)
     assert framed.registration.covariance == pytest.approx(registration.covariance + frames)
     assert alone.statistics["motion_is_significant"]
     assert not framed.statistics["motion_is_significant"]
+
+
+@pytest.mark.parametrize("mode", ["relative", "absolute"])
+def test_how_surely_the_whole_moved_is_not_known_where_the_frames_are_not(rng: np.random.Generator, mode: str) -> None:
+    """What did not move had moved with a confidence above 99.9 %, by what the poses of the scans erred."""
+    reference, lowered, registration = lower_sheet(rng)
+    figures = compare(reference, lowered, registration, mode=mode).statistics
+    assert figures["motion_displacement_m"] == pytest.approx(3e-3)
+    assert np.isnan(figures["motion_significance"])
+    assert figures["motion_is_significant"] is None
+
+
+@pytest.mark.parametrize("frames", [None, np.diag([1e-9] * 3 + [1e-5] * 3) ** 2])
+def test_in_absolute_mode_what_is_unchanged_lies_off_as_its_differences_say(
+    rng: np.random.Generator, frames: Floats | None
+) -> None:
+    """The motion was taken off: of a wall laid on all but a third, that third lay as far in as the layer was thick."""
+    n, layer = 120, 1.5e-3
+    change = np.where(np.arange(n) < 0.62 * n, layer, 0.0)[:, None] * np.ones(n)
+    reference, compared = make_sheet(rng, n), make_sheet(rng, n, change=change)
+    T = np.eye(4)
+    T[2, 3] = -layer  # as the majority says
+    laid = change.ravel() > 0.0
+    known = dataclasses.replace(known_motion(compared), T_target_source=T, is_stable=laid, stable_share=0.62)
+    found = compare(reference, compared, known, mode="absolute", frames=frames)
+    assert np.mean(found.on_compared.is_changed[laid]) > 0.9
+    assert np.mean(found.on_compared.is_changed[~laid]) < 0.05
+    assert found.statistics["offset_m"] == pytest.approx(0.0, abs=5e-5)
+    assert not found.statistics["offset_is_told"]
 
 
 def test_a_registration_that_did_not_converge_is_refused_with_its_reason(rng: np.random.Generator) -> None:

@@ -106,6 +106,8 @@ def test_comparison_is_absolute_and_holds_the_uncertainty_of_both_frames(campaig
     floor = np.diag(frames[0] + frames[1])[3:]
     assert (np.diag(comparison.registration.covariance)[3:] > 0.5 * floor).all()
     assert np.sqrt(floor).max() > 0.00005
+    assert comparison.statistics["motion_significance"] > 0.999
+    assert comparison.statistics["motion_is_significant"]
     side = comparison.on_compared
     front = side.surface.vertices[:, 0] > 0.2
     assert np.nanmedian(side.distances[front]) == pytest.approx(0.005, abs=0.001)  # 6 mm along x, seen along normals

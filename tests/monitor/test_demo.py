@@ -37,7 +37,7 @@ def test_the_motion_of_the_whole_is_found(answer: tuple[DemoCampaign, Comparison
     corners = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (0.0, 1.7)])
     back = apply(comparison.registration.T_target_source, apply(campaign.T_second_first, corners))
     assert np.linalg.norm(back - corners, axis=1).max() < 0.0005  # the stations' own poses are off by 0.2 mm
-    assert comparison.statistics["motion_significance"] > 0.99
+    assert np.isnan(comparison.statistics["motion_significance"])  # and nobody knows by how much, without control
 
 
 def test_each_change_is_found_with_its_sign_and_size(answer: tuple[DemoCampaign, Comparison]) -> None:

@@ -1,5 +1,6 @@
 """Epochs in one adjustment: against least squares by hand, against simulated truth, and with one wrong link."""
 
+import datetime
 import itertools
 
 import numpy as np
@@ -8,8 +9,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from monitor.registration.epoch_network import BLUNDER, EpochLink, adjust_network
+from monitor.registration.held import Frames
+from monitor.through_time import tell_network, without_frames
 from projects.errors import RegistrationError
-from projects.model import Floats, Registration
+from projects.model import EpochRecord, Floats, Registration
 from projects.transforms import apply, invert, perturb
 
 
@@ -61,6 +64,27 @@ def test_poses_and_their_covariances_hold_the_truth(rng: np.random.Generator) ->
     assert network.freedom == 18
     assert np.mean(statistics) == pytest.approx(18.0, abs=4 * np.sqrt(36.0 / 100))
     assert 90 <= inside <= 100  # 95 +- 2.2, and a little more where chi2 raised the covariance
+
+
+def test_what_frames_may_differ_by_is_told_once_and_not_averaged_over_links(rng: np.random.Generator) -> None:
+    """The frame of an epoch is one in all its links: by three links 2 mm would seem sure to 1.6, by more to 1.3."""
+    poses, own, of_frames = np.stack([np.eye(4)] * 3), np.diag([1e-5] * 3 + [1e-5] * 3) ** 2, 4e-6 * np.eye(6)
+    poses[1:, 0, 3] = 1e-3
+    frames = Frames(of_frames, np.zeros(3))
+    links = [
+        EpochLink(i, j, Registration(invert(poses[i]) @ poses[j], own + of_frames, np.zeros(3), True))
+        for i, j in itertools.combinations(range(3), 2)
+    ]
+    bare = [without_frames(link, frames) for link in links]
+    assert bare[0].registration.covariance == pytest.approx(own)
+    assert without_frames(links[0], None) is links[0]
+    epochs = [EpochRecord("stair", f"e{k}", datetime.date(2020 + k, 5, 1)) for k in range(3)]
+    motions, closures = tell_network(adjust_network(bare, 3), bare, epochs, [frames, None])
+    assert motions["sigma_shift_m"][0] == pytest.approx(np.sqrt(2.0 / 3.0 * 1e-10 + 4e-6), rel=1e-4)
+    assert motions["sigma_shift_m"][1] == pytest.approx(np.sqrt(2.0 / 3.0) * 1e-5, rel=1e-4)
+    assert motions["probability_unmoved"][0] > 0.9  # 1 mm in frames known to 2 mm
+    assert np.isnan(motions["probability_unmoved"][1])  # of frames of which nothing is known
+    assert len(closures) == 3
 
 
 def test_wrong_link_is_the_one_that_does_not_close(rng: np.random.Generator) -> None:

@@ -11,6 +11,7 @@ from projects.model import (
     Assessment,
     ComparedSurface,
     Comparison,
+    ControlPoint,
     EpochRecord,
     NotAssessed,
     ObjectRecord,
@@ -93,6 +94,12 @@ def example_epochs(**texts):
                     ("s" * 16,), versions={"heritage-monitor": "0.1.0", "numpy": "2.4.6"},
                     created="2026-05-19T08:00:00+00:00")  # fmt: skip
     return EpochHistory(first, _steps(500)), EpochHistory(second, (*_steps(700), compared))
+
+
+def controlled_epochs():
+    """Return both epochs, each held by a control point."""
+    control = (ControlPoint("A", np.zeros(3)),)
+    return [replace(epoch, record=replace(epoch.record, control=control)) for epoch in example_epochs()]
 
 
 def _source(file, index):

@@ -7,6 +7,7 @@ import pytest
 from report_examples import (
     DENT,
     PATCH,
+    controlled_epochs,
     example_comparison,
     example_epochs,
     example_registration,
@@ -16,7 +17,7 @@ from report_examples import (
     said,
 )
 
-from projects.model import ControlPoint, NotAssessed
+from projects.model import NotAssessed
 from reports.answer import dotted_from
 from reports.captions import write_captions
 
@@ -68,14 +69,37 @@ def test_a_later_epoch_of_another_scale_is_told_in_the_headline():
 
 def test_the_figure_of_the_whole_says_in_words_whether_it_moved():
     def note(**statistics):
-        figures = facts_of(example_comparison(**statistics)).answer.figures
+        figures = facts_of(example_comparison(**statistics), epochs=controlled_epochs()).answer.figures
         return plain(next(f.note for f in figures if f.label == "Object as a whole"))
 
     assert note().endswith("; significant (confidence above 99.9 %)")
     assert note(motion_is_significant=False, motion_significance=0.907).endswith(
         "; not significant (confidence 90.7 %)"
     )
-    assert note(motion_significance=NAN).endswith("; not known")
+
+
+@pytest.mark.parametrize(
+    ("epochs", "statistics"),
+    [(example_epochs, {}), (controlled_epochs, {"motion_significance": NAN, "motion_is_significant": None})],
+)
+def test_where_frames_are_not_known_no_motion_is_told_and_no_confidence(epochs, statistics):
+    """An object that nobody touched had moved by 0.67 ± 0.03 mm, with a confidence above 99.9 %."""
+    facts = facts_of(example_comparison(**statistics), epochs=epochs())
+    figure = facts.answer.figures[2]
+    assert (figure.label, figure.value) == ("Motion of the whole", "not assessable")
+    assert plain(figure.note).startswith("its coordinates differ by 3.20 ± 0.10 mm, turned by 0.00")
+    assert figure.note.endswith("; how well the coordinates of both epochs agree is not known")
+    assert "moved is not assessable: its coordinates differ by 3.20 ± 0.10 mm, turned by" in said(facts)
+    registered = next(t for t in facts.certainty if t.title == "Registration of the epochs")
+    rows = dict(registered.rows)
+    assert plain(rows["Coordinates of the object differ by"]) == "3.20 ± 0.10 mm"
+    assert rows["confidence that it moved (1 − p)"].startswith("not assessable: how well the coordinates of both")
+    assert plain(registered.note).endswith("95 % interval, of the fit of the two surfaces alone.")
+    by_axis = next(t for t in facts.certainty if t.title == "By how much the coordinates differ, axis by axis")
+    assert "As a motion this is not assessable" in by_axis.note
+    everything = plain(" ".join((said(facts), *(f.note for f in facts.answer.figures), str(facts.record))))
+    for word in ("99.9", "0.9999", "significant (", "from where it stood"):
+        assert word not in everything
 
 
 def with_assessed(share):
@@ -122,6 +146,9 @@ def test_an_unchanged_surface_that_lies_off_as_a_whole_is_no_answer_of_no_change
     assert with_regions.answer.headline == "Two regions changed."
     assert "What is not called changed lies 0.98 ± 0.20 mm further in on average" in said(with_regions)
     assert "further in" not in said(facts_of(example_comparison(**{**layer, "offset_is_told": False})))
+    absolute = said(facts_of(example_comparison(mode="absolute", **layer)))
+    assert "0.98 ± 0.20 mm further in on average, a motion of the whole included. A layer taken off" in absolute
+    assert "nearly everywhere, such a motion and scanners whose ranges differ look alike" in absolute
 
 
 def test_two_regions_are_told_with_their_place_size_and_margins():
@@ -245,9 +272,8 @@ def test_many_regions_are_counted_and_only_the_largest_are_told():
 
 
 def test_control_in_both_epochs_and_the_absolute_mode_say_that_the_object_moved():
-    control = (ControlPoint("A", np.zeros(3)),)
-    epochs = [dataclasses.replace(e, record=dataclasses.replace(e.record, control=control)) for e in example_epochs()]
-    text = said(facts_of(example_comparison(mode="absolute"), epochs=epochs))
+    text = said(facts_of(example_comparison(mode="absolute"), epochs=controlled_epochs()))
+    assert "stands 3.20 ± 0.10 mm from where it stood" in text
     assert "this is contained in the differences." in text
     assert "control" not in text
 
@@ -255,15 +281,19 @@ def test_control_in_both_epochs_and_the_absolute_mode_say_that_the_object_moved(
 def test_where_the_motion_of_the_whole_is_in_the_differences_no_part_is_said_to_have_moved():
     rows = [(*DENT[:1], "moved", *DENT[2:]), PATCH]
     assert "moved as a part" in said(facts_of(example_comparison(rows=rows)))
-    text = said(facts_of(example_comparison(rows=rows, mode="absolute")))
-    assert "moved, as a part or with the whole" in text
-    assert "moved as a part" not in text
+    for epochs in (example_epochs(), controlled_epochs()):
+        text = said(facts_of(example_comparison(rows=rows, mode="absolute"), epochs=epochs))
+        assert "moved, as a part or with the whole" in text
+        assert "moved as a part" not in text
+    unmoved = example_comparison(rows=rows, mode="absolute", motion_is_significant=False)
+    assert "moved as a part" in said(facts_of(unmoved, epochs=controlled_epochs()))
 
 
 def test_a_motion_within_its_margin_is_no_motion():
     comparison = example_comparison(motion_is_significant=False, motion_significance=0.4)
     comparison = dataclasses.replace(comparison, registration=example_registration(2e-5))
-    assert "The object as a whole did not measurably move (0.02 ± 0.10 mm" in said(facts_of(comparison))
+    text = said(facts_of(comparison, epochs=controlled_epochs()))
+    assert "The object as a whole did not measurably move (0.02 ± 0.10 mm" in text
 
 
 def test_a_tolerance_is_reported_where_one_was_given():

@@ -3,11 +3,11 @@
 import dataclasses
 import datetime
 
-import numpy as np
 import pytest
 from report_examples import (
     DENT,
     PATCH,
+    controlled_epochs,
     example_comparison,
     example_epochs,
     example_object,
@@ -18,7 +18,7 @@ from report_examples import (
 )
 
 from projects.errors import StoreError
-from projects.model import ControlPoint, Step
+from projects.model import Step
 from projects.store import Project
 from reports.certainty import registration_table
 from reports.document import gather_facts
@@ -67,7 +67,7 @@ def test_epochs_given_the_wrong_way_round_are_said_to_be():
 )
 def test_epochs_are_called_earlier_and_later_by_their_dates(days, orders):
     """Captions called the compared epoch the later one, whatever its date."""
-    epochs = example_epochs()
+    epochs = controlled_epochs()
     dated = [
         dataclasses.replace(e, record=dataclasses.replace(e.record, date=datetime.date(2026, 5, day)))
         for e, day in zip(epochs, days, strict=True)
@@ -134,23 +134,20 @@ def test_the_second_opinion_is_told_in_words_where_one_was_asked():
 
 
 def test_the_motion_of_the_whole_is_the_inverse_of_the_registration():
-    text = said(facts_of())
+    facts = facts_of(epochs=controlled_epochs())
+    text = said(facts)
     assert "stands 3.20 ± 0.10 mm from where it stood" in text
     assert "this is taken out of the differences." in text
-    assert "as good as the poses of its scans. Without control points" in text
-    assert rows_of(facts_of(), "The motion, axis by axis")["x"][0] == "+3.20 ± 0.10"
+    assert rows_of(facts, "The motion, axis by axis")["x"][0] == "+3.20 ± 0.10"
 
 
 def test_control_points_that_no_scan_saw_hold_nothing_and_are_told_so():
-    control = (ControlPoint("A", np.zeros(3)),)
-    before, after = (
-        dataclasses.replace(e, record=dataclasses.replace(e.record, control=control)) for e in example_epochs()
-    )
+    before, after = controlled_epochs()
     network = dataclasses.replace(before.step("network"), automatic={"n_control": 0})
     before = dataclasses.replace(before, steps=tuple(network if s.product == "network" else s for s in before.steps))
     facts = facts_of(epochs=(before, after))
     assert facts.remarks == ("The control points of epoch e1 hold nothing: none of them was found in its scans.",)
-    assert "Without control points in both epochs" in said(facts)
+    assert "agree is not known without control points in both" in said(facts)
 
 
 def test_unknown_figures_are_said_to_be_not_known():
