@@ -49,8 +49,11 @@ def needed(patches: Patches, errors: tuple[PatchErrors, ...], p: float) -> Float
 
 def by_width(needs: tuple[Floats, Floats], size: float) -> Floats:
     """Return how wide [m] a change is that holds a whole patch of each size wherever it lies, and how large [m] it must
-    be to be told (s, 2), smallest first: the median over both sides. One that is wider holds smaller patches too."""
+    be to be told (s, 2), smallest first: the median over both sides. One that is wider holds smaller patches too.
+
+    The middle of a unit lies within half a unit's diagonal of any place, and its corners as far from that again.
+    """
     radii = np.array(REACHES[: needs[0].shape[1]])  # of a unit's edge, to the centres of the units within
-    widths = size * np.where(radii > 0.0, 2.0 * radii + 1.0, 2.0)
+    widths = size * 2.0 * (radii + np.sqrt(2.0))
     medians = [float(np.nanmedian(v)) if np.isfinite(v).any() else np.nan for v in np.concatenate(needs).T]
     return np.column_stack([widths, np.fmin.accumulate(medians)])

@@ -45,9 +45,27 @@ def test_a_wider_change_needs_no_more_than_the_narrower_one_that_it_holds() -> N
         np.array([[4.0, 2.0, np.nan], [9.0, 9.0, 7.0]]),
     )
     found = by_width((first, second), 0.01)
-    assert found[:, 0] == pytest.approx([0.02, 0.01 * (2.0 * REACHES[1] + 1.0), 0.01 * (2.0 * REACHES[2] + 1.0)])
+    assert found[:, 0] == pytest.approx([0.02 * (r + np.sqrt(2.0)) for r in REACHES[:3]])
     assert found[:, 1] == pytest.approx([4.5, 2.0, 2.0])
     assert np.isnan(by_width((np.full((2, 1), np.nan),) * 2, 0.01)[0, 1])
+
+
+@pytest.mark.parametrize("size", range(3))
+def test_a_change_as_wide_holds_a_whole_patch_of_square_units_wherever_it_lies(size: int) -> None:
+    rng, needs = np.random.default_rng(size), np.ones((2, 3))
+    reach, width = REACHES[size], by_width((needs, needs), 1.0)[size, 0]
+    centres = np.stack(np.meshgrid(np.arange(-12, 13), np.arange(-12, 13)), axis=-1).reshape(-1, 2)
+    corners = 0.5 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+
+    def holds_one(middle: Floats, width: float) -> bool:
+        """Whether a disc holds all units of a patch."""
+        around = centres[np.argsort(np.linalg.norm(centres - middle, axis=1))[:4]]
+        patches = (centres[np.linalg.norm(centres - c, axis=1) <= reach] for c in around)
+        return any(np.linalg.norm(p[:, None] + corners - middle, axis=2).max() <= 0.5 * width for p in patches)
+
+    middles = np.vstack([rng.uniform(-0.5, 0.5, (300, 2)), [[0.5, 0.5]]])
+    assert all(holds_one(m, width + 1e-9) for m in middles)
+    assert not all(holds_one(m, 2.0 * reach + (1.0 if size else 2.0)) for m in middles)  # as was said before
 
 
 def sheet(heights: Floats, noise: float | None = NOISE, shared: Floats | None = None) -> Surface:
