@@ -80,7 +80,7 @@ def doubt_which_stood(comparison: Comparison) -> Comparison:
 def areas_of_vertices(surface: Surface) -> Floats:
     """Return the area (n,) [m2] that each vertex stands for, a third of its faces'."""
     thirds = np.repeat(face_areas_and_normals(surface.vertices, surface.faces)[0] / 3.0, 3)
-    return np.bincount(np.asarray(surface.faces).ravel(), thirds, len(surface.vertices))
+    return np.asarray(np.bincount(np.asarray(surface.faces).ravel(), thirds, len(surface.vertices)), dtype=float)
 
 
 def describe_part(found: MovedParts, number: int) -> dict[str, Any]:
