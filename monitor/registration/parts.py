@@ -165,7 +165,7 @@ def _conclude(field: Field, pieces: list[Piece], source: Side, n_source: int, re
         return about(registration.covariance, centre + shift - registration.centre)
 
     measured = [(_measure(field, piece, len(pieces), of_stable), piece.members)
-                for piece in pieces if _is_rigid_part(field, piece)]  # fmt: skip
+                for piece in _rigid_parts(field, pieces)]  # fmt: skip
     found = [(part, members) for part, members in measured if part is not None]
     found.sort(key=lambda item: -item[0].n_points)
     number = np.zeros(len(field.samples.points), dtype=np.int32)
@@ -248,7 +248,18 @@ def motion_between(T_part: Floats, T_stable: Floats, centre: Floats) -> Floats:
     return np.concatenate([Rotation.from_matrix(step[:3, :3]).as_rotvec(), apply(step, centre) - centre])
 
 
-def _is_rigid_part(field: Field, piece: Piece) -> bool:
+def _rigid_parts(field: Field, pieces: list[Piece]) -> list[Piece]:
+    """Return the pieces that are parts: those that are by themselves, and those that are but for what lies beside them
+    of these, which may have moved nearly as they did."""
+    is_part = np.zeros(len(field.samples.points), dtype=bool)
+    alone = [_is_rigid_part(field, piece, is_part) for piece in pieces]
+    for piece, is_alone in zip(pieces, alone, strict=True):
+        is_part[piece.members] |= is_alone
+    return [piece for piece, is_alone in zip(pieces, alone, strict=True)
+            if is_alone or _is_rigid_part(field, piece, is_part)]  # fmt: skip
+
+
+def _is_rigid_part(field: Field, piece: Piece, is_part: Bools) -> bool:
     """Whether a piece is told by its motion from what stands still, from a layer, and from wear: it ends at a joint, or
     gains on one side what it loses on the other."""
     own, telling = _way_along_normal(field, piece.T, piece.members), _telling(field, piece)
@@ -258,18 +269,20 @@ def _is_rigid_part(field: Field, piece: Piece) -> bool:
     if np.sum(np.abs(own - np.mean(tells)) > FITS * field.sigma[piece.members]) < LEAST_TELLING:
         return False
     lost, gained = float(np.mean(tells < 0.0)), float(np.mean(tells > 0.0))
-    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, piece)
+    return min(lost, gained) >= TWO_SIDED or _ends_at_joint(field, piece, is_part)
 
 
-def _ends_at_joint(field: Field, piece: Piece) -> bool:
-    """Whether what lies beside a piece did not go along: what was measured there differs from the piece's motion,
-    carried on, by nearly all of it. Wear runs out: next to a piece of it is wear."""
+def _ends_at_joint(field: Field, piece: Piece, is_part: Bools) -> bool:
+    """Whether what lies beside a piece, and is not known to be of a part (n,), did not go along: what was measured
+    there differs from the piece's motion, carried on, by nearly all of it. Wear runs out: next to a piece of it is
+    wear."""
     inside = is_member(piece.members, len(field.samples.points))
     beside = piece.members
     for _ in range(N_BESIDE):
         inside[beside] = True
         beside = np.unique(field.neighbours[beside])
         beside = beside[~inside[beside]]
+    beside = beside[~is_part[beside]]
     limits = MatchLimits(field.rules.distance, 0.0, field.rules.angle)
     pairs = match(field.samples.take(beside), field.target, field.T_stable, limits, field.both_oriented)
     if not len(pairs):
