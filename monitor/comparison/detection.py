@@ -34,7 +34,7 @@ from monitor.comparison.reaches import least_of_patches
 from monitor.comparison.scan_errors import AS_STATED, ScanErrors, learn_scans
 from monitor.comparison.side import Side, larger_of, map_sides
 from monitor.comparison.tested import Detected, Tested
-from monitor.comparison.units import Units, agreed_size, judge_noise, unit_size
+from monitor.comparison.units import Units, judge_noise, unit_size
 from monitor.threads import map_threads
 from projects.model import Bools, Floats, Ints, Registration
 
@@ -79,13 +79,14 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     rng = np.random.default_rng(seed)
     calm = without_plain((stable_or_all(sides[0]), stable_or_all(sides[1])), plain)
     noise = learn_noise(sides, calm, CORE_SHARE, rng)
-    layout = lay_out(sides, registration)
+    layout = lay_out(sides, noise, registration, None)
     test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, first_errors), AS_STATED)
     teaches_all = False
     for _ in range(N_ROUNDS):
         rest = without_plain(away_from_both(sides, test), plain)
         if can_teach(rest, sides, test):
             calm, noise = rest, learn_noise(sides, rest, 0.95, rng, noise.correlation)
+            layout = lay_out(sides, noise, registration, layout)
             test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, errors_of_calm(sides[0])))
             teaches_all = test.limit == 0.0
     if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
@@ -104,14 +105,15 @@ def learn_from_given(sides: tuple[Side, Side], registration: Registration, level
     rng = np.random.default_rng(seed)
     calm = (stable_or_all(sides[0]), stable_or_all(sides[1]))
     first = learn_noise(sides, calm, 0.95 if is_sharp else CORE_SHARE, rng)
-    layout = lay_out(sides, registration)
     if not is_sharp:
+        layout = lay_out(sides, first, registration, None)
         test = judge_units(layout, sides, calm, first, level, partial(learn_errors, first_errors), AS_STATED)
         rest = away_from_both(sides, test)
         inner = (calm[0] & rest[0], calm[1] & rest[1])
         calm = inner if inner[0].any() and inner[1].any() else calm
         first = learn_noise(sides, calm, 0.95, rng)
     noise = learn_noise(sides, calm, 0.95, rng, first.correlation)
+    layout = lay_out(sides, noise, registration, None)
     test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, errors_of_calm(sides[0])))
     return conclude(sides, noise, test, layout, calm, registration)
 
@@ -142,14 +144,10 @@ def stable_or_all(side: Side) -> Bools:
     return stable if stable.any() else side.is_assessed
 
 
-def lay_out(sides: tuple[Side, Side], registration: Registration) -> Layout:
-    """Return the patches to test."""
-    return lay_out_patches(sides, unit_size(assessed_areas(sides)), registration)
-
-
-def assessed_areas(sides: tuple[Side, Side]) -> Floats:
-    """Return the areas [m2] of all assessed vertices of both sides."""
-    return np.concatenate([s.areas[s.is_assessed] for s in sides])
+def lay_out(sides: tuple[Side, Side], noise: Noise, registration: Registration, last: Layout | None) -> Layout:
+    """Return the patches to test where errors agree as in `noise`; the last ones where units come out as large."""
+    size = unit_size(noise.correlation, np.concatenate([s.areas[s.is_assessed] for s in sides]))
+    return last if last is not None and last.size == size else lay_out_patches(sides, size, registration)
 
 
 def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise, level: float,
@@ -179,9 +177,9 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
     beyond = [p.is_whole[:, 0] & (np.abs(p.means[:, 0]) > BESIDE * errors[0].scales[p.kinds] * p.sigmas[:, 0])
               for p in both]  # fmt: skip
     far = far_levels(sum(int(s.is_assessed.sum()) for s in sides), level)
-    limit, size = benjamini_hochberg(tested, level), agreed_size(noise.correlation, assessed_areas(sides))
-    return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]), limit, size, errors, scans,
-                  len(tested), (a[0], b[0]), (beyond[0], beyond[1]), far, level)  # fmt: skip
+    limit = benjamini_hochberg(tested, level)
+    return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]), limit, layout.size, errors,
+                  scans, len(tested), (a[0], b[0]), (beyond[0], beyond[1]), far, level)  # fmt: skip
 
 
 def errors_of_calm(side: Side) -> LearnErrors:

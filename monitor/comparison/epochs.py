@@ -172,7 +172,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
                            apart)  # fmt: skip
     needs = patches_needed(sides, found)
     smallest = tell_smallest(sides, found, needs, settings.false_discovery_rate, points is not None)
-    told_by_width = by_width(needs, found.layout.size).tolist()
+    told_by_width = by_width(needs, found.test.size).tolist()
     del needs
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):

@@ -24,6 +24,7 @@ from monitor.comparison.detection import (
     detect,
     errors_of_calm,
     judge_units,
+    lay_out,
     learn_errors,
 )
 from monitor.comparison.marking import level_at, mark_changed
@@ -102,7 +103,7 @@ def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
     by_itself = detect(still, rates.motion, level, seed)
     calm = by_itself.calm
     noise = replace(by_itself.noise, correlation=pool_correlations(rates, by_itself, seed))
-    layout = by_itself.layout
+    layout = lay_out(still, noise, rates.motion, by_itself.layout)
     alone = judge_units(layout, still, calm, noise, level, partial(learn_errors, errors_of_calm(rates.side)))
     layout = lay_out_again(layout, sides, rates.motion)
     test = judge_units(layout, sides, calm, noise, level, lambda _: alone.errors, alone.scans)

@@ -18,10 +18,10 @@ class Tested:
     """The units of both sides, the `reaches` of their patches, what these say of each unit, and by what measure.
 
     `p_gained`, `p_lost` (u,) of each side: smallest p value of a unit's patches above and below zero; `limit`, the
-    largest p value that is significant (0: none is); `size` [m], how far errors are held to agree; `errors` of each
-    size of patch, smallest first, and of their `scans`; `n_tested` patches in all; `p_values` (p, s) of them on each
-    side; `lies_beyond` (u,) of each side, units that lie farther off zero than the rest; `far`, by how many levels of
-    detection no vertex lies off zero by chance; `level`, the share of false discoveries that is held.
+    largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
+    first, and of their `scans`; `n_tested` patches in all; `p_values` (p, s) of them on each side; `lies_beyond` (u,)
+    of each side, units that lie farther off zero than the rest; `far`, by how many levels of detection no vertex lies
+    off zero by chance; `level`, the share of false discoveries that is held.
     """
 
     units: tuple[Units, Units]

@@ -1,6 +1,6 @@
 """Small units of the surface, from which patches of every size are put together.
 
-A unit is a connected piece of some sixteen vertices. Each has its mean change, and what limits it.
+A unit is a connected piece, half as wide as errors agree. Each has its mean change, and what limits it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from monitor.comparison.stars import Neighbours
 from monitor.comparison.triangles import cross
 from projects.model import Bools, Floats, Ints, Registration, Roughness
 
-VERTICES, LARGEST = 4.0, 8.0  # along the edge of a unit; of how far errors are held to agree
+LARGEST_UNIT = 8.0  # vertices along its edge
 ROUGH_FROM = 0.25  # of a unit's area, which is rough: so is the unit then
 
 
@@ -48,23 +48,16 @@ class Units:
     calm_shares: Floats
 
 
-def unit_size(areas: Floats) -> float:
-    """Return the edge [m] of a unit, of surfaces whose vertices have such `areas` (n,) [m2]: four vertices.
+def unit_size(correlation: Correlation, areas: Floats) -> float:
+    """Return the edge [m] of a unit: half that of one witness's area, four to eight vertices, at most a 200th part.
 
     Errors that agree far along the surface make no change small: a piece that broke off is as certain as its depth is
-    large, so units stay small, and patches of many of them look for what is wide. How far errors agree is known too
-    badly to cut by: of a scene with small changes, which tell of it too, by a factor of two.
+    large, so units stay small and patches of several of them look for what is wide.
     """
-    return VERTICES * float(np.sqrt(median(areas)))
-
-
-def agreed_size(correlation: Correlation, areas: Floats) -> float:
-    """Return how far [m] errors are held to agree: half the edge of one witness's area, four to eight vertices, at most
-    a 200th part of the area."""
     spacing = float(np.sqrt(median(areas)))
     largest = float(np.sqrt(areas.sum() / 200.0))
     half = 0.5 * float(np.sqrt(correlation.area))
-    return max(min(half, largest, LARGEST * spacing), VERTICES * spacing)
+    return max(min(half, largest, LARGEST_UNIT * spacing), 4.0 * spacing)
 
 
 def cut_units(side: Side, size: float) -> Ints:
