@@ -43,7 +43,6 @@ LearnErrors = Callable[[Floats, Ints], PatchErrors]
 
 SUSPECT = 1e-3  # p value up to which a patch does not teach the noise, significant or not
 BESIDE = 3.0  # sigmas: what lies within them belongs to the rest
-FEW_ALONE = 0.2  # of the area: units significant by themselves, where the rest is no majority
 BESIDE_WIDE = 0.25  # of what is assessed, at least: the majority less what patches at the border of the rest hold
 N_ROUNDS = 2  # of learning from what the last test left unchanged
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
@@ -220,17 +219,14 @@ def away_from(side: Side, test: Tested, which: int) -> Bools:
 
 
 def can_teach(rest: Masks, sides: tuple[Side, Side], test: Tested) -> bool:
-    """Return whether what lies away from all that is significant or suspect may tell the noise: it is the majority, or
-    enough of it lies away from all patches that are, and few units are significant by themselves: wide patches about a
-    few deep changes cover much that did not change. Beside a wide change most units must not be.
+    """Return whether what lies away from all that is significant or suspect may tell the noise: it is the majority, or,
+    beside a wide change, what is significant by itself is the minority and enough lies away from all patches that are.
     """
     n_rest, n_assessed = (sum(int(m.sum()) for m in masks) for masks in (rest, [s.is_assessed for s in sides]))
-    is_beside = any(lie_apart(test, k).any() for k in range(2))
-    if not is_beside and n_rest > 0.5 * n_assessed:
-        return True
+    if not any(lie_apart(test, k).any() for k in range(2)):
+        return n_rest > 0.5 * n_assessed
     alone = [u.areas[p[:, 0] <= max(test.limit, SUSPECT)].sum() for u, p in zip(test.units, test.p_values, strict=True)]
-    most = 0.5 if is_beside else FEW_ALONE
-    return bool(sum(alone) < most * sum(u.areas.sum() for u in test.units) and n_rest > BESIDE_WIDE * n_assessed)
+    return bool(sum(alone) < 0.5 * sum(u.areas.sum() for u in test.units) and n_rest > BESIDE_WIDE * n_assessed)
 
 
 def is_hit(test: Tested, which: int) -> Bools:

@@ -1,7 +1,6 @@
 """Regions of change that a moved part explains are called so; its six parameters stand in the statistics."""
 
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from projects import Project
 from projects.errors import ParameterError
 from projects.formats import write_ply_mesh
 from projects.model import Assessment, ComparedSurface, Comparison, Floats, Registration, Surface
-from projects.transforms import apply, perturb, rotate
+from projects.transforms import apply, perturb
 from reports.facts import EpochFacts
 from reports.wholemotion import parts_table
 
@@ -39,50 +38,26 @@ def body(n: int, rng: np.random.Generator, later: bool, worn: Floats = WORN, rea
     waves, phases = shape.normal(size=(12, 3)) * 4, shape.uniform(0, 6.28, 12)
     d = rng.normal(size=(n, 3))
     d /= np.linalg.norm(d, axis=1)[:, None]
-
-    def point(d: Floats) -> Floats:
-        """Return the point in each direction, before any part moved."""
-        d = d / np.linalg.norm(d, axis=1)[:, None]
-        radius = 0.3 * np.linalg.norm(d * [1.0, 0.8, 1.2], axis=1) + 0.008 * np.cos(d @ waves.T + phases).sum(axis=1)
-        angle = np.arccos(np.clip(d @ worn, -1, 1))
-        lost = np.where(later & (angle < reach), 1.5e-3 * (1 + np.cos(np.pi * angle / reach)), 0.0)
-        return d * (radius - lost)[:, None]
-
+    radius = 0.3 * np.linalg.norm(d * [1.0, 0.8, 1.2], axis=1) + 0.008 * np.cos(d @ waves.T + phases).sum(axis=1)
     faces = ConvexHull(d).simplices
     inward = np.einsum("ij,ij->i", np.cross(d[faces[:, 1]] - d[faces[:, 0]], d[faces[:, 2]] - d[faces[:, 0]]),
                        d[faces[:, 0]]) < 0  # fmt: skip
     faces[inward] = faces[inward, ::-1]
-    points, normals = point(d) + d * rng.normal(0, noise, n)[:, None], normals_about(d, point)
+    points = d * (radius + rng.normal(0, noise, n))[:, None]
     if later:
+        angle = np.arccos(np.clip(d @ worn, -1, 1))
+        points -= d * np.where(angle < reach, 1.5e-3 * (1 + np.cos(np.pi * angle / reach)), 0.0)[:, None]
         part = d @ TOWARDS > np.cos(HALF)
-        T = perturb(np.eye(4), points[part].mean(axis=0), MOTION)
-        points[part], normals[part] = apply(T, points[part]), rotate(T, normals[part])
-    return Surface(points, faces, normals=normals, sigma=np.full(n, noise))
-
-
-def normals_about(d: Floats, point: Callable[[Floats], Floats]) -> Floats:
-    """Return the outer normals (n, 3) of the body that has a point in each direction (n, 3), as fits would have them:
-    measured to flat faces, it lies outside of itself where it bends most."""
-    along = np.cross(d, [0.3, 0.5, 0.81])
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    other, step = np.cross(d, along), 1e-4
-    normals = np.cross(point(d + step * along) - point(d - step * along),
-                       point(d + step * other) - point(d - step * other))  # fmt: skip
-    return normals * (np.sign(np.sum(normals * d, axis=1)) / np.linalg.norm(normals, axis=1))[:, None]
-
-
-def parts_of(before: Surface, after: Surface, motion: Registration, found: Comparison) -> MovedParts:
-    """Return the parts that moved, as the chain looks for them."""
-    side = found.on_compared
-    return find_parts(after, before, motion, None, side.is_changed, side.lod95 / Z95)
+        points[part] = apply(perturb(np.eye(4), points[part].mean(axis=0), MOTION), points[part])
+    return Surface(points, faces, sigma=np.full(n, noise))
 
 
 @pytest.fixture(scope="module")
 def measured() -> tuple[Comparison, MovedParts, Floats]:
-    before, after = (body(12_000, np.random.default_rng(k), k > 0, noise=1e-4) for k in (0, 1))
+    before, after = (body(12_000, np.random.default_rng(k), k > 0) for k in (0, 1))
     motion = register(after, before)
     found = compare(before, after, motion)
-    parts = parts_of(before, after, motion, found)
+    parts = find_parts(after, before, motion, is_changed=found.on_compared.region > 0)
     return found, parts, after.vertices
 
 
@@ -97,8 +72,7 @@ def test_regions_of_the_part_are_called_moved_and_the_worn_place_lost(told: Comp
     kinds = told.regions["kind"].to_numpy()
     assert (kinds[towards @ TOWARDS > np.cos(HALF)] == "moved").all()
     assert (kinds[towards @ WORN > np.cos(0.4)] == "lost").all()
-    assert sorted(kinds) == ["lost", "moved", "moved"]  # what the part gained, and what it lost behind
-    assert told.statistics["told_from_median_m"] < 4e-4  # deep changes on a tenth of it leave enough to learn from
+    assert {"moved", "lost"} <= set(kinds)
 
 
 def test_a_region_set_apart_from_the_part_by_a_groove_is_its_motion_and_the_worn_place_is_not(
@@ -127,13 +101,13 @@ def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> 
     assert table is not None
     (row,) = table.rows
     assert row[2].endswith("mm")
-    still = body(12_000, np.random.default_rng(1), False, noise=1e-4).vertices  # as it stood before the part moved
+    still = body(12_000, np.random.default_rng(1), False).vertices  # as it stood before the part moved
     part = (still / np.linalg.norm(still, axis=1)[:, None]) @ TOWARDS > np.cos(HALF)
     centre = np.array(told.statistics["parts"][0]["centre"])
     shift = apply(perturb(np.eye(4), still[part].mean(axis=0), MOTION), centre) - centre
     value, _, margin, _ = row[2].split("\u00a0")
     assert float(value) == pytest.approx(1e3 * np.linalg.norm(shift), abs=2.0 * float(margin))  # about four sigmas
-    assert float(margin) < 0.8
+    assert float(margin) < 0.6
     assert float(row[6].split("°")[0]) == pytest.approx(np.degrees(np.linalg.norm(MOTION[:3])), abs=0.15)
 
 
@@ -146,7 +120,7 @@ def test_that_the_rest_stood_still_is_in_doubt_where_a_wide_part_moved(
     before, after = (body(12_000, np.random.default_rng(1 + k), k > 0) for k in range(2))
     motion = register(after, before)
     found = compare(before, after, replace(motion, doubt="scales differ"))
-    parts = parts_of(before, after, motion, found)
+    parts = find_parts(after, before, motion, None, found.on_compared.is_changed, found.on_compared.lod95 / Z95)
     doubt = doubt_which_stood(tell_moved(found, parts, after.vertices)).registration.doubt
     before_it, of_it = doubt.split("; ")[:2]
     assert before_it == "scales differ"
@@ -170,7 +144,7 @@ def worn_beside(
     before, after, worn = body_worn_beside(seed, away, reach, noise)
     motion = register(after, before)
     found = compare(before, after, motion)
-    parts = parts_of(before, after, motion, found)
+    parts = find_parts(after, before, motion, is_changed=found.on_compared.region > 0)
     again = tell_apart(found, parts, after.vertices, lambda apart: compare(before, after, motion, apart=apart))
     return found, tell_moved(again, parts, after.vertices), parts, worn
 
@@ -197,9 +171,9 @@ def test_wear_that_hangs_together_with_the_part_is_told_apart_from_it(seed: int,
     assert changed_beside(found, few, found.on_compared.surface.vertices) is None  # little of a region is a part's
 
 
-@pytest.mark.parametrize("reach", [0.06, 0.1])
+@pytest.mark.parametrize("reach", [0.15, 0.2])
 def test_wear_too_small_to_stand_beside_a_part_stays_changed(reach: float) -> None:
-    found, again, _, _ = worn_beside(0, 0.0, reach, 1e-4)
+    found, again, _, _ = worn_beside(0, 0.05, reach, 1e-4)
     assert sorted(again.regions["kind"]) == ["moved", "moved"]
     for side, first in zip(
         (again.on_reference, again.on_compared), (found.on_reference, found.on_compared), strict=True
