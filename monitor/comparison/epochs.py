@@ -187,12 +187,11 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         told, sides = lay_back(told, measured, layer)
         smallest = smallest[0] + np.float32(abs(layer)), smallest[1] + np.float32(abs(layer))
     told = add_told_from(told, smallest)
-    statistics |= coarse_figures(told[1], sides[1].areas, tolerance)
-    statistics["met_nothing_area_m2"] = areas_met_nothing(told, sides, sights, found.test.size)
     figures = summarize(told[1], sides, found, registration, tolerance, held=held.covariance,
                         knows_frames=frames is not None)  # fmt: skip
-    statistics = {**figures, **statistics}
-    return Comparison(told[1], told[0], table, registration, mode, statistics)
+    figures |= coarse_figures(told[1], sides[1].areas, tolerance)
+    figures["met_nothing_area_m2"] = areas_met_nothing(told, sides, sights, found.test.size)
+    return Comparison(told[1], told[0], table, registration, mode, {**figures, **statistics})
 
 
 def hold_frames(registration: Registration, frames: Floats | None, mode: str) -> tuple[Registration, Registration]:

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.comparison.moved import EXPLAINED
-from monitor.reconstruction.mesh import face_areas_and_normals, vertex_normals
+from monitor.comparison.stars import make_mesh, vertex_areas
+from monitor.reconstruction.mesh import vertex_normals
 from monitor.registration.parts import MovedParts
 from monitor.registration.sampling import motion_rows
 from projects.model import Comparison, Floats, Ints, NotAssessed, Surface
@@ -59,28 +60,22 @@ def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> C
 
 
 def doubt_which_stood(comparison: Comparison) -> Comparison:
-    """Return the comparison, of which nobody said what stood still, with the doubt whether it was the larger part that
-    did, where much of the surface moved against the rest: two surfaces tell of a motion, not which of both made it."""
+    """Return the comparison, of which nobody said what stood still, with the doubt whether it was the rest that did,
+    where much of the surface moved against it: two surfaces tell of a motion, not which of both made it."""
     side = comparison.on_compared
     is_assessed = side.reasons == NotAssessed.ASSESSED
     moved = comparison.regions["region"][comparison.regions["kind"] == "moved"]
-    areas = areas_of_vertices(side.surface)
+    areas = vertex_areas(make_mesh(side.surface.vertices, side.surface.faces))
     share = float(areas[is_assessed & np.isin(side.region, moved)].sum()) / max(float(areas[is_assessed].sum()), 1e-300)
     if share < WIDE:
         return comparison
     doubt = (
-        f"{100 * share:.0f} % of the surface moved against the rest, which is larger and taken to have stood still: "
-        "that it was the other way round two epochs alone cannot tell; say where nothing moved, or give control points"
+        f"{100 * share:.0f} % of the surface moved against the rest, which is taken to have stood still: whether it "
+        "was the other way round two epochs alone cannot tell; say where nothing moved, or give control points"
     )
     registration = comparison.registration
     told = "; ".join(filter(None, (registration.doubt, doubt)))
     return dataclasses.replace(comparison, registration=dataclasses.replace(registration, doubt=told))
-
-
-def areas_of_vertices(surface: Surface) -> Floats:
-    """Return the area (n,) [m2] that each vertex stands for, a third of its faces'."""
-    thirds = np.repeat(face_areas_and_normals(surface.vertices, surface.faces)[0] / 3.0, 3)
-    return np.asarray(np.bincount(np.asarray(surface.faces).ravel(), thirds, len(surface.vertices)), dtype=float)
 
 
 def describe_part(found: MovedParts, number: int) -> dict[str, Any]:
