@@ -27,7 +27,7 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 50,
+    "comparison": 51,
     "series": 12,
 }
 

@@ -247,10 +247,11 @@ def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Int
     closing = close_gap(local, border)
     if closing is None:
         return None
-    is_free = _pick(beyond.is_free, used)
+    is_matched, is_free = _pick([s.is_assessed for s in sides], used), _pick(beyond.is_free, used)
     volume = cone_volume(local[patches]) + cone_volume(closing.triangles, closing.weights)
     noise = sigma_of_patches(sides, masks, found, registration)
-    return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_free, border))))
+    ends = np.where(is_free, EXTRAPOLATED * max(spacing_of(s) for s in sides), 0.0)
+    return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_matched, ends, border))))
 
 
 @jit(nopython=True, cache=True, nogil=True)
@@ -269,22 +270,24 @@ def _pick(both: Sequence[Any], which: Ints) -> Any:
     return np.concatenate([both[0][which[:split]], both[1][which[split:] - n_first]])
 
 
-def sigma_of_gap(closing: Closing, is_free: Bools, border: Ints) -> float:
-    """Return one sigma [m3] of what the closing surface may miss where it crosses a gap between free edges.
+def sigma_of_gap(closing: Closing, is_matched: Bools, ends: Floats, border: Ints) -> float:
+    """Return one sigma [m3] of what the closing surface may miss where it crosses a gap.
 
-    A gap may bulge by a quarter of its width: so much does a surface with a right-angled edge in it, on average. The
-    width at a triangle is its height over the part of the `border` (e, 2) in it. Where the border lies in surface that
-    both epochs have, the closing surface is a strip within it and misses nothing. Gaps are taken to err together.
+    A gap may bulge by a quarter of its width: so much does a surface with a right-angled edge in it, on average; and a
+    surface `ends` (n,) [m] short of what it was measured on. The width at a triangle is its height over the part of the
+    `border` (e, 2) in it. Where the border lies in surface that both epochs have (`is_matched` (n,)), the closing
+    surface is a strip within it and misses nothing. Gaps are taken to err together.
     """
-    crosses = is_free[closing.corners].any(axis=1)
+    crosses = ~is_matched[closing.corners].all(axis=1)
     corners, triangles = closing.corners[crosses], closing.triangles[crosses]
     length = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-    n = len(is_free) + 1
-    ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)
-    is_border = np.isin(ends[..., 0] * n + ends[..., 1], np.sort(border, axis=1) @ np.array([n, 1]))
+    n = len(is_matched) + 1
+    sides = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)
+    is_border = np.isin(sides[..., 0] * n + sides[..., 1], np.sort(border, axis=1) @ np.array([n, 1]))
     base = np.where(is_border.any(axis=1), (length * is_border).sum(axis=1), length.min(axis=1))
     area = _areas(closing)[crosses]
-    return BULGE * float(np.sum(area * 2.0 * area / np.maximum(base, 1e-300)))
+    bulge = BULGE * 2.0 * area / np.maximum(base, 1e-300)
+    return float(area @ np.hypot(bulge, ends[corners].max(axis=1, initial=0.0)))
 
 
 def _areas(closing: Closing) -> Floats:

@@ -69,13 +69,21 @@ def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, I
 def describe_region(number: int, views: list[RegionView]) -> list[Any]:
     """Return the row of one region in the order of `REGION_COLUMNS`."""
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
-    extreme, sigma_extreme = max((v.extreme for v in views), key=least_size)
+    extreme, sigma_extreme = extreme_of(views)
     area, sigma_area = area_of(views, float(np.sign(extreme)))
     mean, sigma_mean = mean_of(views, float(np.sign(extreme)))
     centroid = np.mean([v.centroid for v in views], axis=0)
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
     kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
     return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid]
+
+
+def extreme_of(views: list[RegionView]) -> tuple[float, float]:
+    """Return the largest change [m] of a region and its sigma: of the side that knows more of it, and of a piece that
+    is gone, or came, as a whole that of its own surface: ways from the ground beside it lead aslant to its edges."""
+    most = max((v.extreme for v in views), key=least_size)
+    own = piece_of(views, float(np.sign(most[0])))
+    return most if own is None or np.isnan(own.extreme[0]) else own.extreme
 
 
 def area_of(views: list[RegionView], sign: float) -> tuple[float, float]:

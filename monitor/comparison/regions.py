@@ -19,6 +19,7 @@ from scipy.stats import norm
 
 from monitor.comparison.borders import margin_widths, spread_margin
 from monitor.comparison.chips import stand_alone, turn_sharply
+from monitor.comparison.covered import take_covered
 from monitor.comparison.enclosure import (
     Beyond,
     grow_regions,
@@ -115,7 +116,9 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     margins = [spread_margin(s, r, widths) for s, r in zip(sides, seen, strict=True)]
     views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(gone) + 1)]
     table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
-    table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(table, sides, whole, widths, found, beyond, registration)
+    table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(
+        table, sides, whole, signs, widths, found, beyond, registration
+    )
     table["kind"] = [settle_kind(*row) for row in table[["kind", "volume_m3", "sigma_volume_m3"]].to_numpy()]
     table["kind"] = name_moved(table, sides, seen)
     order = np.argsort(-table["area_m2"].to_numpy(dtype=float), kind="stable")
@@ -204,13 +207,14 @@ def least_beyond(sides: tuple[Side, Side], found: Detected) -> float:
                if s.is_assessed.any())  # fmt: skip
 
 
-def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[Ints, Ints], widths: Floats,
+def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[Ints, Ints], signs: Floats, widths: Floats,
                     found: Detected, beyond: Beyond, registration: Registration) -> Floats:  # fmt: skip
     """Return volume and sigma [m3] of each region (r, 2): of the body between the surfaces, NaN where it is not known.
 
-    `widths` (r + 1,) [m] are those of the margins. Where a body has too long a border to be closed, the sum of its
+    `signs` (r + 1,) are those of the regions, `widths` (r + 1,) [m] those of the margins. Where a body has too long a border to be closed, the sum of its
     prisms in the table stays.
     """
+    grown = take_covered(sides, grown, signs, beyond.limit)
     spread = [spread_over_assessed(s, g, widths) for s, g in zip(sides, grown, strict=True)]
     margins = over_each_other(sides, (spread[0], spread[1]))
     known = is_volume_known(sides, grown, beyond, found.test.size, len(table))
