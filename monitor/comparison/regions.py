@@ -207,12 +207,12 @@ def least_beyond(sides: tuple[Side, Side], found: Detected) -> float:
                if s.is_assessed.any())  # fmt: skip
 
 
-def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[Ints, Ints], signs: Floats, widths: Floats,
-                    found: Detected, beyond: Beyond, registration: Registration) -> Floats:  # fmt: skip
+def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[Ints, Ints], signs: Floats,
+                    widths: Floats, found: Detected, beyond: Beyond, registration: Registration) -> Floats:  # fmt: skip
     """Return volume and sigma [m3] of each region (r, 2): of the body between the surfaces, NaN where it is not known.
 
-    `signs` (r + 1,) are those of the regions, `widths` (r + 1,) [m] those of the margins. Where a body has too long a border to be closed, the sum of its
-    prisms in the table stays.
+    `signs` (r + 1,) are those of the regions, `widths` (r + 1,) [m] those of the margins. Where a body has too long a
+    border to be closed, the sum of its prisms in the table stays.
     """
     grown = take_covered(sides, grown, signs, beyond.limit)
     spread = [spread_over_assessed(s, g, widths) for s, g in zip(sides, grown, strict=True)]

@@ -1,9 +1,9 @@
 """Volumes of thick changes with steep sides: panels, bricks, bosses on a wall, seen from all around and from above.
 
-What was put on a wall or fell out of it, 3 to 40 mm thick, has sides that no perpendicular tells of, and under it ground
-that is nearest to those sides. Two epochs of a bumpy wall through files and the command line, other stations and other
-noise each time, all settings automatic: five stations that see every side, or three above the undersides, which nobody
-saw then. The truth is the sum over the wall of what came or went.
+What was put on a wall or fell out of it, 3 to 40 mm thick, has sides that no perpendicular tells of, and under it
+ground that is nearest to those sides. Two epochs of a bumpy wall through files and the command line, other stations and
+other noise each time, all settings automatic: five stations that see every side, or three above the undersides, which
+nobody saw then. The truth is the sum over the wall of what came or went.
 """
 
 from __future__ import annotations
@@ -166,9 +166,9 @@ def row_of(change: Thick, name: str, pairs: list[tuple[Comparison, dict[str, flo
 
 
 NOTES = (
-    "Wall of 1.1 x 0.8 m, bumpy by 4 mm, points 3 to 4 mm apart, poses known to 0.2 mm. Until comparison 51 the ground "
-    "under a panel beside its sides was of no body, and what closes a gap was taken to err only where surfaces end: the "
-    "panel of 20 mm seen from above was told as 254 ± 8 cm³ of 293 (one standard deviation), the brick as 125 ± 10 of "
-    "140, the boss as 169 ± 29 of 197 (one pair, by hand)."
+    "Wall of 1.1 x 0.8 m, bumpy by 4 mm, points 3 to 4 mm apart, poses to 0.2 mm. Until comparison 51 the ground under "
+    "a panel beside its sides was of no body, and what closes a gap was taken to err only where surfaces end: a panel "
+    "of 20 mm seen from above was told as 254 ± 8 cm3 of 293 (one standard deviation), the brick as 125 ± 10 of 140, "
+    "the boss as 169 ± 29 of 197 (one pair, by hand)."
 )
 SMALL_BARS = ()
