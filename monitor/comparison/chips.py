@@ -60,17 +60,28 @@ def levels_off(side: Side, found: Detection) -> Floats:
     return np.asarray(np.where(side.is_assessed, np.abs(np.nan_to_num(side.distances)) / found.lod95, 0.0))
 
 
-def drop_unexplained(sides: tuple[Side, Side], found: Detected, regions: tuple[Ints, Ints]) -> tuple[Side, Side]:
+def drop_unexplained(sides: tuple[Side, Side], found: Detected, regions: tuple[Ints, Ints],
+                     smallest: tuple[Floats, Floats]) -> tuple[Side, Side]:  # fmt: skip
     """Return the sides without the vertices in none of the `regions` of which nobody knows what they show, and where
-    "unchanged" would be wrong: what is farther off zero than any error (a chip as small as the spacing, an edge that
-    fits round, a stray sheet), and where the points of one epoch lie off its surface and those of the other do not (a
-    pit that the surface passes over). The skirt of a step is explained by the region that it hangs together with."""
+    "unchanged" would be wrong.
+
+    That is what is farther off zero than any error (a chip as small as the spacing, an edge that fits round, a stray
+    sheet); what differs, with its neighbours, by more than is told there (`smallest` (n,) [m]: a crack that was filled,
+    narrower than any patch); and where the points of one epoch lie off its surface and those of the other do not (a pit
+    that the surface passes over). The skirt of a step is explained by the region that it hangs together with.
+    """
     first, second = (
-        s.without(s.is_assessed & ~hang_on(s, f, r) & ((levels_off(s, f) > found.test.far) | is_strewn_once(s)),
+        s.without(s.is_assessed & ~hang_on(s, f, r) & (is_unlike(s, f, found.test.far, told) | is_strewn_once(s)),
                   NotAssessed.UNEXPLAINED)
-        for s, f, r in zip(sides, found.sides, regions, strict=True)
+        for s, f, r, told in zip(sides, found.sides, regions, smallest, strict=True)
     )  # fmt: skip
     return first, second
+
+
+def is_unlike(side: Side, found: Detection, far: float, told: Floats) -> Bools:
+    """Return which vertices (n,) differ by more than `far` levels of detection, or with their neighbours by more than
+    is `told` (n,) [m] where they are; that may not be known (NaN)."""
+    return np.asarray((levels_off(side, found) > far) | (np.abs(found.smooth) > told))
 
 
 def hang_on(side: Side, found: Detection, region: Ints) -> Bools:

@@ -177,7 +177,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
         regions, sides = drop_where_it_stood(regions, sides, sights, back)
-    regions, sides = hold_to_points(regions, sides, found, beyond, own, limits)
+    regions, sides = hold_to_points(regions, sides, found, beyond, own, limits, smallest)
     told = finish_sides(sides, found, regions, beyond)
     table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
     statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes, "told_by_width_m": told_by_width}
@@ -265,16 +265,17 @@ def drop_scattered(side: Side, own: Floats | None, other: Floats | None, most: f
 
 
 def hold_to_points(regions: Regions, sides: tuple[Side, Side], found: Detected, beyond: Beyond, points: Points | None,
-                   limits: tuple[float, float]) -> tuple[Regions, tuple[Side, Side]]:  # fmt: skip
+                   limits: tuple[float, float],
+                   smallest: tuple[Floats, Floats]) -> tuple[Regions, tuple[Side, Side]]:  # fmt: skip
     """Return the regions that the `points` of both epochs bear out, all but chips where these are not known, and the
     sides without what no region explains; `points` returns them in the reference's coordinates, `limits` are those of
-    the search."""
+    the search, `smallest` is from how large a change (n,) [m] on each place tells one."""
     if points is None:
         regions = regions.without_chips()
     elif len(regions.table):
         gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
         regions, sides = keep_borne_out(regions, sides, points(), limits, gone)
-    return regions, drop_unexplained(sides, found, regions.whole)
+    return regions, drop_unexplained(sides, found, regions.whole, smallest)
 
 
 def judged_points(points: tuple[Floats | None, Floats | None], compared: Surface, layer: float,

@@ -199,3 +199,12 @@ def test_the_farthest_of_many_is_no_farther_than_bonferroni_allows(rng: np.rando
     n = 2000
     farthest = np.abs(rng.normal(size=(4000, n))).max(axis=1) / 1.959964
     assert np.mean(farthest > far_levels(n, 0.05)) == pytest.approx(0.05, abs=0.012)
+
+
+def test_what_differs_by_more_than_its_place_tells_is_not_called_unchanged() -> None:
+    """A crack that was filled is narrower than any patch, and by itself no vertex of it may be beyond errors."""
+    side = cast(Any, SimpleNamespace(is_assessed=np.array([True, True, True, True, False]),
+                                     distances=np.array([3.0, -3.0, 3.0, 9.0, np.nan])))  # fmt: skip
+    found = cast(Any, SimpleNamespace(lod95=np.full(5, 2.0), smooth=np.array([2.5, -2.5, 1.5, 0.5, 0.0])))
+    unlike = chips.is_unlike(side, found, 4.0, np.array([2.0, 2.0, 2.0, np.nan, 2.0]))
+    np.testing.assert_array_equal(unlike, [True, True, False, True, False])
