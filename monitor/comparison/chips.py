@@ -18,6 +18,7 @@ from monitor.comparison.tested import Detected, Detection
 from projects.model import Bools, Floats, Ints, NotAssessed
 
 FEW = 3.0  # squares of the spacing of the vertices: one of them may be a bad fit, and the points decide in the end
+STATED = 3.0  # sigmas as stated, whatever the stable areas make of these
 STREWN = 1.0 / 3.0  # of what was measured around a vertex; along sharp edges the shares of two epochs differ by less
 SHARP = np.cos(np.radians(30.0))  # from a vertex to the next: the cells of the surface do not follow such a shape
 
@@ -26,12 +27,15 @@ def stand_alone(sides: Sequence[Side], found: Detected, parts: tuple[Ints, Ints]
     """Return which parts (n_parts,) are as deep as no error is, taken for one witness each.
 
     Both sides must show it: on their mean a few vertices, on the one that shows less of it half as many, are farther
-    off zero than the farthest of all vertices is by chance. One epoch's surface turns a broken edge by more vertices
-    than the other; beside free edges errors have tails that no level describes, but on one side alone.
+    off zero than the farthest of all vertices is by chance, and than what is stated of them explains: a level is of all
+    places of a class, by how much most of these err, and a single place may well err by as much as it says. One epoch's
+    surface turns a broken edge by more vertices than the other; beside free edges errors have tails that no level
+    describes, but on one side alone.
     """
     areas, counts = np.zeros((2, n_parts)), np.zeros((2, n_parts))
     for k, (side, part) in enumerate(zip(sides, parts, strict=True)):
-        at = np.flatnonzero((part >= 0) & (levels_off(side, found.sides[k]) > found.test.far))
+        is_deep = (levels_off(side, found.sides[k]) > found.test.far) & (stated_off(side) > STATED)
+        at = np.flatnonzero((part >= 0) & is_deep)
         areas[k] = np.bincount(part[at], side.areas[at], minlength=n_parts)
         counts[k] = np.bincount(part[at], minlength=n_parts)
     least = FEW * max(float(np.median(side.areas)) for side in sides)
@@ -58,6 +62,14 @@ def turn_sharply(sides: Sequence[Side], regions: tuple[Ints, Ints], n_regions: i
 def levels_off(side: Side, found: Detection) -> Floats:
     """Return how many levels of detection each vertex (n,) lies off zero; 0 where it is not assessed."""
     return np.asarray(np.where(side.is_assessed, np.abs(np.nan_to_num(side.distances)) / found.lod95, 0.0))
+
+
+def stated_off(side: Side) -> Floats:
+    """Return how many sigmas, as both surfaces and their scans state them, each vertex (n,) lies off zero; 0 where it
+    is not assessed, infinity where nothing is stated."""
+    stated = np.hypot(side.sigma_surfaces, side.sigma_shared)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(side.is_assessed, np.abs(np.nan_to_num(side.distances)) / stated, 0.0)
 
 
 def drop_unexplained(sides: tuple[Side, Side], found: Detected, regions: tuple[Ints, Ints],
