@@ -10,66 +10,84 @@ from __future__ import annotations
 import numpy as np
 from numba import jit
 
-from monitor.comparison.enclosure import SIGNS
+from monitor.comparison.enclosure import SIGNS, Beyond
 from monitor.comparison.feet import local_point
 from monitor.comparison.mesh_tree import MeshTree, build_tree
 from monitor.comparison.search import DEPTH, first_crossing
 from monitor.comparison.side import Side
 from monitor.comparison.spreading import spread_along
 from monitor.threads import run_tasks
-from projects.model import Floats, Ints, NotAssessed, Surface
+from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
 ANY_ANGLE = np.pi  # faces of a tree that is asked for crossings alone may look any way
+FARTHER = 1.25  # times the largest change of regions of a sign, as far as one may cover: what slants is farther off
 
 
 def take_covered(sides: tuple[Side, Side], regions: tuple[Ints, Ints], signs: Floats,
-                 limit: float) -> tuple[Ints, Ints]:  # fmt: skip
+                 beyond: Beyond) -> tuple[Ints, Ints]:  # fmt: skip
     """Return the regions (n,) of both sides with what they cover of the other one.
 
     A vertex that is not assessed and of no region is covered where its way along its normal, to the side on which the
-    change of the region lies (`signs` (r + 1,)), first meets within `limit` [m] a face of that region which looks as
-    the vertex does. It must hang together with the region along its own surface: the wall far behind a chest that
-    gained is under it too, but no end of what came.
+    change of the region lies (`signs` (r + 1,)), first meets a face of that region which looks as the vertex does, no
+    farther off than such regions changed. It must hang together with the region along its own surface: the wall far
+    behind a chest that gained is under it too, but no end of what came.
     """
     out = []
     for k, side in enumerate(sides):
         own = regions[k].copy()
         for sign in SIGNS:
             faces = _faces_of(sides[1 - k], regions[1 - k], signs == sign)
-            if len(faces) and (own > 0).any():
-                _take(
-                    side, own, _regions_ahead(side, own, sides[1 - k], regions[1 - k], faces, -sign * SIGNS[k] * limit)
-                )
+            which = _touching(side, own)
+            if len(faces) and len(which):
+                deepest = max(_deepest(s, r, c, signs == sign)
+                              for s, r, c in zip(sides, regions, beyond.change, strict=True))  # fmt: skip
+                way = -sign * SIGNS[k] * FARTHER * deepest
+                _take(side, own, _regions_ahead(side, which, sides[1 - k], regions[1 - k], faces, way))
         out.append(own)
     return out[0], out[1]
 
 
-def _faces_of(side: Side, region: Ints, fitting: Ints) -> Ints:
-    """Return the faces (m, 3) of a side whose corners are all of one region that fits (r + 1,)."""
+def _faces_of(side: Side, region: Ints, fitting: Bools) -> Ints:
+    """Return the faces (m, 3) of a side, of some area, whose corners are all of one region that fits (r + 1,)."""
     faces = np.asarray(side.surface.faces)
     first = region[faces[:, 0]]
-    return faces[(first > 0) & fitting[first] & (region[faces[:, 1]] == first) & (region[faces[:, 2]] == first)]
+    faces = faces[(first > 0) & fitting[first] & (region[faces[:, 1]] == first) & (region[faces[:, 2]] == first)]
+    return faces[np.linalg.norm(_normals_of(side.surface.vertices, faces), axis=1) > 0.0]
 
 
-def _regions_ahead(side: Side, own: Ints, other: Side, regions: Ints, faces: Ints, way: float) -> Ints:
-    """Return the region (n,) of the face that each vertex without one first meets `way` [m] along its normal, if that
-    looks as it does; 0 where none."""
-    out = np.zeros(len(own), dtype=own.dtype)
+def _normals_of(vertices: Floats, faces: Ints) -> Floats:
+    """Return the normals (m, 3) of faces, as long as twice their area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _touching(side: Side, own: Ints) -> Ints:
+    """Return the vertices that may be covered: not assessed, of no region, and that hang together with one."""
+    allowed = ~side.is_assessed & (side.reasons != NotAssessed.NO_ONE_SURFACE)
+    source = spread_along(side, np.flatnonzero(own > 0), allowed | (own > 0), np.inf)
+    return np.flatnonzero(allowed & (own == 0) & (source >= 0))
+
+
+def _deepest(side: Side, region: Ints, change_beyond: Floats, fitting: Bools) -> float:
+    """Return the largest change [m], of whichever sign, of the regions of a side that fit (r + 1,)."""
+    at = np.flatnonzero((region > 0) & fitting[region])
+    change = np.where(side.is_assessed[at], side.distances[at], change_beyond[at])
+    return float(np.nan_to_num(np.abs(change)).max(initial=0.0))
+
+
+def _regions_ahead(side: Side, which: Ints, other: Side, regions: Ints, faces: Ints, way: float) -> Ints:
+    """Return the region (n,) of the face that each of some vertices first meets `way` [m] along its normal, if that
+    looks as it does; 0 where none, and of the other vertices."""
+    out = np.zeros(len(side.areas), dtype=regions.dtype)
     corners, numbers = np.unique(faces, return_inverse=True)
     patch = Surface(other.surface.vertices[corners], numbers.reshape(-1, 3).astype(np.int32))
-    low, high = patch.vertices.min(axis=0) - abs(way), patch.vertices.max(axis=0) + abs(way)
-    points = side.surface.vertices
-    is_asked = ~side.is_assessed & (own == 0) & (side.reasons != NotAssessed.NO_ONE_SURFACE)
-    which = np.flatnonzero(is_asked & ((points >= low) & (points <= high)).all(axis=1))
-    if not len(which):
-        return out
-    tree = build_tree(patch, low, ANY_ANGLE)
+    tree = build_tree(patch, patch.vertices.min(axis=0), ANY_ANGLE)
     met = np.full(len(which), -1, dtype=np.int64)
     ahead = way * side.normals[which]
-    run_tasks(_write_met, len(which), tree, np.ascontiguousarray(points[which]), ahead, met)
-    a, b, c = (patch.vertices[patch.faces[tree.order[met]][:, k]] for k in range(3))
-    looks_alike = np.einsum("ij,ij->i", np.cross(b - a, c - a), side.normals[which]) > 0.0
-    out[which] = np.where((met >= 0) & looks_alike, regions[corners[patch.faces[tree.order[met], 0]]], 0)
+    run_tasks(_write_met, len(which), tree, np.ascontiguousarray(side.surface.vertices[which]), ahead, met)
+    face = patch.faces[tree.order[met]]
+    looks_alike = np.einsum("ij,ij->i", _normals_of(patch.vertices, face), side.normals[which]) > 0.0
+    out[which] = np.where((met >= 0) & looks_alike, regions[corners[face[:, 0]]], 0)
     return out
 
 

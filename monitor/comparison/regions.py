@@ -214,7 +214,7 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
     `signs` (r + 1,) are those of the regions, `widths` (r + 1,) [m] those of the margins. Where a body has too long a
     border to be closed, the sum of its prisms in the table stays.
     """
-    grown = take_covered(sides, grown, signs, beyond.limit)
+    grown = take_covered(sides, grown, signs, beyond)
     spread = [spread_over_assessed(s, g, widths) for s, g in zip(sides, grown, strict=True)]
     margins = over_each_other(sides, (spread[0], spread[1]))
     known = is_volume_known(sides, grown, beyond, found.test.size, len(table))

@@ -13,7 +13,7 @@ from monitor.comparison.covered import take_covered
 from monitor.comparison.feet import local_point
 from monitor.comparison.mesh_tree import build_tree
 from monitor.comparison.search import DEPTH, first_crossing
-from monitor.comparison.stars import gather_neighbours, make_mesh
+from monitor.comparison.stars import gather_neighbours, make_mesh, vertex_areas
 from projects.model import NotAssessed, Registration, Surface
 
 NOISE, SPACING = 2e-5, 0.004  # m
@@ -67,6 +67,7 @@ def side_of(surface: Surface, is_assessed: np.ndarray) -> Any:
     normals = np.broadcast_to([0.0, 0.0, 1.0], surface.vertices.shape)
     reasons = np.where(is_assessed, NotAssessed.ASSESSED, NotAssessed.SHEET_BETWEEN)
     return SimpleNamespace(surface=surface, is_assessed=is_assessed, reasons=reasons, normals=normals,
+                           areas=vertex_areas(mesh), distances=np.where(is_assessed, DEEP, np.nan),
                            neighbours=gather_neighbours(mesh))  # fmt: skip
 
 
@@ -82,11 +83,15 @@ def test_what_is_covered_hangs_together_with_the_region_and_lies_on_its_side(
     is_seed = is_ground & (np.abs(reference.vertices[:, :2]) < 0.5 * HALF).all(axis=1)
     sides = side_of(reference, is_seed | ~within), side_of(front, np.ones(len(front.vertices), dtype=bool))
     regions = is_seed.astype(np.int32), np.ones(len(front.vertices), dtype=np.int32)
-    own, other = take_covered(sides, regions, np.array([0.0, sign]), limit=0.1)
+    unknown: Any = SimpleNamespace(change=tuple(np.full(len(s.areas), np.nan) for s in sides))
+    own, other = take_covered(sides, regions, np.array([0.0, sign]), unknown)
     np.testing.assert_array_equal(own, (within & is_ground).astype(np.int32))
     np.testing.assert_array_equal(other, regions[1])
-    for signs, limit in (([0.0, -sign], 0.1), ([0.0, sign], 0.9 * DEEP)):  # on the other side; too far off
-        np.testing.assert_array_equal(take_covered(sides, regions, np.array(signs), limit)[0], regions[0])
+    on_the_other_side = take_covered(sides, regions, np.array([0.0, -sign]), unknown)
+    np.testing.assert_array_equal(on_the_other_side[0], regions[0])
+    for side in sides:
+        side.distances[:] *= 0.5  # the front is farther off than anything changed
+    np.testing.assert_array_equal(take_covered(sides, regions, np.array([0.0, sign]), unknown)[0], regions[0])
 
 
 def test_the_first_face_on_a_way_is_found_as_by_trying_all(rng: np.random.Generator) -> None:
