@@ -28,7 +28,7 @@ METHOD = {
     "mesh": 8,
     "quality": 3,
     "comparison": 51,
-    "series": 12,
+    "series": 13,
 }
 
 

@@ -35,6 +35,14 @@ CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
 Z95, SIGNIFICANT = 1.96, 0.05
 GOES_ON = ("steady", "accelerating")  # at a rate
+ALL_GO_ON = {*GOES_ON, "bending", "onset", "jump and rate"}
+OPEN = "the epochs do not tell which"
+CHANGES = {
+    "jump": "at once",
+    "onset": "began later",
+    "stopped": "came to rest",
+    "jump and rate": "goes on beside a jump",
+}
 COURSES = {
     "steady": "goes on steadily",
     "none": "no trend is significant",
@@ -54,7 +62,7 @@ def tell_series(series: Series) -> SeriesFacts:
     if not courses:
         told = f"{lead}No region changed in any of them.{_how_small(series, 'would have been')}"
         return SeriesFacts(told, (), series, measures, tell_motions(series))
-    going = sum(row["model"] in ("steady", "accelerating", "onset") for _, row in rows.iterrows())
+    going = sum(set(str(model).split(" or ")) <= ALL_GO_ON for model in rows["model"])
     alone = sum(_is_by_trend(row) for _, row in rows.iterrows())
     told = f"{lead}{_say_followed(len(courses), going)}{_say_by_trend(alone, len(courses))}{_how_small(series, 'is')}"
     return SeriesFacts(told, courses, series, measures, tell_motions(series))
@@ -170,15 +178,32 @@ def _volume_rate(row: pd.Series, measures: Measures) -> Estimate:
 
 
 def say_course(series: Series, row: pd.Series) -> str:
-    """Return the course of a region in words."""
-    model = str(row["model"])
-    if model in ("jump", "onset"):
-        between = " and ".join(_when(series, float(row[f"onset_{end}_years"])) for end in ("from", "to"))
-        return f"at once, between {between}" if model == "jump" else f"began later, between {between}"
-    if model == "accelerating":
-        bend = float(row["acceleration_m_per_year2"])
-        return "faster and faster" if bend * float(row["rate_m_per_year"]) > 0 else "slower and slower"
-    return COURSES.get(model, model)
+    """Return the course of a region in words: of several that the epochs do not tell apart each."""
+    kinds = str(row["model"]).split(" or ")
+    words = [_bends(row) if kind in ("accelerating", "bending") else CHANGES.get(kind) for kind in kinds]
+    if None in words:
+        return COURSES.get(kinds[0], kinds[0])
+    told = " or ".join(str(w) for w in words)
+    ends = [float(row[f"onset_{end}_years"]) for end in ("from", "to")]
+    if kinds == ["accelerating"]:
+        told = f"{told}, by {_acceleration(row)}"
+    elif kinds == ["bending"]:
+        told = f"{told}, by no constant acceleration"
+    elif np.isfinite(ends).all():
+        told = f"{told}, between {' and '.join(_when(series, end) for end in ends)}"
+    return f"{told}; {OPEN}" if len(kinds) > 1 else told
+
+
+def _bends(row: pd.Series) -> str:
+    """Return whether what changes its rate gets faster or slower."""
+    is_faster = float(row["acceleration_m_per_year2"]) * float(row["rate_m_per_year"]) > 0
+    return "faster and faster" if is_faster else "slower and slower"
+
+
+def _acceleration(row: pd.Series) -> str:
+    """Return the size of the acceleration with its margin."""
+    value, sigma = (float(row[f"{name}acceleration_m_per_year2"]) for name in ("", "sigma_"))
+    return estimate(value, sigma, MM, "mm/year²", signed=True).text
 
 
 def _when(series: Series, years: float) -> str:
@@ -234,7 +259,7 @@ def draw_course(axes: Axes, series: Series, row: pd.Series) -> None:
     axes.plot(years[found], means[found], "o", color=colour, mec=INK, mew=0.6, ms=4.5)
     axes.plot(years[~found], means[~found], "o", color="white", mec=INK, mew=0.6, ms=4.5)
     axes.plot([start], [0.0], "D", color=INK, ms=3.2)
-    short = say_course(series, row).partition(",")[0]
+    short = say_course(series, row).replace(";", ",").partition(",")[0]
     axes.set_title(f"region {int(row['identity'])}: {short}", loc="left", fontsize=8.0, pad=4.0)
     axes.yaxis.set_major_formatter(plain_number)
     axes.locator_params(axis="y", nbins=5)

@@ -14,12 +14,12 @@ from scipy.stats import chi2, norm
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.family import adjust_together, share_as_small
+from monitor.comparison.kinds_of_course import MISFIT, choose_kind
 from projects.errors import ParameterError, ShapeError
 from projects.model import Floats
 
 N_DRAWS = 4000  # of courses on which nothing goes on, which say how often chance looks otherwise
 LEVEL = 0.05  # how often, at most, a course on which nothing goes on gets another name than "none"
-MISFIT = 0.01  # of LEVEL, for residuals by chance: below it none of the courses tried is the one
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,18 @@ class Course:
 
     Attributes
     ----------
-    model : "none" (nothing goes on), "steady", "accelerating", "onset" (nothing before a moment, then on), "jump" (at
-        once, nothing before and after); "irregular" (none of these fits: what comes and goes, or goes on by several
-        jumps), "single" (one epoch after the reference is known, which leaves all of them open).
+    model : "none" (nothing goes on), "steady", "accelerating" (faster and faster, or slower and slower, by a constant
+        acceleration), "bending" (so by another), "onset" (nothing before a moment, then on), "stopped" (on up to a
+        moment, then nothing), "jump" (at once, nothing before and after), "jump and rate" (at once, and on all along or
+        from then); several of these joined by " or " where the epochs do not tell which; "irregular" (none of these
+        fits: what comes and goes, or goes on by several jumps), "single" (one epoch after the reference is known, which
+        leaves all of them open).
     rate, sigma_rate : m/year, of the steady model; p_rate: two-sided, of a rate of zero.
     acceleration, sigma_acceleration, p_acceleration : m/year2; NaN with fewer than two epochs after the reference.
-    p_onset : how often chance looks as much like an onset or a jump where nothing goes on; NaN with one epoch after
-        the reference.
-    onset : years since the reference between which the change began; NaN where the model has no such moment.
+    p_onset : how often chance looks as much like an onset, a stop or a jump where nothing goes on; NaN with one epoch
+        after the reference.
+    onset : years since the reference between which the change began, or stopped; NaN where the model has no such
+        moment, or it is open whether it has.
     p_fit : of the residuals of the steady model; NaN without any to spare.
 
     Each p value is that of one test by itself. The model rests on all of them together (`adjust_together`): a course on
@@ -172,15 +176,14 @@ def fit_course(years: Floats, means: Floats, sigmas: Floats, sigma_reference: fl
     p_fit = p_of_chi2(line.chi2[0], spare)
     if spare == 0:
         return Course("single", rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, np.nan, onset, p_fit)
-    p_onset, moment, left, chance = judge_moments(*column, seed)
+    p_onset, chance = judge_moments(*column, seed)
     goes_on, bends, begins = adjust_together(np.array([p_rate, p_bend, p_onset]), chance) <= level - MISFIT
-    model, p_model = "steady" if goes_on else "none", p_fit
-    if begins:
-        model, p_model, onset = moment.form, p_of_chi2(left, spare), moment.between
-    elif bends:
-        model, p_model = "accelerating", p_of_chi2(curve.chi2[0], spare - 1)
-    if p_model < MISFIT:
-        model, onset = "irregular", (np.nan, np.nan)
+    model, fits = "steady" if goes_on else "none", bool(p_fit >= MISFIT)
+    if bends or begins or not fits:
+        times, values, variances = _with_reference(*column)
+        choice = choose_kind(times, values[:, 0], np.sqrt(variances[:, 0]))
+        onset = choice.between
+        model = " or ".join(choice.kinds) or (model if fits else "irregular")
     return Course(model, rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, p_onset, onset, p_fit)
 
 
@@ -194,34 +197,23 @@ def two_sided(z: float) -> float:
     return float(2.0 * norm.sf(abs(z)))
 
 
-@dataclass(frozen=True)
-class Moment:
-    """A course with a moment that is tried: "jump" or "onset", its columns (k + 1, 2), and the years between which."""
-
-    form: str
-    design: Floats
-    between: tuple[float, float]
-
-
 def judge_moments(years: Floats, means: Floats, sigmas: Floats, sigma_reference: Floats,
-                  seed: int) -> tuple[float, Moment, float, Floats]:  # fmt: skip
-    """Return how often chance looks as much like a course with a moment, the best moment, its chi-square, and what
-    chance makes of the tests of rate, acceleration and moment at once, p values (3, `N_DRAWS`).
+                  seed: int) -> tuple[float, Floats]:  # fmt: skip
+    """Return how often chance looks as much like a course with a moment, and what chance makes of the tests of rate,
+    acceleration and moment at once, p values (3, `N_DRAWS`).
 
     `means`, `sigmas` (k, 1) are of k > 1 epochs, `sigma_reference` (1,). Tried are a jump between each two epochs and a
-    line that starts at each epoch, against a line from the reference on; the evidence is the fall of chi-square, its
-    law that of courses with the same sigmas on which nothing goes on.
+    line that starts or ends at each epoch, against a line from the reference on; the evidence is the fall of
+    chi-square, its law that of courses with the same sigmas on which nothing goes on.
     """
     times, values, variances = _with_reference(years, means, sigmas, sigma_reference)
-    sigma, moments = np.sqrt(variances[:, 0]), list_moments(times)
+    sigma = np.sqrt(variances[:, 0])
     line = times[:, None] ** np.arange(2)
-    designs = [line, *(m.design for m in moments)]
+    designs = [line, *list_moments(times)]
     draws = np.random.default_rng(seed).standard_normal((len(times), N_DRAWS))
-    fall, best, left = _fall_of_chi2(designs, values[:, 0] / sigma, sigma)
-    falls, _, _ = _fall_of_chi2(designs, draws, sigma)
+    fall, falls = _fall_of_chi2(designs, values[:, 0] / sigma, sigma), _fall_of_chi2(designs, draws, sigma)
     chance = [two_sided_of_last(d, draws, sigma) for d in (line, times[:, None] ** np.arange(3))]
-    p = float(share_as_small(-fall, -falls))
-    return p, moments[int(best)], float(left), np.stack([*chance, share_as_small(-falls, -falls)])
+    return float(share_as_small(-fall, -falls)), np.stack([*chance, share_as_small(-falls, -falls)])
 
 
 def two_sided_of_last(design: Floats, draws: Floats, sigma: Floats) -> Floats:
@@ -231,27 +223,22 @@ def two_sided_of_last(design: Floats, draws: Floats, sigma: Floats) -> Floats:
     return np.asarray(2.0 * norm.sf(np.abs(q[:, -1] @ draws)))
 
 
-def list_moments(times: Floats) -> list[Moment]:
-    """Return the courses with a moment that epochs at `times` (k + 1,) can tell apart."""
+def list_moments(times: Floats) -> list[Floats]:
+    """Return the columns (k + 1, 2) of courses with a moment that epochs at `times` (k + 1,) can tell apart."""
     ones, last = np.ones_like(times), len(times) - 1
-    found = []
-    for j in range(1, last + 1):
-        found.append(Moment("jump", np.column_stack([ones, times >= times[j]]), (float(times[j - 1]), float(times[j]))))
-        if j < last - 1:  # a line that starts at the last epoch but one is a jump to the last
-            after = np.maximum(times - times[j], 0.0)
-            found.append(Moment("onset", np.column_stack([ones, after]), (float(times[j - 1]), float(times[j + 1]))))
-    return found
+    found = [np.column_stack([ones, times >= times[j]]) for j in range(1, last + 1)]
+    # A line that starts at the last epoch but one, or ends at the first but one, is a jump.
+    found += [np.column_stack([ones, np.maximum(times - times[j], 0.0)]) for j in range(1, last - 1)]
+    return found + [np.column_stack([ones, np.minimum(times, times[j])]) for j in range(2, last)]
 
 
-def _fall_of_chi2(designs: list[Floats], values: Floats, sigma: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return by how much the best moment lowers the chi-square of standardized values, which one it is, and what it
-    leaves."""
+def _fall_of_chi2(designs: list[Floats], values: Floats, sigma: Floats) -> Floats:
+    """Return by how much the best moment lowers the chi-square of standardized values under that of a line."""
     left = []
     for design in designs:
         q, _ = np.linalg.qr(design / sigma[:, None])
         left.append(((values - q @ (q.T @ values)) ** 2).sum(axis=0))
-    onset = np.stack(left[1:])
-    return left[0] - onset.min(axis=0), onset.argmin(axis=0), onset.min(axis=0)
+    return np.asarray(left[0] - np.stack(left[1:]).min(axis=0))
 
 
 def predict(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float, at: Floats,

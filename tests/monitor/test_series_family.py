@@ -34,20 +34,22 @@ def test_a_course_on_which_nothing_goes_on_gets_a_name_in_five_per_cent(
 
 
 @pytest.mark.parametrize(
-    ("names", "least", "shape"),
+    ("names", "alone", "among", "shape"),
     [
-        (("steady",), 0.90, lambda t: t / t[-1]),
-        (("jump",), 0.90, lambda t: (t >= t[-1]) * 1.0),
-        (("jump",), 0.90, lambda t: (t >= t[0]) * 1.0),
-        (("onset", "jump", "accelerating"), 0.75, lambda t: np.maximum(t - 3.0, 0.0) / 2.5),
+        ({"steady"}, 0.90, 0.90, lambda t: t / t[-1]),
+        ({"jump"}, 0.65, 0.92, lambda t: (t >= t[-1]) * 1.0),
+        ({"jump"}, 0.75, 0.92, lambda t: (t >= t[0]) * 1.0),
+        ({"onset", "jump", "accelerating", "bending"}, 0.75, 0.75, lambda t: np.maximum(t - 3.0, 0.0) / 2.5),
     ],
 )
 def test_what_goes_on_keeps_its_name(
-    rng: np.random.Generator, names: tuple[str, ...], least: float, shape: Callable[[Floats], Floats]
+    rng: np.random.Generator, names: set[str], alone: float, among: float, shape: Callable[[Floats], Floats]
 ) -> None:
-    """Five sigmas in the end. A jump to the last epoch shows little rate: a gate of it first would lose it."""
-    models = name_courses(rng, IRREGULAR, 5.0 * SIGMA * shape(IRREGULAR), 150)
-    assert np.mean([m in names for m in models]) >= least
+    """Five sigmas in the end. A jump to the last epoch shows little rate: a gate of it first would lose it. One epoch
+    shows it, and in a fifth of cases the others leave open whether it began before."""
+    models = [set(m.split(" or ")) for m in name_courses(rng, IRREGULAR, 5.0 * SIGMA * shape(IRREGULAR), 150)]
+    assert np.mean([m <= names for m in models]) >= alone
+    assert np.mean([bool(m & names) for m in models]) >= among
 
 
 def test_independent_tests_are_adjusted_as_sidak_says(rng: np.random.Generator) -> None:
