@@ -203,7 +203,7 @@ def _bends(row: pd.Series) -> str:
 def _acceleration(row: pd.Series) -> str:
     """Return the size of the acceleration with its margin."""
     value, sigma = (float(row[f"{name}acceleration_m_per_year2"]) for name in ("", "sigma_"))
-    return estimate(value, sigma, MM, "mm/year²", signed=True).text
+    return estimate(abs(value), sigma, MM, "mm/year²").text
 
 
 def _when(series: Series, years: float) -> str:

@@ -45,6 +45,40 @@ def test_only_what_goes_on_has_a_rate() -> None:
     assert course.course == "irregular, no steady course or single jump fits"
 
 
+def test_a_course_that_bends_tells_its_acceleration_with_its_margin_where_it_is_constant() -> None:
+    series = series_of("accelerating", (-1e-4, -4e-4))
+    given = {"acceleration_m_per_year2": -5.12e-4, "sigma_acceleration_m_per_year2": 3.1e-5}
+    regions = series.regions.assign(**given)
+    (course,) = tell_series(replace(series, regions=regions)).courses
+    assert course.course.replace("\u00a0", " ") == "faster and faster, by 0.51 ± 0.06 mm/year²"
+    slower = regions.assign(acceleration_m_per_year2=5.12e-4)
+    (course,) = tell_series(replace(series, regions=slower)).courses
+    assert course.course.replace("\u00a0", " ") == "slower and slower, by 0.51 ± 0.06 mm/year²"
+    bending = regions.assign(model="bending")
+    (course,) = tell_series(replace(series, regions=bending)).courses
+    assert course.course == "faster and faster, by no constant acceleration"
+
+
+def test_kinds_that_are_not_told_apart_are_all_said_without_a_date_that_only_one_has() -> None:
+    told = {}
+    for model in ("accelerating or onset", "bending or stopped", "jump or onset", "jump and rate", "stopped"):
+        series = series_of(model, (-1e-4, -4e-4))
+        given = {"acceleration_m_per_year2": -5e-4 if model.startswith("acc") else 5e-4}
+        if model in ("accelerating or onset", "bending or stopped"):
+            given |= {"onset_from_years": NAN, "onset_to_years": NAN}
+        facts = tell_series(replace(series, regions=series.regions.assign(**given)))
+        told[model] = (facts.courses[0].course.replace("\u00a0", " "), "nothing says" not in facts.lead)
+        assert facts.courses[0].rate.text == "no one rate"
+    since = "between 15 January 2020 and 15 January 2021"
+    assert told == {
+        "accelerating or onset": ("faster and faster or began later; the epochs do not tell which", True),
+        "bending or stopped": ("slower and slower or came to rest; the epochs do not tell which", False),
+        "jump or onset": (f"at once or began later, {since}; the epochs do not tell which", False),
+        "jump and rate": (f"goes on beside a jump, {since}", True),
+        "stopped": (f"came to rest, {since}", False),
+    }
+
+
 def test_a_series_says_how_small_a_trend_it_tells_and_where_only_larger_ones() -> None:
     told = tell_series(series_of("steady", (-1e-4, -4e-4)))
     assert "told from" not in told.lead  # of an older program: not known
