@@ -65,19 +65,17 @@ def choose_kind(times: Floats, values: Floats, sigma: Floats) -> Choice:
     kind, and others within `AS_LIKELY` of it are named with it: chance makes the wrong one of two given courses 20
     times as likely as the right one in at most one of 20 cases. (Kinds are fitted, not given: how often a wrong one is
     named by itself is measured, `test_trend_courses.py`.) Two changes in one course, a jump beside a rate, are told
-    only where one change does not do: where no other kind fits, or all are 20 times less likely.
+    only where all courses with one, those that do not fit as well, are 20 times less likely.
 
     References
     ----------
     Akaike (1974), A new look at the statistical model identification; Royall (2000), On the probability of observing
     misleading statistical evidence, for the bound.
     """
-    one = [c for c in single_changes(times, values, sigma) if fits(c, len(times))]
-    two = [c for c in double_changes(times, values, sigma) if fits(c, len(times))]
-    least = min((c.criterion for c in one), default=np.inf)
-    if min((c.criterion for c in two), default=np.inf) + AS_LIKELY < least:
-        return summarize(two)
-    return summarize(one)
+    one, two = list(single_changes(times, values, sigma)), list(double_changes(times, values, sigma))
+    fit_one, fit_two = ([c for c in tried if fits(c, len(times))] for tried in (one, two))
+    likelier = min((c.criterion for c in fit_two), default=np.inf) + AS_LIKELY < min(c.criterion for c in one)
+    return summarize(fit_two if likelier else fit_one)
 
 
 def fits(candidate: Candidate, n_observed: int) -> bool:
