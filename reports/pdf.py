@@ -27,7 +27,7 @@ from projects.formats.complete_file import complete_file
 from reports.captions import caption_calibration, caption_region, title_region, write_captions
 from reports.facts import RegionFacts, ReportFacts, SeriesFacts, Table
 from reports.making import mark_of
-from reports.pictures import Pictures, Shown
+from reports.pictures import NAMED, Pictures, Shown
 from reports.quantities import Estimate
 
 STANDARD: Literal["a-2a"] = (
@@ -106,13 +106,13 @@ def lay_out(facts: ReportFacts, pictures: Pictures, room: _Room) -> dict[str, An
         "file_title": f"{facts.title}: {facts.subtitle}", "mark": mark_of(facts),
         "title": shown.title, "subtitle": shown.subtitle, "made": facts.made, "author": "heritage-monitor",
         "date": _date(facts), "foot": foot, "captions": dataclasses.asdict(captions),
-        "before": shown.before.caption, "after": shown.after.caption,
+        "before": facts.before.caption, "after": facts.after.caption, "named": NAMED,
         "headline": facts.answer.headline, "changed": " ".join(facts.answer.changed),
         "sure": " ".join(facts.answer.sure), "remarks": [_break_words(r, LONGEST) for r in facts.remarks],
         "figures": [dataclasses.asdict(f) for f in facts.answer.figures],
         "views": [
-            {"name": v.name, "wide": v.wide, "narrow": v.narrow, "before": room.put(v.before),
-             "after": room.put(v.after), "difference": room.put(v.difference)}
+            {"name": v.name, "wide": v.wide, "narrow": v.narrow, "narrow_room": v.narrow_room,
+             "before": room.put(v.before), "after": room.put(v.after), "difference": room.put(v.difference)}
             for v in pictures.views
         ],
         "colour_bar": room.put(pictures.colour_bar), "histogram": room.put(pictures.histogram),

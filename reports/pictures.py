@@ -27,6 +27,10 @@ ROOM_NAMES = {"front": "Wall ahead", "right": "Wall to the left", "back": "Wall 
 PIXELS = 1.6e6  # of one epoch's views together: about twice as fine as the page shows them
 LARGEST, SMALLEST = 1200, 400  # pixels, longest side of a view
 ROW, GAP, TALLEST = 99.0, 1.6, 66.0  # per cent of the page's width: a row of pictures, between them, height at most
+NAMED, DATED = (
+    8.0,
+    20.0,
+)  # per cent of the page's width that words below a picture get at least: a view's name, an epoch
 CLOSE_UPS = 24  # so many regions, the largest, are drawn close up; all are in the table
 
 
@@ -57,6 +61,16 @@ class ShownView:
     wide: float
     narrow: float
 
+    @property
+    def wide_room(self) -> float:
+        """How wide the place of its picture in an overview is [%]: a narrow one has room for its name."""
+        return max(self.wide, NAMED)
+
+    @property
+    def narrow_room(self) -> float:
+        """How wide the place of each of its pictures is beside the others [%]: a narrow one has room for a date."""
+        return max(self.narrow, DATED)
+
 
 @dataclass(frozen=True)
 class ShownSingle:
@@ -65,6 +79,11 @@ class ShownSingle:
     name: str
     picture: Shown
     wide: float
+
+    @property
+    def room(self) -> float:
+        """How wide its place is [%]: that of a narrow picture has room for its name."""
+        return max(self.wide, NAMED)
 
 
 @dataclass(frozen=True)
@@ -139,8 +158,8 @@ def show_views(views: Sequence[ViewPictures]) -> tuple[ShownView, ...]:
 
 def show_stable(drawn: Sequence[tuple[View, Picture]]) -> tuple[ShownSingle, ...]:
     """Return the pictures of the stable areas for the page: in one row, no wider than a third of the page each."""
-    total = sum(p.width for _, p in drawn) if drawn else 1
-    scale = min((ROW - GAP * (len(drawn) - 1)) / total, min((ROW / 4.0 / p.width for _, p in drawn), default=0.0))
+    row = fit_row([p.width for _, p in drawn]) if drawn else 0.0
+    scale = min(row, min((ROW / 4.0 / p.width for _, p in drawn), default=0.0))
     return tuple(ShownSingle(title_of(v), show(p), round(scale * p.width, 2)) for v, p in drawn)
 
 
@@ -152,12 +171,21 @@ def fit_rows(sizes: Sequence[tuple[int, int]]) -> float:
     scale = 0.0
     for n in range(1, len(sizes) + 1):
         rows = [sizes[k : k + n] for k in range(0, len(sizes), n)]
-        scale = min((ROW - GAP * (len(row) - 1)) / sum(width for width, _ in row) for row in rows)
+        scale = min(fit_row([width for width, _ in row]) for row in rows)
         height = sum(max(height for _, height in row) for row in rows)
         if scale * height <= TALLEST:
             return scale
         scale = TALLEST / height
     return scale
+
+
+def fit_row(widths: Sequence[int]) -> float:
+    """Return the per cent of the page's width for one pixel of pictures so wide, side by side; those narrower than
+    their names take `NAMED`."""
+    left, rest = ROW - GAP * (len(widths) - 1), sorted(widths)
+    while len(rest) > 1 and rest[0] * left / sum(rest) < NAMED:
+        left, rest = left - NAMED, rest[1:]
+    return left / sum(rest)
 
 
 def fit_strip(sizes: Sequence[tuple[int, int]]) -> float:

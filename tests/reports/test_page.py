@@ -1,6 +1,7 @@
 """The page: complete, in order, safe against what people type, and whole in a browser without a network."""
 
 import dataclasses
+import itertools
 import re
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from projects.errors import ParameterError
 from reports import pictures
 from reports.document import make_facts
 from reports.html import fill_page, write_page, write_whole
-from reports.pictures import Pictures, Shown, ShownView, choose_size, draw_pictures, fit_rows, fit_strip
+from reports.pictures import Pictures, Shown, ShownView, choose_size, draw_pictures, fit_row, fit_rows, fit_strip
 from reports.views import choose_views, frame_views
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -90,6 +91,13 @@ def test_views_share_a_scale_and_as_few_a_row_as_keeps_them_in_sight(sizes, n_in
     assert fit_strip(sizes) * width * 3 + pictures.GAP * 2 <= pictures.ROW + 1e-9
 
 
+def test_pictures_narrower_than_their_names_leave_them_room_in_the_row():
+    sizes = [(1000, 800), (10, 800), (10, 800)]
+    scale = fit_row([width for width, _ in sizes])
+    assert scale * 1000 + 2 * pictures.NAMED + 2 * pictures.GAP == pytest.approx(pictures.ROW)
+    assert fit_row([400, 400]) * 800 + pictures.GAP == pytest.approx(pictures.ROW)
+
+
 def test_pictures_too_tall_for_any_row_are_made_smaller():
     assert fit_rows([(50, 900)]) * 900 == pytest.approx(pictures.TALLEST)
     assert fit_strip([(50, 900)]) * 900 == pytest.approx(pictures.TALLEST)
@@ -144,3 +152,43 @@ def test_a_browser_without_network_shows_every_picture(tmp_path, monkeypatch):
     assert wide <= 1280
     assert "Two regions changed." in text
     assert path.stat().st_size < 8e6
+
+
+CAPTIONS = """[...document.querySelectorAll('.view > span')].map(span => {
+    const letters = document.createRange(); letters.selectNodeContents(span);
+    const text = document.createTreeWalker(span, NodeFilter.SHOW_TEXT).nextNode(), date = document.createRange();
+    date.setStart(text, 0); date.setEnd(text, text.data.match(/^[^,]*/)[0].length);
+    const lines = new Set([...date.getClientRects()].map(r => r.top)), r = letters.getBoundingClientRect();
+    return [r.left, r.top, r.right, r.bottom, lines.size, text.data]; })"""
+WIDTHS = "[...document.querySelectorAll('.triple')].map(t => [...t.querySelectorAll('img')].map(i => i.width))"
+
+
+@pytest.mark.page
+@pytest.mark.parametrize("width", [360, 1280])
+def test_captions_of_narrow_pictures_do_not_touch_and_hold_their_dates_together(tmp_path, width):
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if not CHROMIUM.exists():
+        pytest.skip(f"no browser at {CHROMIUM}")
+    facts = facts_of()
+    before = dataclasses.replace(facts.before, date="10\u00a0March\u00a02020", label="a" * 40)
+    after = dataclasses.replace(facts.after, date="15\u00a0September\u00a02021", label="before the winter")
+    stone = Shown(DOT.image, DOT.media_type, 40, 400, "stone")
+    names = ("Wall to the right", "From below", "Right side")
+    views = tuple(ShownView(n, stone, stone, stone, 3.0, 2.5) for n in names)
+    shown = Pictures(views, DOT, DOT, {r.number: (DOT, DOT) for r in facts.regions})
+    path = tmp_path / "report.html"
+    path.write_text(fill_page(dataclasses.replace(facts, before=before, after=after), shown), encoding="utf-8")
+    with playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        page = browser.new_context(offline=True, viewport={"width": width, "height": 900}).new_page()
+        page.goto(path.as_uri())
+        captions, widths = page.evaluate(CAPTIONS), page.evaluate(WIDTHS)
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        browser.close()
+    assert len(captions) == 4 * len(names)
+    for a, b in itertools.combinations(captions, 2):
+        assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+    assert all(c[0] >= 0 and c[2] <= width for c in captions)  # nothing is cut
+    assert [c[4] for c in captions if c[5][0].isdigit()] == [1] * 2 * len(names)  # dates in one piece
+    assert all(max(row) - min(row) <= 1 and min(row) > 0 for row in widths)  # one scale
+    assert wide <= width

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import itertools
 
 import numpy as np
 import pytest
@@ -139,6 +140,43 @@ def count_printed_over(document):
         for i, j in cKDTree(middles).query_pairs(0.2 * sizes.max()):
             pairs += bool(np.hypot(*(middles[i] - middles[j])) < 0.2 * min(sizes[i], sizes[j]))
     return pairs
+
+
+def test_words_below_narrow_pictures_neither_touch_nor_break_a_date():
+    facts = facts_of()
+    before = dataclasses.replace(
+        facts.before, date="10\u00a0March\u00a02020", label="as_given_by_the_workshop_before_it_was_cleaned"
+    )
+    after = dataclasses.replace(facts.after, date="15\u00a0September\u00a02021", label="W" * 40)
+    facts = dataclasses.replace(facts, before=before, after=after)
+    thin = plain_picture((10, 200, 30))
+    views = tuple(ShownView(n, thin, thin, thin, 1.0, 1.0) for n in ("Front", "Wall to the right", "From below"))
+    pictures = dataclasses.replace(pictures_of(facts), views=views, stable=(ShownSingle("From below", thin, 0.3),) * 3)
+    document = set_document(facts, pictures)
+    assert count_printed_over(document) == 0
+    read = PdfDocument.from_bytes(document)
+    lines = [line.replace("\u00a0", " ") for k in range(2) for line in read.extract_text(k).splitlines()]
+    assert sum("10 March 2020" in line and "September" not in line for line in lines) >= 3
+    assert sum("15 September 2021" in line for line in lines) >= 3
+    assert count_touching(document, 1) == 0
+
+
+def count_touching(document, k):
+    """Return how many letters of a page begin within the letter before them on their line, by more than a hair."""
+    chars = [c for c in PdfDocument.from_bytes(document).extract_chars(k) if c.char.strip()]
+    rows = sorted((round(c.bbox[1], 1), c.bbox[0], c.bbox[0] + c.bbox[2]) for c in chars)
+    return sum(a[0] == b[0] and b[1] < a[2] - 1.0 for a, b in itertools.pairwise(rows))
+
+
+def test_pictures_of_a_row_stand_on_one_line_however_many_lines_their_names_take():
+    facts = facts_of()
+    colours = ((200, 30, 120), (10, 200, 30))
+    stable = tuple(ShownSingle(n, plain_picture(c), 6.0) for n, c in zip(("A", "of two lines"), colours, strict=True))
+    read = PdfDocument.from_bytes(set_document(facts, dataclasses.replace(pictures_of(facts), stable=stable)))
+    k = next(k for k in range(read.page_count()) if "How sure" in read.extract_text(k))
+    page = np.asarray(Image.open(io.BytesIO(read.render_page(k))).convert("RGB"), int)
+    tops = [np.nonzero((np.abs(page - c).max(axis=2) < 12).any(axis=1))[0].min() for c in colours]
+    assert abs(tops[0] - tops[1]) <= 1  # pixel
 
 
 def long_record(n_scans=6):
