@@ -72,7 +72,7 @@ def write_captions(facts: ReportFacts) -> Captions:
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),
         ),
         course_columns=() if facts.series is None else (
-            ("Area", facts.series.measures.area), ("Mean change, last known", "mm"), ("Rate", "mm/year"),
+            ("Area", facts.series.measures.area), ("Mean, last known", "mm"), ("Rate", "mm/year"),
             ("Volume rate", f"{facts.series.measures.volume}/year"),
         ),
         kinds=tuple((kind, MEANINGS[kind]) for kind in present if kind in MEANINGS),
@@ -83,8 +83,8 @@ def write_captions(facts: ReportFacts) -> Captions:
             f"95{NBSP}% of epochs will lie if it goes on."
         ),
         course_numbers=(
-            "Numbers are those of the series, which a region keeps through all epochs; the regions of this comparison "
-            "are numbered by themselves."
+            "Numbers are those of the series, which a region keeps through all epochs. On the map: which region it is "
+            "in the pictures and the table of this comparison, which are numbered by themselves; –: none of them."
         ),
         distribution=(
             f"The differences of all assessed places of the {after.order} surface, with the level of detection of "

@@ -19,6 +19,7 @@ from reports.answer import MOVED_OR_WHOLE, holds_whole, state_answer
 from reports.certainty import state_certainty
 from reports.courses import tell_series
 from reports.facts import EpochFacts, RegionFacts, ReportFacts
+from reports.followed import place_courses
 from reports.history import (
     EpochHistory,
     count_blind,
@@ -72,7 +73,7 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
     if followed is None:
         return facts
     series = project.get(object_id, compared_id, followed.product, followed.step_id)
-    return replace(facts, series=tell_series(series))
+    return replace(facts, series=place_courses(tell_series(series), comparison))
 
 
 def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:

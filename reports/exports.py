@@ -21,6 +21,8 @@ from projects.formats import write_csv, write_e57, write_glb, write_las, write_o
 from projects.formats.complete_file import complete_file
 from projects.model import ComparedSurface, Comparison, PointCloud, Scan, Series, Step, Surface
 from reports.colours import choose_limit, vertex_colours
+from reports.followed import find_footprints
+from reports.quantities import NBSP
 
 SUMMARY_KEYS = ("stable_share", "bias_m", "nmad_m", "rmse_m", "lod95_median_m", "n_vertices", "n_not_assessable",
                 "n_unchanged", "n_changed", "share_above_lod95", "motion_significance")  # fmt: skip
@@ -63,15 +65,19 @@ def export_surface(out: Path, object_id: str, epoch_id: str, surface: Surface, f
     return _write_formats(out / f"{object_id}_{epoch_id}_surface", surface, surface_columns(surface), formats)
 
 
-def export_series(out: Path, object_id: str, series: Series, surface: Surface, formats: Sequence[str]) -> list[Path]:
+def export_series(
+    out: Path, object_id: str, series: Series, comparison: Comparison, formats: Sequence[str]
+) -> list[Path]:
     """Write the rates on the reference surface, where they are significant (`rate_assessment`: 0 not assessable, 1 not
     significant, 2 significant), from how large a rate on one is told, the followed regions and their history; return
     the paths.
 
     Parameters
     ----------
-    series, surface : of the same reference epoch, in its coordinates; rates in m/year, positive = gained.
+    series : rates in m/year, positive = gained.
+    comparison : of the reference epoch with the last of the series.
     """
+    surface = comparison.on_reference.surface
     stem = f"{object_id}_{series.reference_id}_series"
     properties = {
         **surface_columns(dataclasses.replace(surface, colors=None, intensity=None, sigma=None, sigma_shared=None,
@@ -84,11 +90,21 @@ def export_series(out: Path, object_id: str, series: Series, surface: Surface, f
     if series.rate_told_from is not None:
         properties["rate_told_from"] = series.rate_told_from
     written = _write_formats(out / stem, surface, properties, formats)
-    for name in ("regions", "history", "forecast", "motions", "closures"):
+    tables = {name: getattr(series, name) for name in ("regions", "history", "forecast", "motions", "closures")}
+    tables["regions"] = _place_regions(series, comparison)
+    for name in tables:
         path = out / f"{stem}_{name}.csv"
-        write_csv(path, getattr(series, name))
+        write_csv(path, tables[name])
         written.append(path)
     return written
+
+
+def _place_regions(series: Series, comparison: Comparison) -> pd.DataFrame:
+    """Return the followed regions with where they lie, and which regions of the last comparison they are."""
+    placed = find_footprints(series, comparison)
+    at = [placed[int(k)] for k in series.regions["identity"]]
+    words = [a.where.replace(NBSP, " ") for a in at]
+    return series.regions.assign(place=words, last_region=[a.region for a in at])
 
 
 def side_properties(side: ComparedSurface, colours: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:

@@ -57,7 +57,8 @@ class RegionFacts:
 @dataclass(frozen=True)
 class CourseFacts:
     """How one region goes on over several epochs; `origin` says where it split from or merged into, if it did, and
-    `first_seen` which epoch shows it first, or that none does by itself."""
+    `first_seen` which epoch shows it first, or that none does by itself. `where` it lies, and its number `on_map`, in
+    the pictures of the comparison that ends the series, are put in by `followed.place_courses`."""
 
     number: int
     side: str
@@ -68,6 +69,8 @@ class CourseFacts:
     mean: Estimate
     rate: Estimate
     volume_rate: Estimate
+    where: str = ""
+    on_map: str = ""
 
 
 @dataclass(frozen=True)

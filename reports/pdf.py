@@ -219,15 +219,16 @@ def _region(
     }  # fmt: skip
 
 
-def _in_columns(*figures: Estimate) -> list[dict[str, str]]:
-    """Return what of each estimate stands in the column of its value, and in the one beside it."""
-    return [{"value": e.value, "beside": e.beside} for e in figures]
+def _in_columns(*figures: Estimate) -> list[dict[str, Any]]:
+    """Return what of each estimate stands in the column of its value, and in the one beside it; words take both."""
+    return [{"value": e.value, "beside": e.beside, "is_words": e.is_words} for e in figures]
 
 
 def _series(series: SeriesFacts, chart: Mapping[str, str] | None) -> dict[str, Any]:
     """Return what goes on over several epochs."""
     courses = [
-        {"number": c.number, "side": c.side, "course": "; ".join(t for t in (c.course, c.origin) if t),
+        {"number": c.number, "side": c.side, "on_map": c.on_map, "where": c.where,
+         "course": "; ".join(t for t in (c.course, c.origin) if t),
          "first_seen": c.first_seen,
          "estimates": _in_columns(c.area, c.mean, c.rate, c.volume_rate)}
         for c in series.courses

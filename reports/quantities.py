@@ -32,6 +32,11 @@ class Estimate:
     unit: str = ""
 
     @property
+    def is_words(self) -> bool:
+        """Whether it is no number, but words that stand for one."""
+        return not self.unit
+
+    @property
     def beside(self) -> str:
         """The margin as it stands beside the value, in a column of its own."""
         return f"margin {NOT_KNOWN}" if self.margin == NOT_KNOWN else f"±{NBSP}{self.margin}" if self.margin else ""

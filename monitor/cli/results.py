@@ -89,7 +89,7 @@ def _export_series(
         )  # fmt: skip
         return []
     series = project.get(object_id, compared_id, step.product, step.step_id)
-    return export_series(out, object_id, series, made[1].on_reference.surface, formats)
+    return export_series(out, object_id, series, made[1], formats)
 
 
 def parse_formats(text: str) -> tuple[str, ...]:

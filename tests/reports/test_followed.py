@@ -1,0 +1,88 @@
+"""Followed regions are found again: in the words and by the numbers of the comparison that ends their series."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+from report_examples import DENT, PATCH, column, example_comparison, facts_of
+from test_courses import series_of
+from test_page import DOT
+from test_pdf import pictures_of, text_of
+
+from projects.model import HISTORY_COLUMNS, Series
+from reports.courses import tell_series
+from reports.exports import export_series
+from reports.followed import place_courses
+from reports.html import fill_page
+from reports.pdf import set_document
+from reports.quantities import NBSP
+
+BEHIND = 9  # a followed region on the back that is none of the comparison
+
+
+def followed(numbers: dict[int, int]) -> Series:
+    """Return a series of the column whose regions, by their numbers, are these of the comparison (0: on the back)."""
+    on_reference = example_comparison().on_reference
+    angle, up, _ = column()
+    behind = (np.abs(angle - np.pi / 2) < 0.2) & (np.abs(up - 0.5) < 0.05)
+    identity = np.zeros(len(angle), np.int32)
+    for number, region in numbers.items():
+        identity[behind if region == 0 else (on_reference.region == region) & (identity == 0)] = number
+    series = series_of("jump", (-3e-4, -4e-4))
+    (row,), places = series.regions.to_dict("records"), {0: (0.0, 0.2, 0.5), 1: DENT[-3:], 2: PATCH[-3:]}
+    rows = [row | {"identity": k} | dict(zip("xyz", places[r], strict=True)) for k, r in numbers.items()]
+    history = [[k, "c", 4.0, r, "", -4e-4, 1e-5, np.nan, np.nan] for k, r in numbers.items()]
+    return dataclasses.replace(
+        series, identity=identity, rate=np.zeros(len(angle)), sigma_rate=np.ones(len(angle)),
+        acceleration=np.zeros(len(angle)), sigma_acceleration=np.ones(len(angle)), regions=pd.DataFrame(rows),
+        history=pd.DataFrame(history, columns=list(HISTORY_COLUMNS)),
+    )  # fmt: skip
+
+
+def test_a_followed_region_lies_where_the_table_of_regions_says_and_has_its_number_there() -> None:
+    facts = facts_of()
+    told = place_courses(tell_series(followed({5: 2, 7: 1, BEHIND: 0})), facts.comparison)
+    where = {r.number: r.where for r in facts.regions}
+    placed = {c.number: (c.where, c.on_map.replace(NBSP, " ")) for c in told.courses}
+    assert placed == {5: (where[2], "no. 2"), 7: (where[1], "no. 1"), BEHIND: (f"back, 50{NBSP}cm above the base", "–")}
+
+
+def test_what_is_part_of_a_region_lies_where_its_own_footprint_does() -> None:
+    series = followed({5: 2, 7: 2})
+    half = np.where(column()[1] > 0.3, series.identity, np.where(series.identity == 5, 7, 0)).astype(np.int32)
+    regions = series.regions.assign(z=[0.33, 0.27])
+    told = place_courses(tell_series(dataclasses.replace(series, identity=half, regions=regions)), example_comparison())
+    placed = {c.number: (c.where.replace(NBSP, " "), c.on_map.replace(NBSP, " ")) for c in told.courses}
+    assert placed == {
+        5: ("right side, 33 cm above the base", "no. 2"),
+        7: ("right side, 27 cm above the base", "no. 2"),
+    }
+
+
+def test_of_a_surface_that_was_made_again_only_the_place_is_told() -> None:
+    series = followed({BEHIND: 0})
+    one = np.zeros(1)
+    other = dataclasses.replace(series, identity=np.ones(1, np.int32), rate=one, sigma_rate=one, acceleration=one,
+                                sigma_acceleration=one)  # fmt: skip
+    (course,) = place_courses(tell_series(other), example_comparison()).courses
+    assert course.where == f"50{NBSP}cm above the base"
+
+
+def test_place_and_number_stand_in_page_document_and_table(tmp_path) -> None:
+    series, facts = followed({5: 2, BEHIND: 0}), facts_of()
+    facts = dataclasses.replace(facts, series=place_courses(tell_series(series), facts.comparison))
+    shown = dataclasses.replace(pictures_of(facts), courses=DOT)
+    page = fill_page(facts, shown)
+    section = page[page.index('id="series"') : page.index('id="distribution"')]
+    assert f'<td class="words">no.{NBSP}2</td>' in section
+    assert f'<td class="words">back, 50{NBSP}cm above the base</td>' in section
+    assert section.count('<td class="said" colspan="2">no one rate</td>') == 4
+    text = text_of(set_document(facts, pictures_of(facts)))
+    text = text[text.index("Through time") : text.index("All differences")]
+    assert "no. 2" in text
+    assert "back, 50 cm" in text
+    export_series(tmp_path, "column", series, facts.comparison, ())
+    table = pd.read_csv(tmp_path / "column_a_series_regions.csv")
+    assert list(table.columns[-2:]) == ["place", "last_region"]
+    assert table["place"].tolist() == ["right side, 30 cm above the base", "back, 50 cm above the base"]
+    assert table["last_region"].tolist() == [2, 0]
