@@ -12,7 +12,18 @@ import numpy as np
 
 from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
-from reports.quantities import MM, NBSP, NOT_KNOWN, estimate, in_words, listed, millimetres, percent, square
+from reports.quantities import (
+    MM,
+    NBSP,
+    NOT_KNOWN,
+    about_square,
+    estimate,
+    in_words,
+    listed,
+    millimetres,
+    percent,
+    square,
+)
 from reports.whereabouts import Setting, locate_most
 from reports.wholemotion import PartMotion, describe_motion, describe_parts, knows_motion
 
@@ -137,7 +148,9 @@ def _what_changed(
         things = "" if parts else " region" if n == 1 else " regions"
         happened = MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else HAPPENED.get(kind, kind)
         parts.append(f"{in_words(n)}{things} {happened}{which}")
-    size = f"; together they cover {square(float(comparison.regions['area_m2'].sum()))}" if len(regions) > 1 else ""
+    # Their margins are added up as if all erred alike: the sum has no more digits than that leaves.
+    whole = about_square(*(float(comparison.regions[name].sum()) for name in ("area_m2", "sigma_area_m2")))
+    size = f"; together they cover {whole}" if len(regions) > 1 else ""
     moved = describe_parts(comparison)
     of_parts = {number for part in moved for number in part.regions}
     others = [r for r in regions if r.number not in of_parts]

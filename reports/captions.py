@@ -55,18 +55,21 @@ def write_captions(facts: ReportFacts) -> Captions:
     dark = "" if facts.is_room else " Dark grey: the inside."
     crs = f", {facts.crs}" if facts.crs else ""
     beside = "Figures are beside what all of the surface lies off by. " if is_beside_layer(facts.comparison) else ""
+    is_hardly_known = any(r.area.most for r in facts.regions)
+    hardly = " Up to: the upper end of it, for an area that is not well known." if is_hardly_known else ""
     present = dict.fromkeys(r.kind for r in facts.regions)
     return Captions(
         difference=(
             f"What changed from {before.date} to {after.date}, drawn on the {after.order} surface; all views at one "
             "scale. Warm colours: material lost, paler where it stood before what is there now. Blue: material gained. "
-            f"The darkest colours: as much or more. Light grey: assessed and unchanged.{dotted} Hatched: not "
-            "assessable. "
+            "The darkest colours: as much or more; their scale is this comparison’s own, do not compare colours with "
+            f"another report’s. Light grey: assessed and unchanged.{dotted} Hatched: not assessable. "
             f"{inside}{numbers}"
         ),
         strips=f"The same fixed views of both epochs{moved}.",
         regions=(
-            f"± is the half-width of the 95{NBSP}% interval. Positive: material gained; negative: lost. {beside}{sides}"
+            f"± is the half-width of the 95{NBSP}% interval.{hardly} Positive: material gained; negative: lost. "
+            f"{beside}{sides}"
         ),
         region_columns=(
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),

@@ -39,7 +39,7 @@ from reports.history import (
     versions_table,
 )
 from reports.opinion import opinion_tables
-from reports.quantities import MM, Measures, choose_measures, day, estimate, listed, percent
+from reports.quantities import MM, Measures, choose_measures, day, estimate, estimate_size, listed, percent
 from reports.ranging import gather_calibrations
 from reports.whereabouts import Setting, locate, setting_of
 from reports.wholemotion import parts_table
@@ -188,7 +188,7 @@ def describe_region(comparison: Comparison, row: pd.Series, setting: Setting, me
         meaning=MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else MEANINGS.get(kind, kind),
         side=COLOURED.get(kind, "other"),
         where=locate(comparison, number, place, setting),
-        area=estimate(float(row["area_m2"]), float(row["sigma_area_m2"]), measures.per_m2, measures.area),
+        area=estimate_size(float(row["area_m2"]), float(row["sigma_area_m2"]), measures.per_m2, measures.area),
         volume=estimate(
             float(row["volume_m3"]), float(row["sigma_volume_m3"]), measures.per_m3, measures.volume, signed=True
         ),

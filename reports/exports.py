@@ -142,7 +142,8 @@ def surface_columns(surface: Surface) -> dict[str, NDArray[Any]]:
 
 
 def summarize(comparison: Comparison, step: Step) -> dict[str, Any]:
-    """Return the summary that other programs read: `SUMMARY_KEYS` first, then every further statistic."""
+    """Return the summary that other programs read: `SUMMARY_KEYS` first, then where the difference models' colours end,
+    and every further statistic."""
     motion = comparison.registration
     statistics = dict(comparison.statistics)
     named = {key: statistics.pop(key) for key in SUMMARY_KEYS}
@@ -152,6 +153,7 @@ def summarize(comparison: Comparison, step: Step) -> dict[str, Any]:
         "centre": motion.centre,
         "mode": comparison.mode,
         **named,
+        "colours_end_m": choose_limit(comparison),
         "settings": step.parameters,
         "versions": step.versions,
         "inputs": step.inputs,

@@ -54,7 +54,8 @@ def draw_colour_bar(limit_m: float, lod95_m: float, told_m: float = math.nan, co
         axes.xaxis.set_major_formatter(plain_number)
         axes.annotate("lost", (0, 1), (0, 4), "axes fraction", textcoords="offset points", weight="bold")
         axes.annotate("gained", (1, 1), (0, 4), "axes fraction", textcoords="offset points", ha="right", weight="bold")
-        axes.annotate("change [mm]", (0.5, 1), (0, 4), "axes fraction", textcoords="offset points", ha="center")
+        axes.annotate("change [mm], scale of this report", (0.5, 1), (0, 4), "axes fraction",
+                      textcoords="offset points", ha="center")  # fmt: skip
         _add_states(figure, told_m, coarse_m)
         return write_svg(figure)
 

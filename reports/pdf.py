@@ -28,7 +28,7 @@ from reports.captions import caption_calibration, caption_region, title_region, 
 from reports.facts import RegionFacts, ReportFacts, SeriesFacts, Table
 from reports.making import mark_of
 from reports.pictures import NAMED, Pictures, Shown
-from reports.quantities import Estimate
+from reports.quantities import NBSP, Estimate
 
 STANDARD: Literal["a-2a"] = (
     "a-2a"  # ISO 19005-2, level A: for the long term, with the order and the meaning of what it holds
@@ -41,6 +41,7 @@ LINE, PAGE = 55.0, 100.0  # letters that a table has room for: half as wide as t
 SMALL, SMALLER = 115.0, 130.0  # in the small letters of the record, and its smaller ones
 SEAM = 1.8  # letters that the space between two columns takes
 WIDEST, NARROWEST = 24, 4  # letters that a column of short words gets at most and at least
+NAMING = 36  # the same of the first column, which names the rows in sentences
 LONGEST = 30  # letters of a word in a title or below a picture; a longer one may be broken
 FOOT = 100  # letters of a title in the foot of each page
 UNKNOWN = "\ufffd"
@@ -169,9 +170,10 @@ def split_table(table: Table, letters: float) -> list[Table]:
 
 
 def _needed(table: Table, which: Sequence[int]) -> list[float]:
-    """Return how many letters the longest word in each column takes, with the space beside it."""
-    texts = ([table.columns[c], *(row[c] for row in table.rows)] for c in which)
-    return [SEAM + max(len(word) for text in column for word in (*text.split(), "-" * NARROWEST)) for column in texts]
+    """Return how many letters the longest word in each column takes, with the space beside it; a quantity and a date,
+    held together by narrow spaces, are words."""
+    columns = (" ".join([table.columns[c], *(row[c] for row in table.rows)]).replace(NBSP, "") for c in which)
+    return [SEAM + max(map(len, (*words.split(), "-" * NARROWEST))) for words in columns]
 
 
 def set_beside(tables: Sequence[Table]) -> list[list[dict[str, Any]]]:
@@ -188,7 +190,9 @@ def fit_columns(table: Table, letters: float) -> dict[str, Any]:
     least = np.array(_needed(table, range(len(columns))))
     while least.sum() > letters and least.max() > SEAM + NARROWEST:
         least[least.argmax()] -= 1.0
-    wished = np.maximum([SEAM + min(max(map(len, column)), WIDEST) for column in columns], least)
+    widest = (NAMING, *(WIDEST for _ in columns[1:]))
+    longest = [max(map(len, column)) for column in columns]
+    wished = np.maximum([SEAM + min(n, most) for n, most in zip(longest, widest, strict=True)], least)
     spare, more = max(letters - least.sum(), 0.0), max((wished - least).sum(), 1.0)
     widths = least + (wished - least) * min(spare / more, 1.0)
 

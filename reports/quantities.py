@@ -25,11 +25,15 @@ WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its 95 % margin, both printed: "\u221212.4" and "0.3"; the margin is empty where there is none."""
+    """A number with its 95 % margin, both printed: "\u221212.4" and "0.3"; the margin is empty where there is none.
+
+    Of a size that is hardly known, "about 20", `most` is what it may be at most, and stands in the place of the margin.
+    """
 
     value: str
     margin: str = ""
     unit: str = ""
+    most: str = ""
 
     @property
     def is_words(self) -> bool:
@@ -39,6 +43,8 @@ class Estimate:
     @property
     def beside(self) -> str:
         """The margin as it stands beside the value, in a column of its own."""
+        if self.most:
+            return f"up to{NBSP}{self.most}"
         return f"margin {NOT_KNOWN}" if self.margin == NOT_KNOWN else f"±{NBSP}{self.margin}" if self.margin else ""
 
     @property
@@ -48,6 +54,8 @@ class Estimate:
             return f"{Estimate(self.value, unit=self.unit).text} ({self.beside})"
         if self.unit == "°" and self.value != NOT_KNOWN:
             return f"{self.value}°" + (f"{NBSP}±{NBSP}{self.margin}°" if self.margin else "")
+        if self.most:
+            return f"{Estimate(self.value, unit=self.unit).text} (not well known, {self.beside}{NBSP}{self.unit})"
         parts = [self.value, self.beside, self.unit]
         return NBSP.join(p for p in parts if p) if self.value != NOT_KNOWN else NOT_KNOWN
 
@@ -119,6 +127,35 @@ def estimate(value: float, sigma: float, scale: float, unit: str, *, signed: boo
     if round(margin, decimals) == 0.0:  # a margin is never told as none
         told = f"<{NBSP}{print_number(10.0**-decimals, decimals)}"
     return Estimate(print_number(value * scale, decimals, signed=signed), told, unit)
+
+
+def estimate_size(value: float, sigma: float, scale: float, unit: str) -> Estimate:
+    """Return an `estimate` of what cannot be below zero, an area: where its margin is as large as itself, about how
+    large it is, with one digit, and how large at most."""
+    margin = Z95 * sigma
+    if not (math.isfinite(value) and math.isfinite(margin) and margin >= value > 0.0):
+        return estimate(value, sigma, scale, unit)
+    about, most = value * scale, (value + margin) * scale
+    step = 10.0 ** -(leading(most) + 1)
+    told = print_number(math.ceil(most / step - 1e-9) * step, leading(most) + 1)
+    return Estimate(f"about{NBSP}{print_number(about, leading(about))}", "", unit, told)
+
+
+def leading(value: float) -> int:
+    """Return the decimals that show one digit of a number (> 0), negative where tens are rounded."""
+    return min(-math.floor(math.log10(value)), FINEST)
+
+
+def about_square(area: float, sigma: float) -> str:
+    """Return an area [m2] in words, with the digits that its margin leaves, and whether it is hardly known."""
+    measures = choose_measures([area])
+    size, margin = area * measures.per_m2, Z95 * sigma * measures.per_m2
+    if not (math.isfinite(size) and math.isfinite(margin) and size > 0.0 and margin > 0.0):
+        return square(area)
+    if margin >= size:
+        return f"about{NBSP}{print_number(size, leading(size))}{NBSP}{measures.area}, which is not well known"
+    decimals = min(max(count_decimals(margin), leading(size)), leading(size) + 2)
+    return f"about{NBSP}{print_number(size, decimals)}{NBSP}{measures.area}"
 
 
 def significant(value: float, digits: int = 3) -> int:

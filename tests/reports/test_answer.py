@@ -154,7 +154,7 @@ def test_an_unchanged_surface_that_lies_off_as_a_whole_is_no_answer_of_no_change
 def test_two_regions_are_told_with_their_place_size_and_margins():
     text = said(facts_of())
     assert text.startswith("Two regions changed. Between 12 May 2025 and 18 May 2026 one region lost material (no. 1)")
-    assert "and one gained material (no. 2); together they cover 110 cm²." in text
+    assert "and one gained material (no. 2); together they cover about 110 cm²." in text
     assert "Region 1 (front, 70 cm above the base): 78 ± 4 cm², at its deepest −12.40 ± 0.29 mm, volume −31.0" in text
     assert "Region 2 (right side, 30 cm above the base): 31.0 ± 2.0 cm², at its highest +3.1 ± 0.4 mm" in text
     assert "The level of detection of single places is 0.35 mm (95 %, median over the surface)." in text  # of old ones
@@ -335,3 +335,17 @@ def test_parts_that_moved_are_told_before_the_regions_that_are_none_of_theirs():
     facts = facts_of(example_comparison(parts=[part(1, turn=1e-4), part(2, turn=0.01)]))
     assert plain(facts.answer.headline) == "Two parts moved."
     assert "Part 1 (region 1) moved as a whole against the rest, by 5.00 ± 0.05 mm. Part 2" in said(facts)
+
+
+def test_an_area_that_is_hardly_known_is_told_so_in_answer_table_and_note():
+    hardly = (*DENT[:3], 0.0082, *DENT[4:])  # 78 cm2, with a margin of 161
+    facts = facts_of(example_comparison(rows=(hardly, PATCH)))
+    assert "together they cover about 100 cm², which is not well known." in said(facts)
+    assert "): about 80 cm² (not well known, up to 240 cm²), at its deepest" in said(facts)
+    assert plain(facts.regions[0].area.beside) == "up to 240"
+    assert "Up to: the upper end" in write_captions(facts).regions
+    assert "Up to" not in write_captions(facts_of()).regions
+
+
+def test_the_legend_says_that_its_colours_are_of_this_comparison():
+    assert "their scale is this comparison’s own" in write_captions(facts_of()).difference

@@ -3,9 +3,11 @@
 import numpy as np
 import pandas as pd
 import trimesh
+from report_examples import example_comparison
 
-from projects.model import Surface
-from reports.exports import export_surface
+from projects.model import Step, Surface
+from reports.colours import choose_limit
+from reports.exports import export_surface, summarize
 
 KNOWN = {
     "sigma": np.array([1e-4, np.nan, 3e-4, 4e-4]), "sigma_shared": np.array([5e-5, 6e-5, 7e-5, np.nan]),
@@ -35,6 +37,12 @@ def test_all_that_a_surface_knows_is_exported_under_its_name(tmp_path):
     properties = trimesh.load(ply, process=False).metadata["_ply_raw"]["vertex"]["data"]
     assert properties["crest"].tolist() == [0, 1, 1, 0]
     assert properties["unresolved"].tolist() == [1, 0, 0, 0]
+
+
+def test_the_summary_says_where_the_colours_of_the_models_end():
+    comparison = example_comparison(n_not_assessable=0, n_unchanged=0, n_changed=0)
+    summary = summarize(comparison, Step("c" * 16, "comparison-e1"))
+    assert summary["colours_end_m"] == choose_limit(comparison) == 0.015
 
 
 def test_what_a_surface_does_not_know_has_no_column(tmp_path):

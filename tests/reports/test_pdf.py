@@ -227,6 +227,26 @@ def test_pictures_of_one_view_stand_at_one_height_whatever_their_names_take():
     assert abs(tops[0] - tops[1]) <= 2  # pixels
 
 
+@pytest.mark.parametrize("n", range(0, 36, 5))
+def test_signatures_stand_with_what_is_signed_and_never_alone_on_a_page(n):
+    facts = facts_of()
+    facts = dataclasses.replace(facts, object_rows=(("Place", "Garden"),) * n)
+    read = PdfDocument.from_bytes(set_document(facts, pictures_of(facts)))
+    pages = [" ".join(read.extract_text(k).replace("\u00a0", " ").split()) for k in range(read.page_count())]
+    (k,) = (k for k, text in enumerate(pages) if "name, date, signature" in text)
+    signed = pages[k][pages[k].index("Signed") :]
+    assert f"{facts.title}. {facts.subtitle}. {facts.answer.headline}".replace("\u00a0", " ") in signed
+    begins = pages[k].startswith("Signed")
+    assert ("The record" in signed) == begins  # else the record begins a page of its own
+
+
+def test_a_date_in_the_head_of_a_column_is_one_word():
+    heads = ("", "before (10\u00a0March\u00a02020)", "after (15\u00a0September\u00a02021)")
+    widths = fit_columns(Table("t", heads, (("a sentence that names a row at length", "1", "2"),)), 46.0)["widths"]
+    assert widths[1] >= len("(10March2020)")
+    assert widths[2] >= len("(15September2021)")
+
+
 def test_a_wide_table_goes_on_below_with_its_rows_named_again():
     names = ("", *"abcdefghi")
     table = Table("t", names, (("x", *"123456789"),), note="n")

@@ -5,11 +5,14 @@ import datetime
 import pytest
 
 from reports.quantities import (
+    Estimate,
+    about_square,
     choose_measures,
     coordinates,
     count,
     day,
     estimate,
+    estimate_size,
     height,
     in_words,
     listed,
@@ -41,6 +44,42 @@ def test_an_estimate_is_rounded_by_its_margin_of_95_percent(value, sigma, text):
 def test_beside_its_value_a_margin_that_is_not_known_is_said_in_words():
     told = [estimate(0.003, sigma, 1e3, "mm").beside.replace("\u00a0", " ") for sigma in (NAN, 0.0, 0.0005)]
     assert told == ["margin not known", "", "± 1.0"]
+
+
+@pytest.mark.parametrize(
+    ("area", "sigma", "text", "beside"),
+    [
+        (0.00198, 0.0041, "about 20 cm² (not well known, up to 110 cm²)", "up to 110"),
+        (0.00002, 0.00002, "about 0.2 cm² (not well known, up to 0.60 cm²)", "up to 0.60"),
+        (0.00198, 0.0004, "20 ± 8 cm²", "± 8"),
+        (0.00198, NAN, "20 cm² (margin not known)", "margin not known"),
+        (NAN, NAN, "not known", ""),
+    ],
+)
+def test_an_area_known_no_better_than_it_is_large_is_told_by_how_large_it_may_be(area, sigma, text, beside):
+    told = estimate_size(area, sigma, 1e4, "cm²")
+    assert (told.text.replace("\u00a0", " "), told.beside.replace("\u00a0", " ")) == (text, beside)
+
+
+@pytest.mark.parametrize(
+    ("area", "sigma", "text"),
+    [
+        (0.00436, 0.0044, "about 40 cm², which is not well known"),
+        (0.0121, 0.0016, "about 120 cm²"),
+        (0.01095, 0.0003, "about 110 cm²"),
+        (0.01095, 1e-9, "about 110 cm²"),
+        (3.456, 0.01, "about 3.46 m²"),
+        (0.00436, NAN, "43.6 cm²"),
+    ],
+)
+def test_a_sum_of_areas_has_the_digits_that_its_margin_leaves(area, sigma, text):
+    assert about_square(area, sigma).replace("\u00a0", " ") == text
+
+
+def test_what_is_no_number_says_so():
+    assert [
+        e.is_words for e in (Estimate("no one rate"), estimate(NAN, 1.0, 1.0, "mm"), estimate(1.0, 1.0, 1.0, "mm"))
+    ] == [True, True, False]
 
 
 def test_a_margin_is_never_told_as_none():
