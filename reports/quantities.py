@@ -154,7 +154,7 @@ def about_square(area: float, sigma: float) -> str:
         return square(area)
     if margin >= size:
         return f"about{NBSP}{print_number(size, leading(size))}{NBSP}{measures.area}, which is not well known"
-    decimals = min(max(count_decimals(margin), leading(size)), leading(size) + 2)
+    decimals = min(max(leading(margin), leading(size)), leading(size) + 2)
     return f"about{NBSP}{print_number(size, decimals)}{NBSP}{measures.area}"
 
 

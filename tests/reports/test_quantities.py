@@ -66,6 +66,7 @@ def test_an_area_known_no_better_than_it_is_large_is_told_by_how_large_it_may_be
     [
         (0.00436, 0.0044, "about 40 cm², which is not well known"),
         (0.0121, 0.0016, "about 120 cm²"),
+        (0.0103, 0.00148, "about 100 cm²"),
         (0.01095, 0.0003, "about 110 cm²"),
         (0.01095, 1e-9, "about 110 cm²"),
         (3.456, 0.01, "about 3.46 m²"),
