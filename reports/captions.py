@@ -48,7 +48,8 @@ def write_captions(facts: ReportFacts) -> Captions:
     sides = (
         "Walls are named as by someone who stands in the room before the wall ahead, that of the first view."
         if facts.is_room
-        else "Sides are those of someone who stands before the front."
+        else "Sides are those of someone who stands before the front, taken to be where most of the surface faces: the "
+        "view of that name shows which side it is."
     )
     looked_for = ", looked for only where you said that nothing moved" if facts.stable else ""
     not_asked = "; nearly white: outside of what you gave, not asked" if facts.stable else ""

@@ -27,10 +27,7 @@ ROOM_NAMES = {"front": "Wall ahead", "right": "Wall to the left", "back": "Wall 
 PIXELS = 1.6e6  # of one epoch's views together: about twice as fine as the page shows them
 LARGEST, SMALLEST = 1200, 400  # pixels, longest side of a view
 ROW, GAP, TALLEST = 99.0, 1.6, 66.0  # per cent of the page's width: a row of pictures, between them, height at most
-NAMED, DATED = (
-    8.0,
-    20.0,
-)  # per cent of the page's width that words below a picture get at least: a view's name, an epoch
+NAMED, DATED = 8.0, 20.0  # the same: words below a picture get at least so much, a view's name and an epoch
 CLOSE_UPS = 24  # so many regions, the largest, are drawn close up; all are in the table
 
 
