@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.comparison.chips import HANDFUL
 from monitor.comparison.connected import connect_like
 from monitor.comparison.moved_parts import BESIDE_SPACINGS, MOST, count_vertices, normals_of, part_on_reference
-from monitor.comparison.regions import HANDFUL
 from monitor.comparison.stars import gather_neighbours, make_mesh, vertex_areas
 from monitor.registration.parts import MovedParts
 from monitor.registration.sampling import motion_rows

@@ -12,11 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from monitor.comparison.connected import connect_like
 from monitor.comparison.marking import grow
 from monitor.comparison.side import Side
 from monitor.comparison.tested import Detected, Detection
 from projects.model import Bools, Floats, Ints, NotAssessed
 
+HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 FEW = 3.0  # squares of the spacing of the vertices: one of them may be a bad fit, and the points decide in the end
 STATED = 3.0  # sigmas as stated, whatever the stable areas make of these
 STREWN = 1.0 / 3.0  # of what was measured around a vertex; along sharp edges the shares of two epochs differ by less
@@ -91,9 +93,13 @@ def drop_unexplained(sides: tuple[Side, Side], found: Detected, regions: tuple[I
 
 
 def is_unlike(side: Side, found: Detection, far: float, told: Floats) -> Bools:
-    """Return which vertices (n,) differ by more than `far` levels of detection, or with their neighbours by more than
-    is `told` (n,) [m] where they are; that may not be known (NaN)."""
-    return np.asarray((levels_off(side, found) > far) | (np.abs(found.smooth) > told))
+    """Return which vertices (n,) differ by more than `far` levels of detection, or, a handful that hang together, by
+    more than is `told` (n,) [m] where they are; that may not be known (NaN)."""
+    differs = side.is_assessed & (np.abs(found.smooth) > told) & (np.abs(np.nan_to_num(side.distances)) > told)
+    part = connect_like(np.where(differs, (found.smooth > 0.0).astype(np.int64), -1), [side.neighbours])
+    areas = np.bincount(part[differs], side.areas[differs], minlength=1)
+    is_handful = differs & (areas[np.maximum(part, 0)] >= HANDFUL * float(np.median(side.areas)))
+    return np.asarray((levels_off(side, found) > far) | is_handful)
 
 
 def hang_on(side: Side, found: Detection, region: Ints) -> Bools:

@@ -14,11 +14,11 @@ import numpy as np
 
 from monitor.comparison.blocks import blocks
 from monitor.comparison.borne_out import Points, are_borne_out
+from monitor.comparison.chips import HANDFUL
 from monitor.comparison.connected import connect_like
 from monitor.comparison.marking import grow
 from monitor.comparison.quantile import median
 from monitor.comparison.region_parts import foot_links
-from monitor.comparison.regions import HANDFUL
 from monitor.comparison.side import N_DRAWN, Side, larger_of, map_sides
 from projects.model import Bools, Floats, Ints, NotAssessed
 

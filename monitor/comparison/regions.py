@@ -18,7 +18,7 @@ from scipy.sparse import coo_matrix
 from scipy.stats import norm
 
 from monitor.comparison.borders import margin_widths, spread_margin
-from monitor.comparison.chips import stand_alone, turn_sharply
+from monitor.comparison.chips import HANDFUL, stand_alone, turn_sharply
 from monitor.comparison.covered import take_covered
 from monitor.comparison.enclosure import (
     Beyond,
@@ -45,8 +45,6 @@ from monitor.comparison.side import Side
 from monitor.comparison.skirts import trim_skirts
 from monitor.comparison.tested import Detected, Tested
 from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
-
-HANDFUL = 7.0  # squares of the spacing: the area of a vertex and those around it
 
 
 @dataclass(frozen=True)

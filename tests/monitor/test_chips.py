@@ -11,6 +11,7 @@ import pytest
 
 from monitor.comparison import chips, compare, regions
 from monitor.comparison.level_of_detection import far_levels
+from monitor.comparison.stars import gather_neighbours, make_mesh, vertex_areas
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
 N, EDGE, NOISE = 121, 2e-3, 5e-5  # of the sheets; m
@@ -201,10 +202,18 @@ def test_the_farthest_of_many_is_no_farther_than_bonferroni_allows(rng: np.rando
     assert np.mean(farthest > far_levels(n, 0.05)) == pytest.approx(0.05, abs=0.012)
 
 
-def test_what_differs_by_more_than_its_place_tells_is_not_called_unchanged() -> None:
+def test_a_handful_that_differs_by_more_than_its_place_tells_is_not_called_unchanged() -> None:
     """A crack that was filled is narrower than any patch, and by itself no vertex of it may be beyond errors."""
-    side = cast(Any, SimpleNamespace(is_assessed=np.array([True, True, True, True, False]),
-                                     distances=np.array([3.0, -3.0, 3.0, 9.0, np.nan])))  # fmt: skip
-    found = cast(Any, SimpleNamespace(lod95=np.full(5, 2.0), smooth=np.array([2.5, -2.5, 1.5, 0.5, 0.0])))
-    unlike = chips.is_unlike(side, found, 4.0, np.array([2.0, 2.0, 2.0, np.nan, 2.0]))
-    np.testing.assert_array_equal(unlike, [True, True, False, True, False])
+    surface = sheet(np.zeros((N, N)))
+    mesh = make_mesh(surface.vertices, surface.faces)
+    crack, lone, few = np.zeros((3, N, N), dtype=bool)
+    crack[30:40, 60:62] = lone[80, 80] = few[20:22, 20:22] = True
+    distances = np.where(crack | lone | few, 3.0, 0.0)
+    side = cast(Any, SimpleNamespace(is_assessed=np.ones(N * N, dtype=bool), distances=distances.ravel(),
+                                     areas=vertex_areas(mesh), neighbours=gather_neighbours(mesh)))  # fmt: skip
+    found = cast(Any, SimpleNamespace(lod95=np.full(N * N, 2.0), smooth=distances.ravel()))
+    told = np.full(N * N, 2.0)
+    np.testing.assert_array_equal(chips.is_unlike(side, found, 4.0, told), crack.ravel())
+    np.testing.assert_array_equal(chips.is_unlike(side, found, 1.2, told), (crack | lone | few).ravel())
+    assert not chips.is_unlike(side, found, 4.0, np.full(N * N, np.nan)).any()
+    assert not chips.is_unlike(side, found, 4.0, np.where(crack.ravel(), 4.0, told)).any()

@@ -70,14 +70,15 @@ def test_rates_are_significant_where_it_is_worn_and_nowhere_else(made: Path) -> 
     """By themselves one vertex in twenty would be, all over the relief."""
     project = Project.open(made / "project")
     series = project.get("relief", "e2025", "series-e2021")
-    surface = project.get("relief", "e2025", "comparison-e2021").on_reference.surface
+    comparison = project.get("relief", "e2025", "comparison-e2021")
+    surface = comparison.on_reference.surface
     away = np.hypot(surface.vertices[:, 0] - 0.05, surface.vertices[:, 1])
     significant = series.rate_assessment == Assessment.CHANGED
     assert significant[away < 0.025].all()
     assert not significant[away > 0.06].any()
     assert (np.isnan(series.rate) <= (series.rate_assessment == Assessment.NOT_ASSESSABLE)).all()
     told = dataclasses.replace(series, rate_told_from=np.arange(len(series.rate), dtype=np.float32) / 1e6)
-    path = export_series(made, "told", told, surface, ["ply"])[0]
+    path = export_series(made, "told", told, comparison, ["ply"])[0]
     exported = trimesh.load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]
     np.testing.assert_array_equal(exported["rate_assessment"], series.rate_assessment)
     np.testing.assert_array_equal(exported["rate_told_from"], told.rate_told_from)
