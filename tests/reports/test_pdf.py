@@ -114,6 +114,16 @@ def test_the_picture_of_the_difference_stands_on_the_first_page():
     assert rows.max() - rows.min() == pytest.approx((columns.max() - columns.min()) * 40 / 60, rel=0.03)
 
 
+@pytest.mark.parametrize("height", [150, 200])  # of pictures 40 wide
+def test_tall_pictures_are_made_smaller_for_the_first_page(height):
+    facts = facts_of()
+    tall = Shown(f"<svg xmlns='http://www.w3.org/2000/svg' width='40' height='{height}'/>".encode(), "image/svg+xml",
+                 0, 0, "tall")  # fmt: skip
+    views = tuple(ShownView(f"Side {k}", DOT, DOT, tall, 18.0, 18.0) for k in range(5))
+    document = set_document(facts, dataclasses.replace(pictures_of(facts), views=views))
+    assert "Figure 1" in PdfDocument.from_bytes(document).extract_text(0)
+
+
 def test_a_disc_carries_the_colour_of_its_kind():
     facts = facts_of()
     read = PdfDocument.from_bytes(set_document(facts, pictures_of(facts)))
