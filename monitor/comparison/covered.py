@@ -105,6 +105,5 @@ def _write_met(first, last, tree: MeshTree, points, ahead, met):  # type: ignore
     """Write the face, in the tree's order, that each point first meets on its way ahead, -1 for none."""
     stack = np.empty(DEPTH, dtype=np.int64)
     for i in range(first, last):
-        met[i] = first_crossing(
-            tree, local_point(tree.shift, points, i), (ahead[i, 0], ahead[i, 1], ahead[i, 2]), stack
-        )
+        way = (ahead[i, 0], ahead[i, 1], ahead[i, 2])
+        met[i] = first_crossing(tree, local_point(tree.shift, points, i), way, (0.0, 1.0), stack)

@@ -239,31 +239,15 @@ def _stands_over_vertex(tree, p, v):  # type: ignore[no-untyped-def]
 @jit(nopython=True, cache=True)
 def is_way_crossed(tree, p, foot, stack):  # type: ignore[no-untyped-def]
     """Whether the way from p to its foot crosses the surface before it gets there."""
-    direction = sub(foot, p)
-    n_inner, n_faces = tree.n_leaves - 1, len(tree.faces)
-    stack[0], top = 0, 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if not _meets_box(p, direction, tree.nodes, node):
-            continue
-        if node < n_inner:
-            stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
-            top += 2
-            continue
-        first = leaf_of_node(tree.deepest, tree.n_leaves, node) * FACES_PER_LEAF
-        for f in range(first, min(first + FACES_PER_LEAF, n_faces)):
-            t = crosses_triangle(p, direction, corner_of(tree, f, 0), corner_of(tree, f, 1), corner_of(tree, f, 2))
-            if 1e-6 < t < 1.0 - 1e-6:
-                return True
-    return False
+    return first_crossing(tree, p, sub(foot, p), (1e-6, 1.0 - 1e-6), stack) >= 0
 
 
 @jit(nopython=True, cache=True)
-def first_crossing(tree, p, direction, stack):  # type: ignore[no-untyped-def]
-    """Return the face, in the tree's order, that the way from p to p + direction crosses first, -1 for none."""
+def first_crossing(tree, p, direction, between, stack):  # type: ignore[no-untyped-def]
+    """Return the face, in the tree's order, that the way from p to p + direction crosses first, -1 for none, from the
+    first of the shares `between` of it to before the second."""
     n_inner, n_faces = tree.n_leaves - 1, len(tree.faces)
-    face, nearest = -1, 1.0
+    face, nearest = -1, between[1]
     stack[0], top = 0, 1
     while top > 0:
         top -= 1
@@ -277,7 +261,7 @@ def first_crossing(tree, p, direction, stack):  # type: ignore[no-untyped-def]
         first = leaf_of_node(tree.deepest, tree.n_leaves, node) * FACES_PER_LEAF
         for f in range(first, min(first + FACES_PER_LEAF, n_faces)):
             t = crosses_triangle(p, direction, corner_of(tree, f, 0), corner_of(tree, f, 1), corner_of(tree, f, 2))
-            if 0.0 <= t < nearest:
+            if between[0] <= t < nearest:
                 face, nearest = f, t
     return face
 

@@ -105,7 +105,9 @@ def test_the_first_face_on_a_way_is_found_as_by_trying_all(rng: np.random.Genera
         u, v, t = np.linalg.solve(system, (p - a)[..., None])[..., 0].T
         hits = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t < 1))
         expected = hits[t[hits].argmin()] if len(hits) else -1
-        found = first_crossing(tree, local_point(tree.shift, p[None], 0), tuple(way), np.empty(DEPTH, dtype=np.int64))
+        found = first_crossing(
+            tree, local_point(tree.shift, p[None], 0), tuple(way), (0.0, 1.0), np.empty(DEPTH, dtype=np.int64)
+        )
         assert (tree.order[found] if found >= 0 else -1) == expected
         met += expected >= 0
     assert met > 20

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import io
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from monitor.cli import run as run_monitor
+from monitor.simulation import INSTRUMENTS, Scene
+from monitor.simulation.campaign import SurveyedEpoch, write_campaign
+from monitor.simulation.stations import Station
 from projects import Project
-from projects.model import Comparison, Surface
+from projects.model import Comparison, Floats, Surface
 
 OBJECT = "object"
 
@@ -64,6 +69,20 @@ def compare(project: Path, reference: str, compared: str, *, mode: str | None = 
     tell("compare", project, OBJECT, reference, compared, *options, *_settings(project.parent, settings))
     found: Comparison = product(project, compared, f"comparison-{reference}")
     return found
+
+
+def compare_states(states: Sequence[tuple[Scene, tuple[Station, ...]]], box: Floats, seed: int) -> list[Comparison]:
+    """Return the comparisons of the first of some states with each later one: scanned a year apart, each scene by its
+    stations, with the phase scanner of 2020; `box` (2, 3) m is what is monitored."""
+    dates = [f"{2020 + k}-05-01" for k in range(len(states))]
+    with tempfile.TemporaryDirectory() as name:
+        surveyed = [SurveyedEpoch(*state, datetime.date.fromisoformat(date))
+                    for state, date in zip(states, dates, strict=True)]  # fmt: skip
+        written = write_campaign(Path(name) / "scans", surveyed, INSTRUMENTS["phase-2020"], box=box, seed=seed)
+        epochs = [Epoch(f"e{k}", date, [path])
+                  for k, (date, path) in enumerate(zip(dates, written.epochs, strict=True))]  # fmt: skip
+        project = process(Path(name), epochs, extent=written.extent)
+        return [compare(project, "e0", epoch.name) for epoch in epochs[1:]]
 
 
 def surface(project: Path, epoch: str) -> Surface:

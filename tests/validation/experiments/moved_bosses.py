@@ -8,17 +8,14 @@ gained on the side that it moved to.
 
 from __future__ import annotations
 
-import datetime
 import itertools
-import tempfile
-from pathlib import Path
+from collections.abc import Sequence
 
 import front_door
 import numpy as np
 from rows import Row, Size
 
-from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, stand_at
-from monitor.simulation.campaign import SurveyedEpoch, write_campaign
+from monitor.simulation import Body, Scene, misregister, stand_at
 from monitor.simulation.scenes import grid_faces
 from monitor.simulation.stations import Station
 from projects.model import Comparison
@@ -45,13 +42,15 @@ def plaque(height: float, move: float) -> Scene:
     return Scene("plaque", (Body("plaque", vertices, np.ascontiguousarray(faces, np.int32), 0.6),))
 
 
-def stations(rng: np.random.Generator, spacing: float) -> tuple[Station, ...]:
-    """Return those of an epoch, points so far apart [m]."""
+def stations(rng: np.random.Generator, spacing: float, places: Sequence[tuple[float, float, float]] = STATIONS,
+             middle: float = 0.2) -> tuple[Station, ...]:  # fmt: skip
+    """Return those of an epoch before a wall whose `middle` is so high [m], points so far apart [m]; `places` are
+    degrees, m away and m high, met to some degrees."""
     out = []
-    for k, (angle, distance, height) in enumerate(STATIONS, start=1):
+    for k, (angle, distance, height) in enumerate(places, start=1):
         turn = np.radians(angle + rng.normal(scale=3.0))
         place = np.array([distance * np.cos(turn), distance * np.sin(turn), height])
-        pose = stand_at(place, facing=np.array([0.0, 0.0, 0.2]), heading=rng.uniform(-0.3, 0.3))
+        pose = stand_at(place, facing=np.array([0.0, 0.0, middle]), heading=rng.uniform(-0.3, 0.3))
         given = misregister(pose, rng, sigma_position=2e-4, sigma_angle=3e-5)
         out.append(Station(f"station {k}", pose, spacing / distance, given))
     return tuple(out)
@@ -59,15 +58,9 @@ def stations(rng: np.random.Generator, spacing: float) -> tuple[Station, ...]:
 
 def compare_moves(height: float, spacing: float, moves: tuple[float, ...], seed: int) -> list[Comparison]:
     """Return the comparisons of the plaque as it stood first with each state after a move [m]."""
-    rng, dates = np.random.default_rng([seed, 21]), [f"20{20 + k}-05-01" for k in range(len(moves) + 1)]
-    with tempfile.TemporaryDirectory() as name:
-        surveyed = [SurveyedEpoch(plaque(height, move), stations(rng, spacing), datetime.date.fromisoformat(date))
-                    for move, date in zip((0.0, *moves), dates, strict=True)]  # fmt: skip
-        written = write_campaign(Path(name) / "scans", surveyed, INSTRUMENTS["phase-2020"], box=BOX, seed=seed)
-        epochs = [front_door.Epoch(f"e{k}", date, [path])
-                  for k, (date, path) in enumerate(zip(dates, written.epochs, strict=True))]  # fmt: skip
-        project = front_door.process(Path(name), epochs, extent=written.extent)
-        return [front_door.compare(project, "e0", f"e{k}") for k in range(1, len(epochs))]
+    rng = np.random.default_rng([seed, 21])
+    return front_door.compare_states([(plaque(height, move), stations(rng, spacing)) for move in (0.0, *moves)],
+                                     BOX, seed)  # fmt: skip
 
 
 def count_told(found: Comparison, move: float) -> tuple[int, int]:

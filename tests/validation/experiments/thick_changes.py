@@ -8,21 +8,17 @@ nobody saw then. The truth is the sum over the wall of what came or went.
 
 from __future__ import annotations
 
-import datetime
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import front_door
 import numpy as np
 import pandas as pd
+from moved_bosses import stations
 from rows import Row, Size, in_words, judge, mean_of
 from scipy.stats import binom
 
-from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, stand_at
-from monitor.simulation.campaign import SurveyedEpoch, write_campaign
+from monitor.simulation import Body, Scene
 from monitor.simulation.scenes import grid_faces
-from monitor.simulation.stations import Station
 from projects.model import Comparison, Floats
 
 TITLE = "Volumes of thick changes with steep sides: panels, bricks, bosses on a wall"
@@ -31,6 +27,7 @@ CELL = 0.0015  # m, of the wall's triangles
 STEEP = 0.0015  # m, in which a side rises
 BESIDE = 0.01  # m: a region is of the change whose place its centre lies in, or so near to
 FROM_ABOVE = ((-55.0, 2.2, 0.9), (-90.0, 2.4, 0.3), (-125.0, 2.3, 1.2))  # degrees, m, m
+MIDDLE = 0.4  # m, half as high as the wall
 ALL_AROUND = (*FROM_ABOVE, (-80.0, 1.6, -1.2), (-100.0, 1.6, 2.2))
 BOX = np.array([[-0.545, -0.1, 0.005], [0.545, 0.05, 0.79]])
 ASKED, RATIO = 0.95, 0.02  # of true volumes lie within 1.96 sigma; of the volume, where all sides are seen
@@ -91,30 +88,11 @@ def scene_of(x: Floats, y: Floats, z: Floats) -> Scene:
     return Scene("wall", (Body("wall", vertices, faces, 0.6),))
 
 
-def stations(rng: np.random.Generator, places: tuple[tuple[float, float, float], ...]) -> tuple[Station, ...]:
-    """Return those of an epoch, points 3 to 4 mm apart."""
-    out, spacing = [], rng.uniform(0.003, 0.004)
-    for k, (angle, distance, height) in enumerate(places, start=1):
-        turn = np.radians(angle + rng.normal(scale=3.0))
-        place = np.array([distance * np.cos(turn), distance * np.sin(turn), height])
-        pose = stand_at(place, facing=np.array([0.0, 0.0, 0.4]), heading=rng.uniform(-0.3, 0.3))
-        given = misregister(pose, rng, sigma_position=2e-4, sigma_angle=3e-5)
-        out.append(Station(f"station {k}", pose, spacing / distance, given))
-    return tuple(out)
-
-
 def compare_walls(places: tuple[tuple[float, float, float], ...], seed: int) -> tuple[Comparison, dict[str, float]]:
-    """Return the comparison of the wall before and after, and the true volumes [m3]."""
+    """Return the comparison of the wall before and after, points 3 to 4 mm apart, and the true volumes [m3]."""
     rng, (before, after, volumes) = np.random.default_rng([seed, 31]), walls()
-    dates = ("2020-05-01", "2021-05-01")
-    with tempfile.TemporaryDirectory() as name:
-        surveyed = [SurveyedEpoch(scene, stations(rng, places), datetime.date.fromisoformat(date))
-                    for scene, date in zip((before, after), dates, strict=True)]  # fmt: skip
-        written = write_campaign(Path(name) / "scans", surveyed, INSTRUMENTS["phase-2020"], box=BOX, seed=seed)
-        epochs = [front_door.Epoch(f"e{k}", date, [path])
-                  for k, (date, path) in enumerate(zip(dates, written.epochs, strict=True))]  # fmt: skip
-        project = front_door.process(Path(name), epochs, extent=written.extent)
-        return front_door.compare(project, "e0", "e1"), volumes
+    states = [(scene, stations(rng, rng.uniform(0.003, 0.004), places, MIDDLE)) for scene in (before, after)]
+    return front_door.compare_states(states, BOX, seed)[0], volumes
 
 
 def regions_of(change: Thick, regions: pd.DataFrame) -> pd.DataFrame:
