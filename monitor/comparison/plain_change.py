@@ -16,14 +16,14 @@ from monitor.comparison.blocks import blocks
 from monitor.comparison.borne_out import Points, are_borne_out
 from monitor.comparison.chips import HANDFUL
 from monitor.comparison.connected import connect_like
-from monitor.comparison.marking import grow
 from monitor.comparison.quantile import median
 from monitor.comparison.region_parts import foot_links
 from monitor.comparison.side import N_DRAWN, Side, larger_of, map_sides
 from projects.model import Bools, Floats, Ints, NotAssessed
 
 SIGMAS, AROUND = 3.0, 1.5  # as stated, or as most places err: plain is what lies so far off zero, with what around it
-MOST_PLAIN = 0.1  # of the assessed area: what stands out of the rest on more of it may be what scans err by there
+MOST_PLAIN = 0.1  # of the assessed area: what stands out of the rest on more of it may be what scans err by there; one
+# piece that alone does, as where a crust was taken off, teaches, and leaves what is small beside it as it is
 SCANS = 2.0  # times what scans are stated to disagree by: it may be off by a factor of two, and no point tells
 CORE = 0.6745  # sigmas within which half of normal errors lie
 
@@ -54,11 +54,13 @@ def changed_plainly(sides: tuple[Side, Side], points: Points, limits: tuple[floa
     if both[0] is None or both[1] is None:
         return nothing
     is_plain = np.append(False, are_borne_out(told, parts, n_parts, both, limits, left, each_must=True))
-    found = map_sides(lambda k: grow(is_plain[parts[k]], np.abs(off[k]) > AROUND * usual,
-                                     np.sign(off[k]).astype(np.int8), told[k].neighbours), n_vertices)  # fmt: skip
-    shares = [float(s.areas[p].sum()) / float(s.areas[s.is_assessed].sum()) for s, p in zip(told, found, strict=True)
-              if p.any()]  # fmt: skip
-    return found if max(shares, default=0.0) <= MOST_PLAIN else nothing
+    pieces, n_pieces = number_parts(told, off, AROUND * usual)
+    shares = share_of(told, pieces, n_pieces)
+    holds = np.zeros(n_pieces + 1, dtype=np.bool_)
+    for piece, part in zip(pieces, parts, strict=True):
+        holds[piece[is_plain[part]]] = True
+    holds &= np.append(False, shares <= MOST_PLAIN)
+    return (holds[pieces[0]], holds[pieces[1]]) if float(shares[holds[1:]].sum()) <= MOST_PLAIN else nothing
 
 
 def sigmas_off(side: Side) -> Floats:
@@ -98,3 +100,12 @@ def number_parts(sides: tuple[Side, Side], off: tuple[Floats, Floats], least: fl
     number = np.zeros(n_parts + 1, dtype=np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     return (number[both[0]], number[both[1]]), len(kept)  # part -1 is the last entry: 0
+
+
+def share_of(sides: tuple[Side, Side], pieces: tuple[Ints, Ints], n_pieces: int) -> Floats:
+    """Return the share (n_pieces,) of what is assessed of a side that each piece, from 1 on, covers; the larger one."""
+    shares = []
+    for side, own in zip(sides, pieces, strict=True):
+        assessed = max(float(side.areas[side.is_assessed].sum()), 1e-300)
+        shares.append(np.bincount(own, side.areas, minlength=n_pieces + 1)[1:] / assessed)
+    return np.maximum(*shares)

@@ -176,3 +176,17 @@ def test_what_is_lifted_all_over_or_on_much_of_an_object_still_teaches(rng: np.r
     raised, second = erring(rng, lifted, np.full(N * N, SURE))
     sides = measure_sides(make_shells(surface, raised, LIMITS), known_motion(np.eye(4)))
     assert not any(is_plain.any() for is_plain in changed_plainly(sides, lambda: (first, second), LIMITS))
+
+
+def test_what_is_small_is_plain_beside_a_piece_that_is_not_for_being_wide(rng: np.random.Generator) -> None:
+    """A crust that was taken off three tenths of an object teaches, the hole that was filled beside it does not."""
+    axis = np.arange(N) * EDGE
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    wide, hole = x < 0.3 * axis[-1], np.hypot(x - 0.14, y - 0.1) < 1.5 * RADIUS
+    surface, first = erring(rng, np.zeros((N, N)), np.full(N * N, SURE))
+    changed, second = erring(rng, np.where(wide, -8.0 * SURE, 0.0) + np.where(hole, 12.0 * SURE, 0.0),
+                             np.full(N * N, SURE))  # fmt: skip
+    sides = measure_sides(make_shells(surface, changed, LIMITS), known_motion(np.eye(4)))
+    for is_plain in changed_plainly(sides, lambda: (first, second), LIMITS):
+        assert is_plain[hole.ravel()].mean() > 0.9
+        assert not is_plain[wide.ravel()].any()
