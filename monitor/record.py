@@ -27,7 +27,7 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 51,
+    "comparison": 52,
     "series": 13,
 }
 

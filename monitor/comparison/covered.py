@@ -8,18 +8,13 @@ the body between the surfaces, which would else be closed aslant, from where the
 from __future__ import annotations
 
 import numpy as np
-from numba import jit
 
+from monitor.comparison.ahead import first_met, normals_of
 from monitor.comparison.enclosure import SIGNS, Beyond
-from monitor.comparison.feet import local_point
-from monitor.comparison.mesh_tree import MeshTree, build_tree
-from monitor.comparison.search import DEPTH, first_crossing
 from monitor.comparison.side import Side
 from monitor.comparison.spreading import spread_along
-from monitor.threads import run_tasks
-from projects.model import Bools, Floats, Ints, NotAssessed, Surface
+from projects.model import Bools, Floats, Ints, NotAssessed
 
-ANY_ANGLE = np.pi  # faces of a tree that is asked for crossings alone may look any way
 FARTHER = 1.25  # times the largest change of regions of a sign, as far as one may cover: what slants is farther off
 
 
@@ -52,13 +47,7 @@ def _faces_of(side: Side, region: Ints, fitting: Bools) -> Ints:
     faces = np.asarray(side.surface.faces)
     first = region[faces[:, 0]]
     faces = faces[(first > 0) & fitting[first] & (region[faces[:, 1]] == first) & (region[faces[:, 2]] == first)]
-    return faces[np.linalg.norm(_normals_of(side.surface.vertices, faces), axis=1) > 0.0]
-
-
-def _normals_of(vertices: Floats, faces: Ints) -> Floats:
-    """Return the normals (m, 3) of faces, as long as twice their area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
+    return faces[np.linalg.norm(normals_of(side.surface.vertices, faces), axis=1) > 0.0]
 
 
 def _touching(side: Side, own: Ints) -> Ints:
@@ -79,15 +68,11 @@ def _regions_ahead(side: Side, which: Ints, other: Side, regions: Ints, faces: I
     """Return the region (n,) of the face that each of some vertices first meets `way` [m] along its normal, if that
     looks as it does; 0 where none, and of the other vertices."""
     out = np.zeros(len(side.areas), dtype=regions.dtype)
-    corners, numbers = np.unique(faces, return_inverse=True)
-    patch = Surface(other.surface.vertices[corners], numbers.reshape(-1, 3).astype(np.int32))
-    tree = build_tree(patch, patch.vertices.min(axis=0), ANY_ANGLE)
-    met = np.full(len(which), -1, dtype=np.int64)
-    ahead = way * side.normals[which]
-    run_tasks(_write_met, len(which), tree, np.ascontiguousarray(side.surface.vertices[which]), ahead, met)
-    face = patch.faces[tree.order[met]]
-    looks_alike = np.einsum("ij,ij->i", _normals_of(patch.vertices, face), side.normals[which]) > 0.0
-    out[which] = np.where((met >= 0) & looks_alike, regions[corners[face[:, 0]]], 0)
+    points, normals = side.surface.vertices[which], side.normals[which]
+    met = first_met(other.surface.vertices, faces, points, way * normals)
+    face = faces[met]
+    looks_alike = np.einsum("ij,ij->i", normals_of(other.surface.vertices, face), normals) > 0.0
+    out[which] = np.where((met >= 0) & looks_alike, regions[face[:, 0]], 0)
     return out
 
 
@@ -98,12 +83,3 @@ def _take(side: Side, own: Ints, ahead: Ints) -> None:
     taken = (own == 0) & (ahead > 0) & (source >= 0)
     taken[taken] = own[source[taken]] == ahead[taken]
     own[taken] = ahead[taken]
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _write_met(first, last, tree: MeshTree, points, ahead, met):  # type: ignore[no-untyped-def]
-    """Write the face, in the tree's order, that each point first meets on its way ahead, -1 for none."""
-    stack = np.empty(DEPTH, dtype=np.int64)
-    for i in range(first, last):
-        way = (ahead[i, 0], ahead[i, 1], ahead[i, 2])
-        met[i] = first_crossing(tree, local_point(tree.shift, points, i), way, (0.0, 1.0), stack)

@@ -16,6 +16,7 @@ from numba import jit
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from monitor.comparison.ahead import are_hidden
 from monitor.comparison.closing import Closing, border_edges, close_gap, cone_volume
 from monitor.comparison.correlation import kept_variance
 from monitor.comparison.guesses import sigma_of_guess
@@ -137,7 +138,8 @@ def grow_regions(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, 
     `signs` (r + 1,) of each region; `least` [m] of a change that counts. On the exposed side (before a loss, after a
     gain) a region spreads along the surface over vertices outside of the other surface, at most as deep as a piece may
     be. On the buried side it takes the vertices whose nearest point is of it, and what hangs together with them inside
-    of the other surface: of the wall of a hole the nearest point lies on the rim as often as within it.
+    of the other surface: of the wall of a hole the nearest point lies on the rim as often as within it. What its own
+    surface hides from there, as the wall behind a figure that gained, is not buried by the change.
     """
     grown = [r.copy() for r in regions]
     outside = [np.nan_to_num(c) * sign > least for c, sign in zip(beyond.change, SIGNS, strict=True)]
@@ -147,19 +149,32 @@ def grow_regions(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, 
             _take_nearest(grown, beyond, k, outside[k], signs == SIGNS[k])
             _take_connected(grown, side, k, outside[k], signs == SIGNS[k], beyond)
         for k, side in enumerate(sides):
-            _take_nearest(grown, beyond, k, inside[k], signs == -SIGNS[k])
+            _take_buried(grown, side, k, inside[k], signs == -SIGNS[k], beyond)
             _take_connected(grown, side, k, inside[k], signs == -SIGNS[k], beyond)
     return grown[0], grown[1]
 
 
 def _take_nearest(grown: list[Ints], beyond: Beyond, k: int, allowed: Bools, fitting: Bools) -> None:
     """Give allowed vertices of side k that have no region that of the nearest vertex of the other side, if it fits."""
-    if not allowed.any():
-        return
+    taken, label = _nearest_regions(grown, beyond, k, allowed, fitting)
+    grown[k][taken] = label
+
+
+def _take_buried(grown: list[Ints], side: Side, k: int, allowed: Bools, fitting: Bools, beyond: Beyond) -> None:
+    """Do the same on the buried side k, but for what this side's own surface hides from that vertex."""
+    taken, label = _nearest_regions(grown, beyond, k, allowed, fitting)
+    for number in np.unique(label):
+        which = taken[label == number]
+        is_hidden = are_hidden(side, which, side.other.vertices[beyond.nearest[k][which]])
+        grown[k][which[~is_hidden]] = number
+
+
+def _nearest_regions(grown: list[Ints], beyond: Beyond, k: int, allowed: Bools, fitting: Bools) -> tuple[Ints, Ints]:
+    """Return which allowed vertices of side k that have no region are nearest to one that fits, and which that is."""
     near = beyond.nearest[k]
     label = np.where(near >= 0, grown[1 - k][near], 0)
-    taken = allowed & (grown[k] == 0) & (label > 0) & fitting[label]
-    grown[k][taken] = label[taken]
+    taken = np.flatnonzero(allowed & (grown[k] == 0) & (label > 0) & fitting[label])
+    return taken, label[taken]
 
 
 def _take_connected(grown: list[Ints], side: Side, k: int, allowed: Bools, fitting: Bools, beyond: Beyond) -> None:

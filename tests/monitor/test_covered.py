@@ -1,4 +1,5 @@
-"""Ground under a panel whose sides were not seen: part of the body, though what is nearest to it is elsewhere."""
+"""Ground under a panel whose sides were not seen: part of the body, though what is nearest to it is elsewhere; a wall
+behind a figure that changed: not part of it, though the change is what is nearest to it."""
 
 from __future__ import annotations
 
@@ -59,6 +60,29 @@ def test_a_panel_of_which_only_the_front_was_seen_has_its_volume(rng: np.random.
     truth = (1.0 if came else -1.0) * 4.0 * HALF.prod() * DEEP
     assert table["volume_m3"][0] == pytest.approx(truth, rel=0.06)  # not known while the ground below it was of nothing
     assert table["sigma_volume_m3"][0] == pytest.approx(0.23 * abs(truth), rel=0.2)  # what its sides may be off by
+
+
+def with_boss(sheet: Surface, height: float) -> Surface:
+    """Return a sheet with a boss, a truncated cone, in its middle."""
+    vertices = sheet.vertices.copy()
+    vertices[:, 2] += height * np.clip((0.03 - np.hypot(vertices[:, 0], vertices[:, 1])) / 0.01, 0.0, 1.0)
+    return Surface(vertices, sheet.faces)
+
+
+@pytest.mark.parametrize("came", [True, False])
+def test_a_wall_behind_a_figure_that_changed_is_not_buried_by_it(rng: np.random.Generator, came: bool) -> None:
+    """One epoch saw it, the other did not; its volume was not known, and its middle lay behind the figure."""
+    wall, far = plane(rng, (0.25, 0.25), 0.0), 0.05
+    figure = plane(rng, (0.07, 0.07), far)
+    bare = both(wall, figure)
+    grown = both(without(plane(rng, (0.25, 0.25), 0.0), HALF), with_boss(plane(rng, (0.07, 0.07), far), 0.015))
+    reference, compared = (bare, grown) if came else (grown, bare)
+    table = compare(reference, compared, held(compared)).regions
+    assert len(table) == 1
+    truth = (1.0 if came else -1.0) * np.pi / 3.0 * 0.015 * (0.03**2 + 0.03 * 0.02 + 0.02**2)
+    assert table["volume_m3"][0] == pytest.approx(truth, rel=0.03)
+    assert table["z"][0] > far - NOISE
+    assert table["area_m2"][0] < 1.5 * np.pi * 0.03**2
 
 
 def side_of(surface: Surface, is_assessed: np.ndarray) -> Any:
