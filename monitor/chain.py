@@ -15,9 +15,9 @@ import numpy as np
 
 from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.comparison import compare
-from monitor.comparison.beside_parts import tell_apart
-from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.moved_parts import doubt_which_stood, tell_moved
+from monitor.comparison.noise.level_of_detection import Z95
+from monitor.comparison.regions.beside_parts import tell_apart
+from monitor.comparison.regions.moved_parts import doubt_which_stood, tell_moved
 from monitor.engine import Engine
 from monitor.filtered_scans import FilteredScans, filter_scans
 from monitor.filtering import estimate_normals, merge_scans

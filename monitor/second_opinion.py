@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from monitor.comparison.beam_grid import GridBuilder
+from monitor.comparison.distances.stars import make_mesh, vertex_areas
 from monitor.comparison.m3c2 import M3C2Result, m3c2
-from monitor.comparison.sight import StationSight, gather_sight
-from monitor.comparison.stars import make_mesh, vertex_areas
+from monitor.comparison.sight.beam_grid import GridBuilder
+from monitor.comparison.sight.stations import StationSight, gather_sight
 from monitor.record import Place
 from monitor.registration.propagation import propagate
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud

@@ -14,11 +14,11 @@ from numba import jit
 from scipy.spatial import cKDTree
 
 from monitor.boxes import box_of
-from monitor.comparison.feet import is_on_border, local_point
-from monitor.comparison.mesh_tree import MeshTree, build_tree
-from monitor.comparison.search import ANY, DEPTH, nearest_point
-from monitor.comparison.stars import Neighbours, gather_neighbours
-from monitor.comparison.triangles import FACE
+from monitor.comparison.distances.feet import is_on_border, local_point
+from monitor.comparison.distances.mesh_tree import MeshTree, build_tree
+from monitor.comparison.distances.search import ANY, DEPTH, nearest_point
+from monitor.comparison.distances.stars import Neighbours, gather_neighbours
+from monitor.comparison.distances.triangles import FACE
 from monitor.measured import RawScan
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints, Surface

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from monitor.comparison import EpochChange, follow
-from monitor.comparison.series import DAYS_PER_YEAR
+from monitor.comparison.series.follow import DAYS_PER_YEAR
 from monitor.record import Asked, Made, Place, comparison_product, once_step
 from monitor.registration import motion_significance
 from monitor.registration.epoch_network import EpochLink, EpochNetwork, adjust_network

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from monitor.comparison.side import Side
+from monitor.comparison.distances.side import Side
 from monitor.comparison.summary import count_reasons
 from projects.errors import ComparisonError, ParameterError, RegistrationError
 from projects.model import Bools, Registration, Surface, require_noun

@@ -14,7 +14,16 @@ from typing import Any
 import numpy as np
 
 from monitor.boxes import box_of
-from monitor.comparison.beside_layer import (
+from monitor.comparison.comparable import require_common, require_comparable, settle_motion
+from monitor.comparison.detection.detect import detect
+from monitor.comparison.detection.needed import by_width, patches_needed
+from monitor.comparison.detection.tested import Detected, Detection
+from monitor.comparison.distances.lone_feet import drop_lone
+from monitor.comparison.distances.perpendicular import search_limit
+from monitor.comparison.distances.scratch import keep_on_disk
+from monitor.comparison.distances.shell import Shell, make_shell
+from monitor.comparison.distances.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
+from monitor.comparison.regions.beside_layer import (
     lay_back,
     level_beside,
     name_beside,
@@ -22,26 +31,17 @@ from monitor.comparison.beside_layer import (
     peel_points,
     thickness_of,
 )
-from monitor.comparison.borne_out import Points, drop_guessed, keep_borne_out
-from monitor.comparison.chips import drop_unexplained
-from monitor.comparison.comparable import require_common, require_comparable, settle_motion
-from monitor.comparison.detection import detect
-from monitor.comparison.distances import search_limit
-from monitor.comparison.enclosure import Beyond, look_beyond
-from monitor.comparison.evidence import Sights, look_through
-from monitor.comparison.lone_feet import drop_lone
-from monitor.comparison.needed import by_width, patches_needed
-from monitor.comparison.plain_change import changed_plainly
-from monitor.comparison.region_shapes import describe_shapes
-from monitor.comparison.regions import Regions, area_looked_through, find_regions, least_area, least_beyond
-from monitor.comparison.scratch import keep_on_disk
-from monitor.comparison.shell import Shell, make_shell
-from monitor.comparison.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
-from monitor.comparison.stood_there import drop_where_it_stood
+from monitor.comparison.regions.borne_out import Points, drop_guessed, keep_borne_out
+from monitor.comparison.regions.chips import drop_unexplained
+from monitor.comparison.regions.enclosure import Beyond, look_beyond
+from monitor.comparison.regions.evidence import Sights, look_through
+from monitor.comparison.regions.finding import Regions, area_looked_through, find_regions, least_area, least_beyond
+from monitor.comparison.regions.plain_change import changed_plainly
+from monitor.comparison.regions.shapes import describe_shapes
+from monitor.comparison.regions.stood_there import drop_where_it_stood
+from monitor.comparison.regions.told_from import add_told_from, coarse_figures, tell_smallest
+from monitor.comparison.sight.views import look_from
 from monitor.comparison.summary import areas_met_nothing, summarize
-from monitor.comparison.tested import Detected, Detection
-from monitor.comparison.told_from import add_told_from, coarse_figures, tell_smallest
-from monitor.comparison.views import look_from
 from monitor.declare import check_settings, setting
 from projects.model import (
     Assessment,

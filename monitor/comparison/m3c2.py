@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from monitor.comparison.level_of_detection import lague_lod95
+from monitor.comparison.noise.level_of_detection import lague_lod95
 from projects.errors import ParameterError, ShapeError
 from projects.model import Bools, Floats, Ints
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from monitor.comparison.connected import connect_like
-from monitor.comparison.evidence import Sights, knows_beams
-from monitor.comparison.quantile import median
-from monitor.comparison.scan_errors import ScanErrors
-from monitor.comparison.side import Side
-from monitor.comparison.tested import Detected
-from monitor.comparison.whole_offset import measure_offset
+from monitor.comparison.detection.tested import Detected
+from monitor.comparison.detection.whole_offset import measure_offset
+from monitor.comparison.distances.connected import connect_like
+from monitor.comparison.distances.quantile import median
+from monitor.comparison.distances.side import Side
+from monitor.comparison.noise.scan_errors import ScanErrors
+from monitor.comparison.regions.evidence import Sights, knows_beams
 from monitor.registration.significance import motion_significance
 from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints, NotAssessed, Registration
 

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from scipy.ndimage import gaussian_filter
 
-from monitor.comparison.epoch_change import EpochChange
-from monitor.comparison.level_of_detection import Z95
+from monitor.comparison.noise.level_of_detection import Z95
+from monitor.comparison.series.epoch_change import EpochChange
 from projects.model import REGION_COLUMNS, Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 
 N, STEP = 60, 2.5e-3  # vertices along an edge; m

@@ -9,7 +9,7 @@ import trimesh
 from test_wide_layers import make_body
 
 from monitor.comparison import compare
-from monitor.comparison.beside_layer import level_with, name_beside, outward, peel, peel_points
+from monitor.comparison.regions.beside_layer import level_with, name_beside, outward, peel, peel_points
 from projects.model import Assessment, Comparison, Floats, Surface
 
 WIDTH, DEPTH = 0.08, 0.003  # m, of the dent

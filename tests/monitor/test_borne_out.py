@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from monitor.comparison import borne_out, compare
+from monitor.comparison import compare
+from monitor.comparison.regions import borne_out
 from monitor.registration.weights import draw_in, weighted_median
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from monitor.comparison.distances import normal_distances
+from monitor.comparison.distances.perpendicular import normal_distances
 from monitor.comparison.epochs import make_shells, measure_sides
 from monitor.reconstruction import surface_to_points
 from monitor.reconstruction.bow import bow_at

@@ -9,9 +9,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from monitor.comparison import chips, compare, regions
-from monitor.comparison.level_of_detection import far_levels
-from monitor.comparison.stars import gather_neighbours, make_mesh, vertex_areas
+from monitor.comparison import compare
+from monitor.comparison.distances.stars import gather_neighbours, make_mesh, vertex_areas
+from monitor.comparison.noise.level_of_detection import far_levels
+from monitor.comparison.regions import chips
+from monitor.comparison.regions import finding as regions
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
 N, EDGE, NOISE = 121, 2e-3, 5e-5  # of the sheets; m

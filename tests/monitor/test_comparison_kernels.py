@@ -11,12 +11,14 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial.distance import cdist
 
-from monitor.comparison import blocks, compare, noise
-from monitor.comparison.connected import connect_like
-from monitor.comparison.quantile import median, quantile
-from monitor.comparison.reaches import gather_reaches, least_of_patches, members_of, sum_over
-from monitor.comparison.spreading import spread_along
-from monitor.comparison.stars import gather_neighbours, make_mesh
+from monitor.comparison import compare
+from monitor.comparison.detection.reaches import gather_reaches, least_of_patches, members_of, sum_over
+from monitor.comparison.distances import blocks
+from monitor.comparison.distances.connected import connect_like
+from monitor.comparison.distances.quantile import median, quantile
+from monitor.comparison.distances.spreading import spread_along
+from monitor.comparison.distances.stars import gather_neighbours, make_mesh
+from monitor.comparison.noise import model as noise
 from projects.model import Floats, Registration, Surface
 
 

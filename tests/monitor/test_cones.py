@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from monitor.comparison.feet import NO_FOOT, find_feet
-from monitor.comparison.mesh_tree import BORDERED, FACES_PER_LEAF, MeshTree, build_tree
-from monitor.comparison.morton import point_order
-from monitor.comparison.stars import angle_weighted_normals, make_mesh
+from monitor.comparison.distances.feet import NO_FOOT, find_feet
+from monitor.comparison.distances.mesh_tree import BORDERED, FACES_PER_LEAF, MeshTree, build_tree
+from monitor.comparison.distances.morton import point_order
+from monitor.comparison.distances.stars import angle_weighted_normals, make_mesh
 from projects.model import Floats, Surface
 
 

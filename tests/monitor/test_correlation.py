@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from monitor.comparison.correlation import (
+from monitor.comparison.noise.correlation import (
     Correlation,
     estimate_correlation,
     estimate_of_many,
     kept_variance,
     spherical,
 )
-from monitor.comparison.pairs import draw_evenly, pair_within
+from monitor.comparison.noise.pairs import draw_evenly, pair_within
 
 REACH = 0.02  # m, of the discs that the field's points are means over
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from monitor.comparison import compare
-from monitor.comparison.covered import take_covered
-from monitor.comparison.feet import local_point
-from monitor.comparison.mesh_tree import build_tree
-from monitor.comparison.search import DEPTH, first_crossing
-from monitor.comparison.stars import gather_neighbours, make_mesh, vertex_areas
+from monitor.comparison.distances.feet import local_point
+from monitor.comparison.distances.mesh_tree import build_tree
+from monitor.comparison.distances.search import DEPTH, first_crossing
+from monitor.comparison.distances.stars import gather_neighbours, make_mesh, vertex_areas
+from monitor.comparison.regions.covered import take_covered
 from projects.model import NotAssessed, Registration, Surface
 
 NOISE, SPACING = 2e-5, 0.004  # m

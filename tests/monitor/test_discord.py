@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.discord import SHARE, sigma_of_discord
-from monitor.comparison.stars import gather_neighbours, make_mesh
+from monitor.comparison.distances.discord import SHARE, sigma_of_discord
+from monitor.comparison.distances.stars import gather_neighbours, make_mesh
 from projects.model import Floats, Registration, Surface
 
 N = 41  # vertices along an edge of a plate

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from monitor.comparison import packets
-from monitor.comparison.distances import Feet, interpolate_at_feet, normal_distances
-from monitor.comparison.feet import FOOT, find_feet
-from monitor.comparison.mesh_tree import build_tree
-from monitor.comparison.morton import point_order
-from monitor.comparison.search import ANY, DEPTH, LOOKING, STANDING, nearest_point
-from monitor.comparison.stars import angle_weighted_normals, make_mesh
-from monitor.comparison.triangles import FACE
+from monitor.comparison.distances import packets
+from monitor.comparison.distances.feet import FOOT, find_feet
+from monitor.comparison.distances.mesh_tree import build_tree
+from monitor.comparison.distances.morton import point_order
+from monitor.comparison.distances.perpendicular import Feet, interpolate_at_feet, normal_distances
+from monitor.comparison.distances.search import ANY, DEPTH, LOOKING, STANDING, nearest_point
+from monitor.comparison.distances.stars import angle_weighted_normals, make_mesh
+from monitor.comparison.distances.triangles import FACE
 from projects.errors import ComparisonError
 from projects.model import Floats, NotAssessed, Surface
 from projects.transforms import rotation_from_vector

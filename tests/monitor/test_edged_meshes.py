@@ -4,8 +4,9 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from monitor.comparison import compare, detection
-from monitor.comparison.patch_errors import calm_errors
+from monitor.comparison import compare
+from monitor.comparison.detection import detect as detection
+from monitor.comparison.noise.patch_errors import calm_errors
 from monitor.filtering import estimate_normals
 from projects.model import Comparison, Floats, PointCloud, Registration, Surface
 

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.closing import border_edges, close_gap, cone_volume
-from monitor.comparison.mesh_tree import build_tree
-from monitor.comparison.offsets import signed_offsets
+from monitor.comparison.distances.mesh_tree import build_tree
+from monitor.comparison.distances.offsets import signed_offsets
+from monitor.comparison.regions.closing import border_edges, close_gap, cone_volume
 from monitor.simulation.solid import contour
 from projects.model import ComparedSurface, Registration, Surface
 

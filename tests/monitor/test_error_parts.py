@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from monitor.comparison.error_parts import Parts, fit_parts
+from monitor.comparison.noise.error_parts import Parts, fit_parts
 from projects.model import Floats
 
 N = 100_000

@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from monitor.comparison import blocks as blocks_of_vertices
-from monitor.comparison import compare, guesses, regions
-from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import (
+from monitor.comparison import compare
+from monitor.comparison.distances import blocks as blocks_of_vertices
+from monitor.comparison.noise import guesses
+from monitor.comparison.noise.correlation import Correlation
+from monitor.comparison.noise.guesses import (
     areas_of_guesses,
     is_smooth,
     mean_to_samples,
@@ -20,9 +21,10 @@ from monitor.comparison.guesses import (
     split_stated,
     usual_sigma,
 )
-from monitor.comparison.noise import Noise
-from monitor.comparison.regions import known_of, lies_beyond_guesses, significant
-from monitor.comparison.strata import N_STRATA
+from monitor.comparison.noise.model import Noise
+from monitor.comparison.noise.strata import N_STRATA
+from monitor.comparison.regions import finding as regions
+from monitor.comparison.regions.finding import known_of, lies_beyond_guesses, significant
 from projects.model import Assessment, Bools, Comparison, Floats, Registration, Roughness, Surface
 
 N, EDGE, NOISE, GUESSED = 121, 2e-3, 5e-5, 5e-4  # of the sheets; m

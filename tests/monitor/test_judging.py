@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from monitor.comparison import side as side_module
-from monitor.comparison.distances import Feet
-from monitor.comparison.enclosure import _lie_within
-from monitor.comparison.judging import NOTHING, Stated, judge_vertices
-from monitor.comparison.side import map_sides, move_surface
-from monitor.comparison.smoothing import smooth_distances
-from monitor.comparison.stars import gather_neighbours, make_mesh, survey_vertices
+from monitor.comparison.distances import side as side_module
+from monitor.comparison.distances.judging import NOTHING, Stated, judge_vertices
+from monitor.comparison.distances.perpendicular import Feet
+from monitor.comparison.distances.side import map_sides, move_surface
+from monitor.comparison.distances.smoothing import smooth_distances
+from monitor.comparison.distances.stars import gather_neighbours, make_mesh, survey_vertices
+from monitor.comparison.regions.enclosure import _lie_within
 from projects.model import Floats, NotAssessed, Surface
 from projects.transforms import apply, rotation_from_vector
 

@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from monitor.comparison.following import Followed
-from monitor.comparison.footprints import Footprint
-from monitor.comparison.kinds_of_course import (
+from monitor.comparison.series.follow import forecast_rows
+from monitor.comparison.series.footprints import Footprint
+from monitor.comparison.series.identity import Followed
+from monitor.comparison.series.kinds_of_course import (
     Candidate,
     chi2_of_exponential,
     choose_kind,
@@ -19,8 +20,7 @@ from monitor.comparison.kinds_of_course import (
     parabola,
     summarize,
 )
-from monitor.comparison.series import forecast_rows
-from monitor.comparison.trend import fit_course
+from monitor.comparison.series.trend import fit_course
 from projects.model import Floats
 
 TIMES = np.array([0.0, 0.7, 1.5, 2.1, 3.4, 4.0, 5.2])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from monitor.comparison.region_shapes import name_region
+from monitor.comparison.regions.shapes import name_region
 from monitor.lengths import in_millimetres
 from monitor.registration.rivals import Rival
 

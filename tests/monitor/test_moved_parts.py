@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 
 from monitor.cli import run
 from monitor.comparison import compare
-from monitor.comparison.beside_parts import changed_beside, tell_apart
-from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.moved_parts import doubt_which_stood, goes_along, tell_moved
+from monitor.comparison.noise.level_of_detection import Z95
+from monitor.comparison.regions.beside_parts import changed_beside, tell_apart
+from monitor.comparison.regions.moved_parts import doubt_which_stood, goes_along, tell_moved
 from monitor.registration import register
 from monitor.registration.parts import MovedPart, MovedParts, find_parts
 from monitor.simulation.scenes import grid_faces

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from monitor.comparison import compare
-from monitor.comparison.needed import POWER, by_width, needed
-from monitor.comparison.patch_errors import NORMAL, PatchErrors
-from monitor.comparison.patches import REACHES
+from monitor.comparison.detection.needed import POWER, by_width, needed
+from monitor.comparison.detection.patches import REACHES
+from monitor.comparison.noise.patch_errors import NORMAL, PatchErrors
 from projects.model import Bools, Comparison, Floats, Registration, Surface
 
 N, EDGE, NOISE = 141, 2e-3, 5e-5  # vertices along a sheet; m

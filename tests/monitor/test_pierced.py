@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from monitor.comparison.sight import Sighted, StationSight, gather_sight, look_at
+from monitor.comparison.sight.stations import Sighted, StationSight, gather_sight, look_at
 from monitor.simulation.scenes import grid_faces
 from projects.model import Surface
 from projects.transforms import perturb

@@ -10,9 +10,9 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 
 from monitor.comparison import compare
+from monitor.comparison.distances.side import Side
 from monitor.comparison.epochs import make_shells, measure_sides
-from monitor.comparison.plain_change import changed_plainly
-from monitor.comparison.side import Side
+from monitor.comparison.regions.plain_change import changed_plainly
 from monitor.reconstruction import reconstruct
 from monitor.registration import register
 from projects.model import Assessment, Comparison, NotAssessed, PointCloud, Registration, Surface

@@ -11,9 +11,10 @@ import pytest
 import trimesh
 from same_bits import assert_same_bits
 
-from monitor.comparison import compare, epochs, scratch
-from monitor.comparison.portions import PER_TREE, _cut, search_feet, search_offsets
-from monitor.comparison.shell import Shell, make_shell
+from monitor.comparison import compare, epochs
+from monitor.comparison.distances import scratch
+from monitor.comparison.distances.portions import PER_TREE, _cut, search_feet, search_offsets
+from monitor.comparison.distances.shell import Shell, make_shell
 from projects.model import Floats, Registration, Surface
 
 ANGLE = np.pi / 3

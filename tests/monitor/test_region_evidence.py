@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.comparison.correlation import Correlation
-from monitor.comparison.noise import Noise
-from monitor.comparison.reaches import Reaches
-from monitor.comparison.regions import bear_out_parts, hold_patches
-from monitor.comparison.strata import N_STRATA
+from monitor.comparison.detection.reaches import Reaches
+from monitor.comparison.noise.correlation import Correlation
+from monitor.comparison.noise.model import Noise
+from monitor.comparison.noise.strata import N_STRATA
+from monitor.comparison.regions.finding import bear_out_parts, hold_patches
 
 NOISE = Noise(np.zeros(N_STRATA), *np.ones((3, N_STRATA)), Correlation(np.zeros(1), np.ones(1)), spacing=1e-3)
 

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.moved import Sample, is_explained
-from monitor.comparison.region_shapes import principal_axes
+from monitor.comparison.regions.moved import Sample, is_explained
+from monitor.comparison.regions.shapes import principal_axes
 from monitor.simulation.solid import contour
 from projects.model import Comparison, Registration, Surface
 from projects.transforms import rotation_from_vector

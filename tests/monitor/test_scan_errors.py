@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
-from monitor.comparison.patch_errors import NORMAL
-from monitor.comparison.scan_errors import AS_STATED, FAR, LEAST_SCALE, ScanErrors, believe_stated, learn_scans
+from monitor.comparison.noise.patch_errors import NORMAL
+from monitor.comparison.noise.scan_errors import AS_STATED, FAR, LEAST_SCALE, ScanErrors, believe_stated, learn_scans
 from projects.model import Floats
 
 N, OWN = 4000, 2e-5  # patches of each of three sizes; m

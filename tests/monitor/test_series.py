@@ -11,10 +11,10 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.epoch_change import EpochChange
-from monitor.comparison.following import follow_regions
-from monitor.comparison.series import follow
-from monitor.comparison.trend import fit_course, fit_polynomial, predict
+from monitor.comparison.series.epoch_change import EpochChange
+from monitor.comparison.series.follow import follow
+from monitor.comparison.series.identity import follow_regions
+from monitor.comparison.series.trend import fit_course, fit_polynomial, predict
 from projects.errors import ComparisonError, ParameterError
 from projects.model import ComparedSurface, Floats, Registration, Surface
 

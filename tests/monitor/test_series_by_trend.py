@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from simulated_series import START, STEP, YEARS, plane, simulate_series, square
 
-from monitor.comparison.following import Followed, follow_rates
-from monitor.comparison.rate_regions import RateRegions
-from monitor.comparison.series import follow
+from monitor.comparison.series.follow import follow
+from monitor.comparison.series.identity import Followed, follow_rates
+from monitor.comparison.series.rate_regions import RateRegions
 from projects.model import Series
 from reports.courses import tell_series
 

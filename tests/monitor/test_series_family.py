@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
-from monitor.comparison.family import adjust_together, share_as_small
-from monitor.comparison.trend import fit_course
+from monitor.comparison.detection.family import adjust_together, share_as_small
+from monitor.comparison.series.trend import fit_course
 from projects.model import Floats
 
 SIGMA, OWN = 4e-4, 2.8e-4  # m, of a difference and of the reference's part of it

@@ -9,10 +9,10 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.comparison.epoch_change import EpochChange
-from monitor.comparison.footprints import missed_by_unseen
-from monitor.comparison.series import follow, reference_part
-from monitor.comparison.trend import fit_course
+from monitor.comparison.series.epoch_change import EpochChange
+from monitor.comparison.series.follow import follow, reference_part
+from monitor.comparison.series.footprints import missed_by_unseen
+from monitor.comparison.series.trend import fit_course
 from projects.model import Comparison, Floats, Registration, Surface
 
 NOISE = 5e-5  # m

@@ -9,13 +9,13 @@ import pytest
 from scipy.stats import binom
 from simulated_series import SIGMA, START, YEARS, simulate_series, square
 
-from monitor.comparison import patch_errors
-from monitor.comparison.detection import detect
-from monitor.comparison.patch_errors import NORMAL
-from monitor.comparison.rate_regions import detect_rates, pool_correlations
-from monitor.comparison.rate_side import Fits, combine_motions, grown_by, make_rate_side
-from monitor.comparison.series import follow
-from monitor.comparison.trend import fit_polynomial, weights_of_last
+from monitor.comparison.detection.detect import detect
+from monitor.comparison.noise import patch_errors
+from monitor.comparison.noise.patch_errors import NORMAL
+from monitor.comparison.series.follow import follow
+from monitor.comparison.series.rate_regions import detect_rates, pool_correlations
+from monitor.comparison.series.rate_side import Fits, combine_motions, grown_by, make_rate_side
+from monitor.comparison.series.trend import fit_polynomial, weights_of_last
 from projects.model import Assessment, Floats, Registration
 
 

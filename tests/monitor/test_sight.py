@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from monitor.comparison.sight import Sighted, gather_sight, look_at
+from monitor.comparison.sight.stations import Sighted, gather_sight, look_at
 
 STATION = np.array([10.0, -20.0, 1.5])
 

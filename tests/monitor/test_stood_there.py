@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor.comparison import compare
-from monitor.comparison.sight import StationSight, gather_sight
+from monitor.comparison.sight.stations import StationSight, gather_sight
 from monitor.simulation.scenes import grid_faces
 from projects.model import Assessment, NotAssessed, Registration, Surface
 

@@ -11,12 +11,12 @@ import pytest
 from scipy.stats import norm
 from test_guesses import EDGE, GUESSED, NOISE, N, along_one, compared, mouldings, side_of
 
-from monitor.comparison.correlation import Correlation
-from monitor.comparison.guesses import SURE
-from monitor.comparison.noise import Noise
-from monitor.comparison.regions import is_significant, sigmas_needed
-from monitor.comparison.strata import N_STRATA
-from monitor.comparison.told_from import (
+from monitor.comparison.noise.correlation import Correlation
+from monitor.comparison.noise.guesses import SURE
+from monitor.comparison.noise.model import Noise
+from monitor.comparison.noise.strata import N_STRATA
+from monitor.comparison.regions.finding import is_significant, sigmas_needed
+from monitor.comparison.regions.told_from import (
     COARSE,
     add_told_from,
     coarse_beyond,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from monitor.comparison.trend import Course, fit_course
+from monitor.comparison.series.trend import Course, fit_course
 from projects.model import Floats
 
 SIGMA, OWN = 1.2e-4, 0.85e-4  # m, of a difference and of the reference's part of it

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor.comparison.distances.side import Side
 from monitor.comparison.epochs import make_shells, measure_sides
-from monitor.comparison.side import Side
-from monitor.comparison.sight import StationSight, gather_sight, is_measured
-from monitor.comparison.views import look_from, view_of
+from monitor.comparison.sight.stations import StationSight, gather_sight, is_measured
+from monitor.comparison.sight.views import look_from, view_of
 from projects.model import Registration, Surface
 
 ANGLES = np.radians([60.0, 22.0, 18.0, 12.0, 6.0])  # of the beam above the plane z = 0

@@ -10,14 +10,14 @@ import math
 
 import numpy as np
 
-from monitor.comparison.beside_layer import peel, thickness_of
-from monitor.comparison.detection import CORE_SHARE
+from monitor.comparison.detection.detect import CORE_SHARE
+from monitor.comparison.detection.marking import level_at
+from monitor.comparison.distances.side import Side
 from monitor.comparison.epochs import CompareSettings, leave_out, make_shells, measure_sides
-from monitor.comparison.evidence import Sights
-from monitor.comparison.marking import level_at
-from monitor.comparison.noise import Masks, Noise, learn_noise
-from monitor.comparison.side import Side
-from monitor.comparison.views import look_from
+from monitor.comparison.noise.model import Masks, Noise, learn_noise
+from monitor.comparison.regions.beside_layer import peel, thickness_of
+from monitor.comparison.regions.evidence import Sights
+from monitor.comparison.sight.views import look_from
 from projects.model import Assessment, Bools, Comparison, Floats, NotAssessed
 
 MAX_NORMAL_ANGLE = math.radians(60.0)  # as `CompareSettings` has it

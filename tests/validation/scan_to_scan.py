@@ -18,7 +18,7 @@ from rows import Row, in_percent, in_words, judge
 
 from monitor.adjusted import move_cloud
 from monitor.comparison import CompareSettings, compare
-from monitor.comparison.distances import normal_distances
+from monitor.comparison.distances.perpendicular import normal_distances
 from monitor.reconstruction import reconstruct
 from monitor.reconstruction.bow import bow_at
 from monitor.simulation import Scene, Station

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from monitor.comparison import normal_distances
-from monitor.comparison.distances import Feet
+from monitor.comparison.distances.perpendicular import Feet
 from projects.formats import read_mesh
 from projects.model import Floats, NotAssessed
 

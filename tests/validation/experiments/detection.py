@@ -15,11 +15,11 @@ from rows import Row, Size, in_percent, in_words, judge
 from scipy.stats import binom, norm
 
 from monitor.comparison import compare
-from monitor.comparison.detection import detect
+from monitor.comparison.detection.detect import detect
+from monitor.comparison.distances.side import move_surface
 from monitor.comparison.epochs import make_shells, measure_sides
-from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.region_figures import sigma_of_mean
-from monitor.comparison.side import move_surface
+from monitor.comparison.noise.level_of_detection import Z95
+from monitor.comparison.regions.figures import sigma_of_mean
 from monitor.reconstruction import reconstruct
 from monitor.registration import register
 from projects.model import Assessment, Bools, Comparison, Floats, Ints, PointCloud, Surface

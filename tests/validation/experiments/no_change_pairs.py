@@ -26,7 +26,7 @@ from rows import Row, Size, judge
 from scipy.stats import beta
 
 from monitor.chain import compare_epochs, process_epoch
-from monitor.comparison.evidence import Sights
+from monitor.comparison.regions.evidence import Sights
 from monitor.engine import open_engine
 from monitor.record import Place
 from monitor.second_opinion import gather_sights

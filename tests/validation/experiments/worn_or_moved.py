@@ -14,8 +14,8 @@ from rows import Row, Size, judge
 from scipy.spatial import ConvexHull
 
 from monitor.comparison import compare
-from monitor.comparison.level_of_detection import Z95
-from monitor.comparison.moved_parts import tell_moved
+from monitor.comparison.noise.level_of_detection import Z95
+from monitor.comparison.regions.moved_parts import tell_moved
 from monitor.reconstruction.mesh import vertex_normals
 from monitor.registration import register
 from monitor.registration.parts import find_parts

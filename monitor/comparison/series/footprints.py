@@ -1,0 +1,151 @@
+"""A followed region over its whole footprint in every epoch: mean change and volume, also where it was not found.
+
+In: a followed region and the comparisons of all epochs with the reference. Out: a `Footprint`. A trend of what was
+found alone would start too high, and one of what was seen alone bend where an epoch saw another part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.comparison.noise.level_of_detection import Z95
+from monitor.comparison.series.epoch_change import EpochChange
+from monitor.comparison.series.identity import Followed
+from monitor.comparison.series.trend import Course, fit_course
+from projects.model import ComparedSurface, Floats, Ints
+
+GOES_ON = ("steady", "accelerating")  # courses that a rate describes
+LEAST_SEEN = 0.5  # of a footprint's area that must be assessable for an epoch to count
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A followed region in every epoch: its area [m2], centre [m], mean changes and their sigmas (k,) [m], the
+    reference's part of those, and volumes with their sigmas (k, 2) [m3]."""
+
+    area: float
+    centre: Floats
+    means: Floats
+    sigmas: Floats
+    sigma_reference: float
+    volumes: Floats
+
+    def course(self, years: Floats, seed: int) -> Course:
+        """Return how it goes on; "not assessable" where no epoch is known."""
+        if not (np.isfinite(self.means) & np.isfinite(self.sigmas)).any():
+            return Course("not assessable", *(float("nan"),) * 7, (float("nan"), float("nan")), float("nan"))
+        return fit_course(years, self.means, self.sigmas, self.sigma_reference, seed=seed)
+
+    def volume_rate(self, course: Course) -> tuple[float, float]:
+        """Return the rate of the volume and its sigma [m3/year] of what goes on at a rate: that of the mean, times the
+        volume that a metre of it is; NaN of any other course. How sure that volume is by itself is not in the sigma."""
+        if course.model not in GOES_ON or not np.isfinite(self.means).any():
+            return float("nan"), float("nan")
+        most = int(np.nanargmax(np.abs(self.means)))
+        per_metre = float(self.volumes[most, 0] / self.means[most]) if self.means[most] else float("nan")
+        return per_metre * course.rate, abs(per_metre) * course.sigma_rate
+
+
+def measure_footprint(followed: Followed, changes: Sequence[EpochChange], areas: Floats, share: Floats) -> Footprint:
+    """Measure a followed region over its whole footprint in every epoch."""
+    at = np.flatnonzero(followed.footprint)
+    means = np.array([mean_over(c.side, areas, at) for c in changes])
+    missed = missed_by_unseen(np.stack([c.side.distances[at] for c in changes]), areas[at])
+    means, sigmas = means + missed, np.hypot(sigmas_over(followed, changes, at), missed)
+    area, bodies = float(areas[at].sum()), bodies_of(followed, changes)
+    came = np.array([followed.numbers.get(k, 0) in c.came for k, c in enumerate(changes)])
+    if came.any():  # how high it stands is told by its body: the ground under it has no perpendicular
+        means[came], sigmas[came] = bodies[came].T / area
+    sigmas = np.where(np.isfinite(means), sigmas, np.nan)
+    part = float(np.nanmean(share[at])) if np.isfinite(share[at]).any() else 0.5
+    known = sigmas[np.isfinite(sigmas)]
+    centre = np.average(changes[0].side.surface.vertices[at], axis=0, weights=areas[at])
+    own = float(np.sqrt(part) * known.min()) if len(known) else float("nan")
+    volumes = volumes_over(bodies, area * np.column_stack([means, sigmas]))
+    return Footprint(area, centre, means, sigmas, own, volumes)
+
+
+def mean_over(side: ComparedSurface, areas: Floats, at: Ints) -> float:
+    """Return the area-weighted mean change [m] over vertices; NaN where less than half of them can be assessed."""
+    known = np.isfinite(side.distances[at])
+    if areas[at][known].sum() < LEAST_SEEN * areas[at].sum():
+        return float("nan")
+    return float(np.average(side.distances[at][known], weights=areas[at][known]))
+
+
+def missed_by_unseen(distances: Floats, areas: Floats) -> Floats:
+    """Return by how much (k,) [m] the mean over the seen part of a footprint likely falls short of that over all of it.
+
+    `distances` (k, v) [m] are NaN where an epoch could not be assessed, `areas` (v,) [m2]. It is by how much the part
+    that one epoch saw falls short of the whole in that of the others where it does most, and no surer than it is large:
+    nobody saw the rest. 0 where all was seen, or in one epoch alone; NaN where no other epoch saw any of that part.
+    """
+    known = np.isfinite(distances)
+    counted = known @ areas >= LEAST_SEEN * areas.sum()
+    weights = np.where(known, areas, 0.0)
+    changes = np.where(known, weights * distances, 0.0)
+    with np.errstate(invalid="ignore"):
+        whole = changes.sum(axis=1) / weights.sum(axis=1)
+        seen = changes @ known.T / (weights @ known.T)  # of an epoch (row) where another (column) saw something
+    short = whole[:, None] - seen
+    short[~counted] = np.nan
+    np.fill_diagonal(short, np.nan)
+    size = np.abs(short)
+    most = np.argmax(np.where(np.isnan(size), -1.0, size), axis=0)
+    out = short[most, np.arange(len(short))]
+    out[known.all(axis=1) | (np.count_nonzero(counted) < 2)] = 0.0
+    return np.asarray(out)
+
+
+def sigmas_over(followed: Followed, changes: Sequence[EpochChange], at: Ints) -> Floats:
+    """Return one sigma [m] of the mean change in each epoch.
+
+    Where the region was found, it is that of the region. Elsewhere it is the level of detection there times what the
+    mean over this region kept of it in the other epochs, the largest; where no epoch found it, what its rates say.
+    """
+    levels = np.array([_mean_level(c.side, at) for c in changes])
+    sigmas = np.full(len(changes), np.nan)
+    for k, number in followed.numbers.items():
+        table = changes[k].comparison.regions
+        sigmas[k] = float(table.loc[table["region"] == number, "sigma_mean_m"].iloc[0])
+    kept = np.nanmax(sigmas / levels) if np.isfinite(sigmas / levels).any() else followed.kept
+    return np.where(np.isfinite(sigmas), sigmas, kept * levels)
+
+
+def bodies_of(followed: Followed, changes: Sequence[EpochChange]) -> Floats:
+    """Return volume and sigma (k, 2) [m3] of the body between both surfaces in each epoch that found the region; NaN
+    where it found a part of it."""
+    bodies = np.full((len(changes), 2), np.nan)
+    if followed.is_grown:
+        return bodies
+    for k, number in followed.numbers.items():
+        table = changes[k].comparison.regions
+        bodies[k] = table.loc[table["region"] == number, ["volume_m3", "sigma_volume_m3"]].iloc[0]
+    return bodies
+
+
+def volumes_over(bodies: Floats, prisms: Floats) -> Floats:
+    """Return the volume of a region and its sigma (k, 2) [m3] in each epoch.
+
+    `bodies` (k, 2) are those of `bodies_of`, `prisms` (k, 2) mean change and sigma times the area of the whole
+    footprint. Prisms leave out flanks below the level of detection and what has no perpendicular; the body, as told of
+    a region that was found, holds them. Where the prisms are largest and the body is known it is taken, and prisms
+    elsewhere are taken as much larger as it is there. Bodies of other epochs would be of what was found of the region
+    by then.
+    """
+    of_body = np.where(bodies[:, 0] * prisms[:, 0] > 0.0, np.abs(prisms[:, 0]), np.nan)
+    if not np.isfinite(of_body).any():
+        return prisms
+    most = int(np.nanargmax(of_body))
+    volumes = bodies[most, 0] / prisms[most, 0] * prisms
+    volumes[most] = bodies[most]
+    return volumes
+
+
+def _mean_level(side: ComparedSurface, at: Ints) -> float:
+    """Return the mean sigma [m] of the vertices `at` that their levels of detection tell; NaN without any."""
+    levels = side.lod95[at]
+    return float(np.nanmean(levels)) / Z95 if np.isfinite(levels).any() else float("nan")
