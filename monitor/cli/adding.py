@@ -61,6 +61,7 @@ def add_epoch_to_project(path: Path, request: EpochRequest, as_json: bool) -> No
             if request.mesh
             else project.add_epoch(record, with_questioned_unit(streams, unit))
         )
+    _warn_of_meshes(project, stored, [stream.name for stream in streams if stream.has_faces])
     _tell(project, stored, count_placed(streams), as_json)
 
 
@@ -177,6 +178,18 @@ def _doubt_date(date: datetime.date) -> str:
     if date > datetime.date.today():
         return "has not come yet"
     return "lies before anything was measured point by point" if date.year < FIRST_YEAR else ""
+
+
+def _warn_of_meshes(project: Project, record: EpochRecord, names: Sequence[str]) -> None:
+    """Say of which files the vertices of a mesh were taken for the points of a scan."""
+    if names:
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        typer.echo(
+            f"mind: {', '.join(names[:3])}{more}: a mesh, of which the vertices were taken as the points of a scan; a "
+            f"finished surface is taken as it is with --mesh: monitor remove-epoch {project.path} {record.object_id} "
+            f"{record.epoch_id}, then add it again with that",
+            err=True,
+        )
 
 
 def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:

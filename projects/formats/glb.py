@@ -19,7 +19,7 @@ from projects.formats.rawscan import CHUNK, Columns, ScanHeader
 
 def list_scans(path: str) -> list[ScanHeader]:
     """Return the one scan of the file: all its vertices."""
-    return [ScanHeader()]
+    return [ScanHeader(has_faces=any(len(getattr(part, "faces", ())) for part in _scene(path).dump()))]
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:

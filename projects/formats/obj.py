@@ -18,7 +18,8 @@ from projects.formats.text import line_blocks, numbers_of_lines
 
 def list_scans(path: str) -> list[ScanHeader]:
     """Return the one scan of the file."""
-    return [ScanHeader()]
+    has_faces = any(b"\nf " in b"\n" + block for block in line_blocks(path, 0))
+    return [ScanHeader(has_faces=has_faces)]
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:

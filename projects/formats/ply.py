@@ -68,7 +68,8 @@ def list_scans(path: str) -> list[ScanHeader]:
     """Return the one scan of the file: its vertices."""
     layout = read_layout(path)
     _require_nothing_left(path, layout)
-    return [ScanHeader(n_declared=_vertices(layout).n)]
+    has_faces = any(element.name == "face" and element.n > 0 for element in layout.elements)
+    return [ScanHeader(n_declared=_vertices(layout).n, has_faces=has_faces)]
 
 
 def _require_nothing_left(path: str, layout: Layout) -> None:

@@ -33,7 +33,7 @@ class ScanHeader:
 
     `pose` is T_project_scanner in file units and `origin` the scanner's position in the scan's frame, each None where
     the file does not say. `is_centred`: the format puts the scanner at 0 0 0, so a point there has no range.
-    `place` is whatever the reader needs to find the scan again.
+    `has_faces`: the points are the vertices of a mesh. `place` is whatever the reader needs to find the scan again.
     """
 
     label: str = ""
@@ -43,6 +43,7 @@ class ScanHeader:
     scanner: str | None = None
     is_grid: bool = False
     is_centred: bool = False
+    has_faces: bool = False
     place: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:

@@ -45,6 +45,7 @@ class ScanStream:
     chunks : called without arguments, yields `Scan`s of at most a million points; `Scan.dropped` counts what was
         dropped since the chunk before. Raises `FormatError` where the file is broken or holds no measurement.
     placed_by : what the pose was found by where nobody stated it, in words; empty where it was stated.
+    has_faces : whether the points are the vertices of a mesh.
     """
 
     name: str
@@ -60,6 +61,7 @@ class ScanStream:
     format: str
     chunks: Callable[[], Iterator[Scan]]
     placed_by: str = ""
+    has_faces: bool = False
 
 
 def read_scans(
@@ -138,7 +140,7 @@ def _stream(
 
     return ScanStream(
         name, index, path, pose, origin, stated, header.n_declared, header.scanner, header.is_grid, header.label,
-        format_name, chunks,
+        format_name, chunks, has_faces=header.has_faces,
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ HEADER = 84
 
 def list_scans(path: str) -> list[ScanHeader]:
     """Return the one scan of the file; how many vertices differ is known after reading."""
-    return [ScanHeader()]
+    return [ScanHeader(has_faces=True)]
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:

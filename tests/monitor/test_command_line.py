@@ -392,6 +392,29 @@ def test_names_are_shown_as_they_are_given_whatever_brackets_they_hold(
     assert f"{long}  {name}" in capsys.readouterr().out  # uncut, too
 
 
+@pytest.mark.parametrize("suffix", ["ply", "obj", "stl", "glb"])
+def test_a_mesh_that_is_taken_for_points_is_told_and_points_are_not(
+    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody asked for --mesh: the vertices are a scan, whatever the file holds besides."""
+    project, ball = tmp_path / "p", trimesh.creation.icosphere(subdivisions=3, radius=0.1)
+    ball.export(tmp_path / f"mesh.{suffix}")
+    trimesh.PointCloud(ball.vertices).export(tmp_path / "points.ply")
+    np.savetxt(tmp_path / "points.obj", ball.vertices, fmt="v %.6f %.6f %.6f")
+    assert run(["init", str(project)]) == 0
+    assert run(["add-object", str(project), "ball"]) == 0
+    points = [f"points.{suffix}"] if suffix in ("ply", "obj") else []
+    for k, name in enumerate([f"mesh.{suffix}", *points]):
+        assert run(["add-epoch", str(project), "ball", f"e{k}", "--date", "2026-05-01", str(tmp_path / name)]) == 0
+        err = capsys.readouterr().err
+        told = f"mind: {name}: a mesh, of which the vertices were taken as the points of a scan"
+        assert (told in err) == (k == 0)
+        assert ("--mesh" in err) == (k == 0)
+    mesh = ["--mesh", str(tmp_path / f"mesh.{suffix}")]
+    assert run(["add-epoch", str(project), "ball", "finished", "--date", "2026-05-01", *mesh]) == 0
+    assert "mind" not in capsys.readouterr().err
+
+
 def test_an_epoch_that_is_entered_is_told_though_others_are_damaged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
