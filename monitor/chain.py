@@ -36,8 +36,8 @@ from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, comparison_product, latest_step, once_step
 from monitor.registration.epochs import held_by_frames, register_epochs
+from monitor.registration.network.placement import placement_sigma
 from monitor.registration.parts import find_parts
-from monitor.registration.placement import placement_sigma
 from monitor.repeats import is_averaged
 from monitor.same_survey import require_own_scans
 from monitor.scan_network import adjust_epoch, frames_of

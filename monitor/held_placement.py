@@ -18,7 +18,7 @@ from monitor.adjusted import adjusted_clouds
 from monitor.quality import placement_of
 from monitor.reconstruction.mesh import face_areas_and_normals
 from monitor.record import Place
-from monitor.registration.placement import Placement, placement_sigma
+from monitor.registration.network.placement import Placement, placement_sigma
 from projects.model import Floats, Registration, Surface
 from projects.transforms import apply
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from monitor.filtering.rounding import error_of_rounding
 from monitor.reconstruction import surface_to_points
-from monitor.registration.agreement import Agreement, assess_agreement
-from monitor.registration.placement import Placement, lay_out_placement
-from monitor.registration.sides import prepare_side
+from monitor.registration.motion.sides import prepare_side
+from monitor.registration.network.agreement import Agreement, assess_agreement
+from monitor.registration.network.placement import Placement, lay_out_placement
 from projects.model import Floats, PointCloud, Surface
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from monitor.filtering import estimate_normals
 from monitor.filtering.drawing_order import hash_points
 from monitor.filtering.soundness import MIN_POINTS
-from monitor.registration.assembly import Assembly, assemble
+from monitor.registration.anywhere.assembly import Assembly, assemble
 from projects.errors import ParameterError
 from projects.formats import ScanStream
 from projects.model import Floats, PointCloud

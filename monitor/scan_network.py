@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from monitor.record import Asked, Made, Place, once_step
-from monitor.registration.adjustment import Adjustment, AdjustmentSettings, adjust_scans
-from monitor.registration.covariance import about
-from monitor.registration.held import Frames
-from monitor.registration.snooping import TieFit
-from monitor.registration.ties import Ties, identify_targets
+from monitor.registration.motion.covariance import about
+from monitor.registration.motion.held import Frames
+from monitor.registration.network.adjustment import Adjustment, AdjustmentSettings, adjust_scans
+from monitor.registration.network.snooping import TieFit
+from monitor.registration.network.ties import Ties, identify_targets
 from monitor.settings import as_mapping
 from monitor.setups import join_setups, join_targets, setups_of
 from monitor.target_search import targets_of

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from monitor.filtering.drawing_order import hash_points
-from monitor.registration.placing import place_scans
-from monitor.registration.targets import find_targets
+from monitor.registration.network.placing import place_scans
+from monitor.registration.targets.finding import find_targets
 from monitor.scan_assembly import assemble_streams
 from monitor.unit_check import UnitCheck
 from monitor.vantage import SAMPLE, could_be_measured_from

@@ -17,7 +17,7 @@ from monitor.comparison.m3c2 import M3C2Result, m3c2
 from monitor.comparison.sight.beam_grid import GridBuilder
 from monitor.comparison.sight.stations import StationSight, gather_sight
 from monitor.record import Place
-from monitor.registration.propagation import propagate
+from monitor.registration.motion.propagation import propagate
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
 from projects.raw import ScanHeader
 from projects.transforms import apply

@@ -16,9 +16,9 @@ from monitor.comparison import CompareSettings
 from monitor.filtering import FilterSettings
 from monitor.reconstruction import SurfaceSettings
 from monitor.registration import IcpSettings
-from monitor.registration.adjustment import AdjustmentSettings
+from monitor.registration.network.adjustment import AdjustmentSettings
 from monitor.registration.parts import PartSettings
-from monitor.registration.targets import TargetSettings
+from monitor.registration.targets.finding import TargetSettings
 from projects.errors import ParameterError
 
 AUTO = "auto"

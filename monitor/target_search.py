@@ -18,7 +18,7 @@ from monitor.filtering import Calibration
 from monitor.filtering.calibration import correct_range
 from monitor.range_calibration import calibration_of
 from monitor.record import Asked, Made, Place, find_step, latest_step, put_step
-from monitor.registration.targets import TargetSettings, find_targets
+from monitor.registration.targets.finding import TargetSettings, find_targets
 from monitor.scans import join_chunks
 from monitor.settings import as_mapping
 from projects.model import Scan, Step, SurveyTarget

@@ -16,8 +16,8 @@ from monitor.comparison import EpochChange, follow
 from monitor.comparison.series.follow import DAYS_PER_YEAR
 from monitor.record import Asked, Made, Place, comparison_product, once_step
 from monitor.registration import motion_significance
-from monitor.registration.epoch_network import EpochLink, EpochNetwork, adjust_network
-from monitor.registration.held import Frames
+from monitor.registration.motion.held import Frames
+from monitor.registration.network.epoch_network import EpochLink, EpochNetwork, adjust_network
 from monitor.scan_network import frames_of
 from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
 from projects.store import Project

@@ -14,7 +14,7 @@ from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.side import Side
 from monitor.comparison.noise.scan_errors import ScanErrors
 from monitor.comparison.regions.evidence import Sights, knows_beams
-from monitor.registration.significance import motion_significance
+from monitor.registration.motion.significance import motion_significance
 from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints, NotAssessed, Registration
 
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from monitor.registration.coarse import register_from_anywhere
-from monitor.registration.held import Frames
-from monitor.registration.icp import IcpSettings, Within, register
-from monitor.registration.mirrored import say_mirrored
+from monitor.registration.anywhere.coarse import register_from_anywhere
+from monitor.registration.anywhere.mirrored import say_mirrored
+from monitor.registration.motion.held import Frames
+from monitor.registration.motion.icp import IcpSettings, Within, register
 from projects.model import PointCloud, Registration, Surface
 
 UNLIKE_SIZE = 2.0  # times as large: more than what parts of one object are that overlap by half, and less than a foot

@@ -15,9 +15,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from monitor.registration.alignment import AlignmentRules, align
-from monitor.registration.matching import MatchLimits, Samples, match
-from monitor.registration.sides import Side
+from monitor.registration.motion.alignment import AlignmentRules, align
+from monitor.registration.motion.matching import MatchLimits, Samples, match
+from monitor.registration.motion.sides import Side
 from projects.model import Bools, Floats, Ints
 
 FITS = 3.0  # sigmas: a point nearer than this is explained by a motion

@@ -19,11 +19,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from monitor.declare import check_settings, setting
-from monitor.registration.alignment import AlignmentRules
-from monitor.registration.covariance import about, at_least, estimate_covariance
-from monitor.registration.degeneracy import find_free_motion
-from monitor.registration.icp import find_centre, into_local
-from monitor.registration.matching import Matches, MatchLimits, make_samples, match
+from monitor.registration.motion.alignment import AlignmentRules
+from monitor.registration.motion.covariance import about, at_least, estimate_covariance
+from monitor.registration.motion.degeneracy import find_free_motion
+from monitor.registration.motion.icp import find_centre, into_local
+from monitor.registration.motion.matching import Matches, MatchLimits, make_samples, match
+from monitor.registration.motion.patches import cut_patches
+from monitor.registration.motion.sampling import in_space_order, motion_rows
+from monitor.registration.motion.sides import Side, prepare_side
 from monitor.registration.part_growth import (
     EXPLAINED,
     FITS,
@@ -35,9 +38,6 @@ from monitor.registration.part_growth import (
     is_member,
     make_field,
 )
-from monitor.registration.patches import cut_patches
-from monitor.registration.sampling import in_space_order, motion_rows
-from monitor.registration.sides import Side, prepare_side
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
 from projects.transforms import apply, invert, perturb

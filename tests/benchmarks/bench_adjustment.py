@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from monitor.registration.adjustment import adjust_scans
+from monitor.registration.network.adjustment import adjust_scans
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb, rotate
 

@@ -9,8 +9,8 @@ from bumpy_body import correlated_noise
 from scipy.spatial.transform import Rotation
 from test_adjustment import bumpy_cap, displaced
 
-from monitor.registration.adjustment import Adjustment, AdjustmentSettings, adjust_scans
-from monitor.registration.ties import identify_targets
+from monitor.registration.network.adjustment import Adjustment, AdjustmentSettings, adjust_scans
+from monitor.registration.network.ties import identify_targets
 from projects.model import ControlPoint, Floats, PointCloud, SurveyTarget
 from projects.transforms import apply, perturb
 

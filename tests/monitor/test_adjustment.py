@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from monitor.registration import overlaps
-from monitor.registration.adjustment import AdjustmentSettings, adjust_scans
+from monitor.registration.network import overlaps
+from monitor.registration.network.adjustment import AdjustmentSettings, adjust_scans
 from projects.model import PointCloud
 from projects.transforms import apply, perturb, rotate
 

@@ -12,8 +12,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "validation"))
 from test_bunny_main_job import read_configuration
 
 from monitor.filtering import estimate_normals
-from monitor.registration.adjustment import AdjustmentSettings, adjust_scans
-from monitor.registration.six_parameters import closest_motion
+from monitor.registration.motion.six_parameters import closest_motion
+from monitor.registration.network.adjustment import AdjustmentSettings, adjust_scans
 from projects.formats import read_scans
 from projects.model import PointCloud
 from projects.transforms import apply, rotate

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from monitor.registration.agreement import assess_agreement
+from monitor.registration.network.agreement import assess_agreement
 
 
 def patch_of_points(rng: np.random.Generator, x_from: float, x_to: float) -> np.ndarray:

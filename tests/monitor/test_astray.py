@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_adjustment import bumpy_cap, displaced
 
-from monitor.registration.adjustment import adjust_scans
-from monitor.registration.astray import find_astray
-from monitor.registration.overlaps import PairFit
+from monitor.registration.network.adjustment import adjust_scans
+from monitor.registration.network.astray import find_astray
+from monitor.registration.network.overlaps import PairFit
 from projects.transforms import perturb
 
 

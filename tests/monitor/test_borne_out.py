@@ -8,7 +8,7 @@ import pytest
 
 from monitor.comparison import compare
 from monitor.comparison.regions import borne_out
-from monitor.registration.weights import draw_in, weighted_median
+from monitor.registration.motion.weights import draw_in, weighted_median
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface
 
 SIDE, EDGE, HIGH, WIDE = 91, 2e-3, 2e-3, 0.016  # m: of the sheets; of the bump, its height and its radius

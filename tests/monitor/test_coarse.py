@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from test_registration_real import read_points
 
 from monitor.filtering import estimate_normals
-from monitor.registration.assembly import Link, assemble, check_triangles, hang_on_tree
-from monitor.registration.coarse import align_coarsely, fit_rigid, register_from_anywhere
+from monitor.registration.anywhere.assembly import Link, assemble, check_triangles, hang_on_tree
+from monitor.registration.anywhere.coarse import align_coarsely, fit_rigid, register_from_anywhere
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud, Surface
 from projects.transforms import apply, invert, rotate

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from monitor.registration.degeneracy import find_free_motion
-from monitor.registration.matching import Matches
+from monitor.registration.motion.degeneracy import find_free_motion
+from monitor.registration.motion.matching import Matches
 from projects.model import Floats, Ints
 
 N, N_PATCHES = 1200, 40

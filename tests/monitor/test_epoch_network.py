@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from monitor.registration.epoch_network import BLUNDER, EpochLink, adjust_network
-from monitor.registration.held import Frames
+from monitor.registration.motion.held import Frames
+from monitor.registration.network.epoch_network import BLUNDER, EpochLink, adjust_network
 from monitor.through_time import tell_network, without_frames
 from projects.errors import RegistrationError
 from projects.model import EpochRecord, Floats, Registration

@@ -8,7 +8,7 @@ import pytest
 from monitor.comparison.comparable import require_settled
 from monitor.registration import register
 from monitor.registration.epochs import held_by_frames
-from monitor.registration.held import Frames, FreeMotions, without_free_part
+from monitor.registration.motion.held import Frames, FreeMotions, without_free_part
 from projects.errors import RegistrationError
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb

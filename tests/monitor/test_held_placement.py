@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from monitor import held_placement
 from monitor.held_placement import place_against_held
-from monitor.registration.placement import lay_out_placement, placement_sigma
+from monitor.registration.network.placement import lay_out_placement, placement_sigma
 from projects.model import Floats, Ints, PointCloud, Registration, Surface
 
 EDGE, LONG, HIGH = 0.02, 151, 51  # of the walls: m, vertices along y and z

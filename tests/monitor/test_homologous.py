@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from monitor.registration.homologous import match_points, verify_pairs
-from monitor.registration.six_parameters import six_parameters
+from monitor.registration.motion.six_parameters import six_parameters
+from monitor.registration.targets.homologous import match_points, verify_pairs
 from projects.errors import RegistrationError
 from projects.transforms import apply
 

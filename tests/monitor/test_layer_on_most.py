@@ -10,7 +10,7 @@ from test_wide_layers import area_above, make_body
 
 from monitor.comparison import compare
 from monitor.registration import register
-from monitor.registration.weights import robust_scale
+from monitor.registration.motion.weights import robust_scale
 from projects.transforms import apply
 
 
@@ -43,7 +43,7 @@ def test_a_figure_cleaned_or_coated_all_but_its_base_is_one_region(layer: float,
 def test_what_is_taken_for_stable_is_said_beside_other_doubts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A doubt about the layer took the place of the words on what was taken for stable."""
     monkeypatch.setattr(
-        "monitor.registration.layer.stated_scatter", lambda _, patches, __: robust_scale(patches.mean) / 1.2
+        "monitor.registration.motion.layer.stated_scatter", lambda _, patches, __: robust_scale(patches.mean) / 1.2
     )
     rng = np.random.default_rng(1)
     found = register(make_body(rng, 0.7, 0.001, -0.15), make_body(rng, 0.0, 0.0, -0.15))

@@ -5,7 +5,7 @@ import pytest
 
 from monitor.comparison.regions.shapes import name_region
 from monitor.lengths import in_millimetres
-from monitor.registration.rivals import Rival
+from monitor.registration.motion.rivals import Rival
 
 
 @pytest.mark.parametrize(

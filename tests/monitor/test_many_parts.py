@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from monitor.registration import register
-from monitor.registration.icp import doubt_majority
+from monitor.registration.motion.icp import doubt_majority
 from monitor.registration.parts import MovedParts, find_parts
 from projects.model import Floats, Ints, PointCloud
 from projects.transforms import apply, perturb, rotate

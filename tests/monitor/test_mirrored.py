@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from monitor.registration.anywhere.mirrored import mirror, say_mirrored
 from monitor.registration.epochs import register_epochs
-from monitor.registration.mirrored import mirror, say_mirrored
 from projects.model import PointCloud, Surface
 from projects.transforms import apply
 

@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from monitor.registration import motion_significance, propagate, register
-from monitor.registration.correlation import correlate, find_ranges, fit_correlation
-from monitor.registration.covariance import at_least
-from monitor.registration.sampling import motion_rows
+from monitor.registration.motion.correlation import correlate, find_ranges, fit_correlation
+from monitor.registration.motion.covariance import at_least
+from monitor.registration.motion.sampling import motion_rows
 from projects.errors import ShapeError
 from projects.model import Floats, Registration
 from projects.transforms import apply, invert, perturb

@@ -16,8 +16,8 @@ from network_of_caps import (
 from scipy.stats import chi2
 from test_adjustment import displaced
 
-from monitor.registration.adjustment import Adjustment, AdjustmentSettings, adjust_scans
-from monitor.registration.network import (
+from monitor.registration.network.adjustment import Adjustment, AdjustmentSettings, adjust_scans
+from monitor.registration.network.equations import (
     Scales,
     Solution,
     TieScales,
@@ -27,9 +27,9 @@ from monitor.registration.network import (
     tie_equations,
     tie_statistics,
 )
-from monitor.registration.network_covariance import absorbed_motions
-from monitor.registration.placing import place_scans
-from monitor.registration.ties import identify_targets, no_ties
+from monitor.registration.network.network_covariance import absorbed_motions
+from monitor.registration.network.placing import place_scans
+from monitor.registration.network.ties import identify_targets, no_ties
 from projects.model import ControlPoint, PointCloud, SurveyTarget
 from projects.transforms import apply, perturb
 

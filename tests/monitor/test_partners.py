@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from monitor.registration.partners import Partners
-from monitor.registration.search_tree import SearchTree
+from monitor.registration.motion.partners import Partners
+from monitor.registration.motion.search_tree import SearchTree
 
 
 class CountingTree:

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from test_parts import WAYS, N, shift_part
 
 from monitor.registration import register
+from monitor.registration.motion.sides import Side, prepare_side
 from monitor.registration.part_growth import Field, Piece, fit
 from monitor.registration.parts import (
     MovedParts,
@@ -23,7 +24,6 @@ from monitor.registration.parts import (
     find_parts,
     motion_between,
 )
-from monitor.registration.sides import Side, prepare_side
 from monitor.simulation.scenes import grid_faces
 from projects.model import Bools, Floats, PointCloud, Registration, Surface
 from projects.transforms import apply, invert, perturb

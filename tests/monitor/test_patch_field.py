@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from monitor.registration.correlation import correlate
-from monitor.registration.covariance import Adjusted, partner_share, score_covariance, share_partners
-from monitor.registration.patch_field import lay_field, sum_by
-from monitor.registration.patches import cut_patches
+from monitor.registration.motion.correlation import correlate
+from monitor.registration.motion.covariance import Adjusted, partner_share, score_covariance, share_partners
+from monitor.registration.motion.patch_field import lay_field, sum_by
+from monitor.registration.motion.patches import cut_patches
 from projects.model import Floats
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from monitor.quality import join_shared
-from monitor.registration.placement import lay_out_placement, placement_sigma
+from monitor.registration.network.placement import lay_out_placement, placement_sigma
 from projects.model import Floats, PointCloud
 
 

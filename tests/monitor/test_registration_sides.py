@@ -6,9 +6,9 @@ import trimesh
 from bumpy_body import bumpy_points, noisy_cloud
 
 from monitor.registration import register
-from monitor.registration.matching import MatchLimits, make_samples, match
-from monitor.registration.sampling import even_probability, leverage, sample_source
-from monitor.registration.sides import Side, on_free_edge, prepare_side, vertex_normals
+from monitor.registration.motion.matching import MatchLimits, make_samples, match
+from monitor.registration.motion.sampling import even_probability, leverage, sample_source
+from monitor.registration.motion.sides import Side, on_free_edge, prepare_side, vertex_normals
 from projects.errors import ShapeError
 from projects.model import PointCloud, Surface
 from projects.transforms import apply, perturb

@@ -10,8 +10,8 @@ from bumpy_body import move, noisy_cloud, unit
 from test_adjustment import bumpy_cap, displaced
 
 from monitor.registration import register
-from monitor.registration.adjustment import adjust_scans
-from monitor.registration.held import Frames
+from monitor.registration.motion.held import Frames
+from monitor.registration.network.adjustment import adjust_scans
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, invert, perturb
 

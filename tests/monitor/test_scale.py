@@ -7,7 +7,7 @@ import pytest
 from bumpy_body import NOISE, bumpy_points, move, noisy_cloud, unit
 
 from monitor.registration import register
-from monitor.registration.sampling import parameter_rows
+from monitor.registration.motion.sampling import parameter_rows
 from projects.model import PointCloud
 from projects.transforms import perturb
 

@@ -7,7 +7,7 @@ import pytest
 from test_coarse import read_range_image
 
 from monitor.cli import run
-from monitor.registration.assembly import Assembly
+from monitor.registration.anywhere.assembly import Assembly
 from monitor.scan_assembly import into_project_frame
 from projects import Project
 from projects.transforms import apply, invert, perturb

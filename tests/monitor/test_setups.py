@@ -9,7 +9,7 @@ import pytest
 from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.filtered_scans import FilteredScans
 from monitor.range_calibration import largest_of_setups
-from monitor.registration.adjustment import Adjustment
+from monitor.registration.network.adjustment import Adjustment
 from monitor.scan_network import _as_arrays, _why_nothing_is_left
 from monitor.setups import join_setups, join_targets, number_setups
 from monitor.simulation import stand_at

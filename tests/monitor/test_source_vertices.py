@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from monitor.registration.sides import prepare_side
-from monitor.registration.source_vertices import spread_to_vertices, spread_weights
+from monitor.registration.motion.sides import prepare_side
+from monitor.registration.motion.source_vertices import spread_to_vertices, spread_weights
 from projects.model import PointCloud
 
 

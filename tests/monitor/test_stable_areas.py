@@ -8,12 +8,12 @@ from bumpy_body import NOISE, bumpy_points, unit
 from scipy.ndimage import gaussian_filter
 
 from monitor.registration import register
-from monitor.registration.degeneracy import describe
-from monitor.registration.matching import Matches
-from monitor.registration.patches import cut_patches
-from monitor.registration.stable_areas import doubt_stable, find_stable, weighted_median
-from monitor.registration.trial_motions import least_median
-from monitor.registration.weights import huber_weights, residual_sigma, tukey_slope, tukey_weights
+from monitor.registration.motion.degeneracy import describe
+from monitor.registration.motion.matching import Matches
+from monitor.registration.motion.patches import cut_patches
+from monitor.registration.motion.stable_areas import doubt_stable, find_stable, weighted_median
+from monitor.registration.motion.trial_motions import least_median
+from monitor.registration.motion.weights import huber_weights, residual_sigma, tukey_slope, tukey_weights
 from projects.model import Bools, Floats, Ints, Surface
 
 

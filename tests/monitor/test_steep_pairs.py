@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from monitor.filtering import filter_scan
-from monitor.registration.adjustment import adjust_scans
-from monitor.registration.network_covariance import _information
-from monitor.registration.sides import prepare_side
+from monitor.registration.motion.sides import prepare_side
+from monitor.registration.network.adjustment import adjust_scans
+from monitor.registration.network.network_covariance import _information
 from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, simulate_scan, stand_at, window_around
 from projects.model import PointCloud
 from projects.transforms import apply, invert

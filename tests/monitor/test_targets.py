@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from monitor.registration.targets import TargetSettings, find_targets
+from monitor.registration.targets.finding import TargetSettings, find_targets
 from monitor.simulation import (
     INSTRUMENTS,
     Body,

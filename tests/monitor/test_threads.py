@@ -4,7 +4,7 @@ import numba
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from monitor.registration.icp import register_sides
+from monitor.registration.motion.icp import register_sides
 from monitor.threads import map_threads, run_tasks, with_one_blas_thread
 
 

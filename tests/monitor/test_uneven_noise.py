@@ -8,11 +8,11 @@ from bumpy_body import bumpy_points, move, unit
 from test_motion_covariance import error_of
 
 from monitor.registration import register
-from monitor.registration.alignment import AlignmentRules, align, weigh
-from monitor.registration.covariance import bearing_patches, standardize
-from monitor.registration.matching import Matches, MatchLimits, compare_relief, make_samples, match, with_relief
-from monitor.registration.sides import Side
-from monitor.registration.stable_areas import common_variance, share_noise, sum_patches
+from monitor.registration.motion.alignment import AlignmentRules, align, weigh
+from monitor.registration.motion.covariance import bearing_patches, standardize
+from monitor.registration.motion.matching import Matches, MatchLimits, compare_relief, make_samples, match, with_relief
+from monitor.registration.motion.sides import Side
+from monitor.registration.motion.stable_areas import common_variance, share_noise, sum_patches
 from projects.model import Bools, Floats, PointCloud
 from projects.transforms import invert, perturb
 

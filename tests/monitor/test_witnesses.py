@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from monitor.registration.matching import Matches
-from monitor.registration.network import Pairs, Scales, TieScales, pair_equations, solve_network
-from monitor.registration.network_covariance import network_covariance
-from monitor.registration.ties import no_ties
-from monitor.registration.witnesses import count_sharers, pair_factors
+from monitor.registration.motion.matching import Matches
+from monitor.registration.network.equations import Pairs, Scales, TieScales, pair_equations, solve_network
+from monitor.registration.network.network_covariance import network_covariance
+from monitor.registration.network.ties import no_ties
+from monitor.registration.network.witnesses import count_sharers, pair_factors
 
 SIGMA, PATCH = 0.001, 0.1
 

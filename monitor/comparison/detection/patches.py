@@ -17,7 +17,7 @@ from monitor.comparison.detection.units import Units, cut_units, summarize_units
 from monitor.comparison.distances.side import Side, larger_of, map_sides
 from monitor.comparison.noise.correlation import Correlation, kept_variance
 from monitor.comparison.noise.scan_errors import ScanErrors
-from monitor.registration.propagation import motion_variance
+from monitor.registration.motion.propagation import motion_variance
 from projects.model import Bools, Floats, Ints, Registration
 
 REACHES = (

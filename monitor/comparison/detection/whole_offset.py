@@ -15,7 +15,7 @@ import numpy as np
 from monitor.comparison.detection.units import Units
 from monitor.comparison.distances.side import Side
 from monitor.comparison.noise.correlation import Correlation
-from monitor.registration.propagation import motion_variance
+from monitor.registration.motion.propagation import motion_variance
 from projects.model import Bools, Floats
 
 SURE = 3.0  # sigmas

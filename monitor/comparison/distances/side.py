@@ -21,7 +21,7 @@ from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.shell import Shell
 from monitor.comparison.distances.stars import Neighbours
 from monitor.reconstruction.bow import bow_at
-from monitor.registration.propagation import propagate
+from monitor.registration.motion.propagation import propagate
 from monitor.threads import map_threads, run_tasks
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate

@@ -15,8 +15,8 @@ from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.stars import gather_neighbours, make_mesh, vertex_areas
 from monitor.comparison.regions.chips import HANDFUL
 from monitor.comparison.regions.moved_parts import BESIDE_SPACINGS, MOST, count_vertices, normals_of, part_on_reference
+from monitor.registration.motion.sampling import motion_rows
 from monitor.registration.parts import MovedParts
-from monitor.registration.sampling import motion_rows
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Ints, NotAssessed
 
 LEFT = 0.5  # of a squared change: what parts' motions leave of their own is 0.01 to 0.4, of wear beside them 1 to 4

@@ -24,7 +24,7 @@ from monitor.comparison.regions.enclosure import SIGNS
 from monitor.comparison.regions.finding import Regions
 from monitor.comparison.regions.moved import name_moved
 from monitor.reconstruction.bow import bow_at
-from monitor.registration.weights import draw_in
+from monitor.registration.motion.weights import draw_in
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
 Points = Callable[[], tuple[Floats | None, Floats | None]]  # (n, 3) m of each epoch, in its own coordinates

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from monitor.comparison.distances.stars import make_mesh, vertex_areas
 from monitor.comparison.regions.moved import EXPLAINED
 from monitor.reconstruction.mesh import vertex_normals
+from monitor.registration.motion.sampling import motion_rows
 from monitor.registration.parts import MovedParts
-from monitor.registration.sampling import motion_rows
 from projects.model import Comparison, Floats, Ints, NotAssessed, Surface
 from projects.transforms import apply
 

@@ -20,8 +20,8 @@ from monitor.comparison.distances.side import Side, expected_change
 from monitor.comparison.distances.stars import gather_neighbours, make_mesh, survey_vertices
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.trend import Polynomial, departures, weights_of_last
-from monitor.registration.covariance import about
-from monitor.registration.propagation import propagate
+from monitor.registration.motion.covariance import about
+from monitor.registration.motion.propagation import propagate
 from projects.model import Assessment, Floats, NotAssessed, Registration, Surface
 
 FEWEST = 3.0  # epochs with the reference, that a vertex must be known in: two tell a difference, and no trend

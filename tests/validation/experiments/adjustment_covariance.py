@@ -23,7 +23,7 @@ from network_of_caps import simulate_network, small_motion
 from no_change_pairs import make_body, spread_stations
 
 from monitor.filtering import filter_scan
-from monitor.registration.adjustment import Adjustment, adjust_scans
+from monitor.registration.network.adjustment import Adjustment, adjust_scans
 from monitor.simulation import INSTRUMENTS, simulate_scan, window_around
 from projects.model import Floats
 from projects.transforms import invert

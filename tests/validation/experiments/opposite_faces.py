@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "monitor"))
 from network_of_caps import small_motion
 
 from monitor.filtering import filter_scan
-from monitor.registration.adjustment import adjust_scans
+from monitor.registration.network.adjustment import adjust_scans
 from monitor.simulation import INSTRUMENTS, simulate_scan, window_around
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, invert

@@ -24,9 +24,9 @@ from test_coarse import anywhere, moved, read_range_image
 from test_registration_real import read_points
 
 from monitor.registration import register
-from monitor.registration.adjustment import Adjustment, adjust_scans
-from monitor.registration.assembly import Assembly, assemble
-from monitor.registration.six_parameters import closest_motion
+from monitor.registration.anywhere.assembly import Assembly, assemble
+from monitor.registration.motion.six_parameters import closest_motion
+from monitor.registration.network.adjustment import Adjustment, adjust_scans
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, invert
 
