@@ -474,6 +474,8 @@ class ObjectRecord:
     """The monitored thing as the archive knows it: its id, and free texts.
 
     `extent` is where it stands in the project's frame, as of `projects.extent`; `tolerance` [m] the client's own limit.
+    `front` [rad] is the bearing to which its front faces, clockwise from +y of the project's frame, from 0 to below
+    2 pi; None: nobody said. Of a room that is the wall ahead.
     """
 
     object_id: str
@@ -484,6 +486,7 @@ class ObjectRecord:
     description: str = ""
     extent: Mapping[str, Any] | None = None
     tolerance: float | None = None
+    front: float | None = None
 
 
 @dataclass(frozen=True)

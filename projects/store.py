@@ -6,6 +6,7 @@ What each call does is written in the modules named by their nouns; here is only
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -180,7 +181,16 @@ class Project:
             require_new_id(record.object_id, self.index().objects, "object")
             if record.extent is not None:
                 Extent.from_mapping(record.extent)
+            _require_bearing(record)
             self._commit(with_object(self.index(), ObjectEntry(record)))
+
+    def set_front(self, object_id: str, front: float) -> None:
+        """Enter to which side an object's front faces [rad], as of `ObjectRecord`; no product rests on it."""
+        with self.writing():
+            entry = find_object(self.index(), object_id)
+            record = replace(entry.record, front=front)
+            _require_bearing(record)
+            self._commit(with_object(self.index(), replace(entry, record=record)))
 
     def add_epoch(
         self, record: EpochRecord, scans: Iterable[ScanStream] = (), *, mesh: Surface | None = None,
@@ -308,6 +318,17 @@ class Project:
         except StoreError:
             return False
         return True
+
+
+def _require_bearing(record: ObjectRecord) -> None:
+    """Raise `ParameterError` where the front of an object faces to no bearing."""
+    front = record.front
+    if front is not None and (
+        isinstance(front, bool) or not isinstance(front, int | float) or not 0.0 <= front < math.tau
+    ):
+        raise ParameterError(
+            f"front {front!r} of {record.object_id}: a bearing from 0 to below 2 pi rad is needed, or None"
+        )
 
 
 def _seen(path: Path) -> tuple[int, int, int] | None:

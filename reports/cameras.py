@@ -1,7 +1,8 @@
 """Where an object is looked at from: orthographic views in the object's own frame, z up, all at one scale.
 
-A surface goes in; named views and the frames of their pictures come out. "Front" is the side that most of the measured
-surface faces horizontally; "right" is the side at the right hand of someone who stands before the front.
+A surface goes in; named views and the frames of their pictures come out. "Front" is the side that somebody said, else
+the one that most of the measured surface faces horizontally; "right" is the side at the right hand of someone who
+stands before the front.
 
 A room shows nothing from outside but the backs of its walls. It is looked at from the same six sides with all left out
 that looks away from the viewer: what is seen is the wall beyond, the floor from above, the ceiling from below.
@@ -127,6 +128,14 @@ def find_front(surface: Surface) -> Floats:
     return np.array([np.cos(angle), np.sin(angle), 0.0]).round(12)
 
 
+def front_of(surface: Surface, bearing: float | None) -> Floats:
+    """Return the horizontal unit vector (3,) towards someone before the front: `bearing` [rad] clockwise from +y, as of
+    `ObjectRecord.front`, or where None that of `find_front`. In a room it goes from the wall ahead into the room."""
+    if bearing is None:
+        return find_front(surface)
+    return np.array([np.sin(bearing), np.cos(bearing), 0.0]).round(12)
+
+
 def all_views(front: Floats) -> tuple[View, ...]:
     """Return the six named views about a horizontal unit vector (3,) towards someone before the front."""
     right = np.cross(UP, front)
@@ -175,15 +184,16 @@ def see_probes(surface: Surface, views: Sequence[View]) -> Bools:
     return np.array(seen)
 
 
-def choose_views(surface: Surface) -> list[View]:
+def choose_views(surface: Surface, bearing: float | None = None) -> list[View]:
     """Return the views worth drawing, of front, right, back, left, top and below, in this order.
 
     A view is worth it where it shows at least 4 % of the measured surface that none chosen before it shows: a relief
     has its front alone, a statue its four sides, a floor, a tombstone or a ceiling its top or what is below. Chosen
     first is what shows most, or nearly as much and stands before it in this order. Where all six show less than half
-    of the surface, and more of it cut away, as of a room, all are cut away.
+    of the surface, and more of it cut away, as of a room, all are cut away. `bearing` is that of the front, as of
+    `front_of`.
     """
-    views = all_views(find_front(surface))
+    views = all_views(front_of(surface, bearing))
     seen = see_probes(surface, views)
     if seen.any(axis=0).mean() < FROM_WITHIN:
         cut = tuple(replace(view, cut_away=True) for view in views)
@@ -206,13 +216,14 @@ def pick_views(seen: Bools) -> list[int]:
         shown |= seen[k]
 
 
-def choose_one(surface: Surface, wanted: Bools | None = None) -> View:
+def choose_one(surface: Surface, wanted: Bools | None = None, bearing: float | None = None) -> View:
     """Return the first view, from the front on, that shows nearly as much as any of the surface, or of the vertices
-    (n,) that are wanted, where there are any: by the area of the faces that look to the viewer, as it appears."""
+    (n,) that are wanted, where there are any: by the area of the faces that look to the viewer, as it appears.
+    `bearing` as of `front_of`."""
     normals = face_normals(surface)
     if wanted is not None and wanted.any():
         normals = normals * wanted[surface.faces].mean(axis=1)[:, None]
-    views = choose_views(surface)
+    views = choose_views(surface, bearing)
     areas = [float(np.maximum(normals @ view.towards, 0.0).sum()) for view in views]
     return next(v for v, area in zip(views, areas, strict=True) if area >= NEARLY * max(areas))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from reports.answer import dotted_from, is_beside_layer
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
-from reports.quantities import NBSP
+from reports.quantities import NBSP, tell_bearing
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,6 @@ def write_captions(facts: ReportFacts) -> Captions:
     dotted = " Dotted: unchanged as far as can be told; only larger changes are told there." if is_dotted else ""
     numbers = " Numbers are those of the table of regions." if facts.regions else ""
     moved = f", the {after.order} moved onto the {before.order}" if facts.mode == "relative" else ""
-    sides = (
-        "Walls are named as by someone who stands in the room before the wall ahead, that of the first view."
-        if facts.is_room
-        else "Sides are those of someone who stands before the front, taken to be where most of the surface faces: the "
-        "view of that name shows which side it is."
-    )
     looked_for = ", looked for only where you said that nothing moved" if facts.stable else ""
     not_asked = "; nearly white: outside of what you gave, not asked" if facts.stable else ""
     dark = "" if facts.is_room else " Dark grey: the inside."
@@ -70,7 +64,7 @@ def write_captions(facts: ReportFacts) -> Captions:
         strips=f"The same fixed views of both epochs{moved}.",
         regions=(
             f"± is the half-width of the 95{NBSP}% interval.{hardly} Positive: material gained; negative: lost. "
-            f"{beside}{sides}"
+            f"{beside}{_name_sides(facts)}"
         ),
         region_columns=(
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),
@@ -107,6 +101,26 @@ def write_captions(facts: ReportFacts) -> Captions:
             f"{before.order} epoch{crs}; positive differences are material gained."
         ),
     )  # fmt: skip
+
+
+def _name_sides(facts: ReportFacts) -> str:
+    """Return whose words of place those of a report are, and how it is known which side is the front."""
+    if facts.is_room:
+        which = (
+            "that of the first view"
+            if facts.front is None
+            else f"as given that which faces {tell_bearing(facts.front)}"
+        )
+        return f"Walls are named as by someone who stands in the room before the wall ahead, {which}."
+    if facts.front is None:
+        return (
+            "Sides are those of someone who stands before the front, taken to be where most of the surface faces: the "
+            "view of that name shows which side it is."
+        )
+    return (
+        "Sides are those of someone who stands before the front, which was given with the object: it faces "
+        f"{tell_bearing(facts.front)}."
+    )
 
 
 def caption_region(region: RegionFacts, facts: ReportFacts) -> str:

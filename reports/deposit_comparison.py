@@ -39,7 +39,9 @@ def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tup
     if followed is not None:
         steps.append(followed)
         series = project.get(object_id, pair[1], followed.product, followed.step_id)
-        written = export_series(stem.parent, object_id, series, comparison, ("ply",))
+        written = export_series(
+            stem.parent, object_id, series, comparison, ("ply",), bearing=project.object(object_id).front
+        )
         told = "Change over all epochs: rates on the reference surface, regions and their course"
         deposit.made_by[followed.step_id] = deposit.add(written, told)
     written = write_report(stem.with_name(f"{stem.name}_report"), gather_facts(project, object_id, *pair))

@@ -73,7 +73,7 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
     if followed is None:
         return facts
     series = project.get(object_id, compared_id, followed.product, followed.step_id)
-    return replace(facts, series=place_courses(tell_series(series), comparison))
+    return replace(facts, series=place_courses(tell_series(series), comparison, record.front))
 
 
 def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
@@ -138,7 +138,7 @@ def make_facts(
         comparison = without_significance(comparison)
     first, second = name_epochs(before.record, after.record)
     computed = datetime.date.fromisoformat(made.created[:10]) if made and made.created else None
-    setting = setting_of(comparison.on_reference.surface)
+    setting = setting_of(comparison.on_reference.surface, record.front)
     measures = choose_measures(comparison.regions["area_m2"])
     regions = tuple(describe_region(comparison, row, setting, measures) for _, row in comparison.regions.iterrows())
     heads = name_columns((before, after))
@@ -169,6 +169,7 @@ def make_facts(
         parts=parts_table(comparison, first, second),
         stable=_given_stable(made),
         is_room=setting.is_room,
+        front=record.front,
     )
 
 

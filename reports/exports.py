@@ -66,8 +66,9 @@ def export_surface(out: Path, object_id: str, epoch_id: str, surface: Surface, f
 
 
 def export_series(
-    out: Path, object_id: str, series: Series, comparison: Comparison, formats: Sequence[str]
-) -> list[Path]:
+    out: Path, object_id: str, series: Series, comparison: Comparison, formats: Sequence[str], *,
+    bearing: float | None = None,
+) -> list[Path]:  # fmt: skip
     """Write the rates on the reference surface, where they are significant (`rate_assessment`: 0 not assessable, 1 not
     significant, 2 significant), from how large a rate on one is told, the followed regions and their history; return
     the paths.
@@ -76,6 +77,7 @@ def export_series(
     ----------
     series : rates in m/year, positive = gained.
     comparison : of the reference epoch with the last of the series.
+    bearing : rad, of the object's front, by which words of place go; None where nobody said.
     """
     surface = comparison.on_reference.surface
     stem = f"{object_id}_{series.reference_id}_series"
@@ -91,7 +93,7 @@ def export_series(
         properties["rate_told_from"] = series.rate_told_from
     written = _write_formats(out / stem, surface, properties, formats)
     tables = {name: getattr(series, name) for name in ("regions", "history", "forecast", "motions", "closures")}
-    tables["regions"] = _place_regions(series, comparison)
+    tables["regions"] = _place_regions(series, comparison, bearing)
     for name in tables:
         path = out / f"{stem}_{name}.csv"
         write_csv(path, tables[name])
@@ -99,9 +101,9 @@ def export_series(
     return written
 
 
-def _place_regions(series: Series, comparison: Comparison) -> pd.DataFrame:
+def _place_regions(series: Series, comparison: Comparison, bearing: float | None) -> pd.DataFrame:
     """Return the followed regions with where they lie, and which regions of the last comparison they are."""
-    placed = find_footprints(series, comparison)
+    placed = find_footprints(series, comparison, bearing)
     at = [placed[int(k)] for k in series.regions["identity"]]
     words = [a.where.replace(NBSP, " ") for a in at]
     return series.regions.assign(place=words, last_region=[a.region for a in at])

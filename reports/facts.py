@@ -137,6 +137,7 @@ class ReportFacts:
     stable : where the user says that nothing moved, where they did.
     crs : the reference system of the project's coordinates, "" where it is local.
     is_room : the object is seen from within, and words of place are those of a room.
+    front : rad, the bearing of the front as it was given with the object, None where it was found from the surface.
     computed : the day of the computation that `made` tells in words, None where it is not known.
     calibrations : the range calibration of a scan of each epoch, where one was corrected.
     record : the steps in order; versions and inputs : what they were made with and from.
@@ -165,4 +166,5 @@ class ReportFacts:
     stable: Extent | None = None
     crs: str = ""
     is_room: bool = False
+    front: float | None = None
     computed: datetime.date | None = None

@@ -27,21 +27,22 @@ class Footprint:
     region: int
 
 
-def place_courses(told: SeriesFacts, comparison: Comparison) -> SeriesFacts:
+def place_courses(told: SeriesFacts, comparison: Comparison, bearing: float | None = None) -> SeriesFacts:
     """Return the courses with their places, and with what the map of the comparison calls them."""
-    placed = find_footprints(told.series, comparison)
+    placed = find_footprints(told.series, comparison, bearing)
     numbers = {k: f"no.{NBSP}{at.region}" if at.region else NONE for k, at in placed.items()}
     courses = (replace(c, where=placed[c.number].where, on_map=numbers[c.number]) for c in told.courses)
     return replace(told, courses=tuple(courses))
 
 
-def find_footprints(series: Series, comparison: Comparison) -> dict[int, Footprint]:
-    """Return where each followed region lies, by its number; `comparison` is that with the series' last epoch.
+def find_footprints(series: Series, comparison: Comparison, bearing: float | None = None) -> dict[int, Footprint]:
+    """Return where each followed region lies, by its number; `comparison` is that with the series' last epoch,
+    `bearing` [rad] that of the object's front, None where nobody said.
 
     What is one region of the comparison lies where the comparison says; what is none, or part of one, where its own
     footprint does.
     """
-    setting = setting_of(comparison.on_reference.surface)
+    setting = setting_of(comparison.on_reference.surface, bearing)
     rows = comparison.regions.set_index("region")
     last = series.history[series.history["epoch"] == series.epoch_ids[-1]]
     of_last = {int(h["identity"]): int(h["region"]) for _, h in last.iterrows() if h["region"] in rows.index}

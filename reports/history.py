@@ -12,7 +12,7 @@ from typing import Any
 
 from projects.model import EpochRecord, ObjectRecord, Step
 from reports.facts import StepFacts, Table
-from reports.quantities import NOT_KNOWN, coordinates, count, day, height, listed, percent
+from reports.quantities import NOT_KNOWN, coordinates, count, day, height, listed, percent, tell_bearing
 
 STEP_TITLES = {
     "raw": "Reading", "calibration": "Range calibration of each scan", "scan": "Filtering each scan",
@@ -61,9 +61,15 @@ def describe_object(record: ObjectRecord, project_name: str = "", crs: str = "")
     rows = (
         ("Object", record.name or record.object_id), ("Identifier", record.object_id),
         ("Inventory", record.inventory), ("Place", record.place), ("Material", record.material),
-        ("Description", record.description), ("Project", project_name), ("Coordinates", crs),
+        ("Description", record.description), ("Front", _say_front(record)), ("Project", project_name),
+        ("Coordinates", crs),
     )  # fmt: skip
     return tuple((name, text) for name, text in rows if text)
+
+
+def _say_front(record: ObjectRecord) -> str:
+    """Return to which side the front faces, "" where nobody said."""
+    return "" if record.front is None else f"faces {tell_bearing(record.front)}"
 
 
 def epochs_table(epochs: Sequence[EpochHistory]) -> Table:

@@ -100,20 +100,20 @@ class Pictures:
 
 def draw_pictures(facts: ReportFacts) -> Pictures:
     """Return every picture of a report."""
-    pictures = draw_change(facts.comparison)
+    pictures = draw_change(facts.comparison, facts.front)
     if facts.series is not None and facts.series.courses:
         charts = show_drawing(draw_courses(facts.series.series), "Mean change of each followed region over time")
         pictures = replace(pictures, courses=charts)
     ranging = [show_drawing(draw_calibration(c.profile), "Distances to a plane by range") for c in facts.calibrations]
-    stable = show_stable(draw_stable(facts.comparison, facts.stable))
+    stable = show_stable(draw_stable(facts.comparison, facts.stable, facts.front))
     return replace(pictures, calibrations=tuple(ranging), stable=stable)
 
 
-def draw_change(comparison: Comparison) -> Pictures:
-    """Return the pictures of what changed, all with one range of colours."""
+def draw_change(comparison: Comparison, bearing: float | None = None) -> Pictures:
+    """Return the pictures of what changed, all with one range of colours; `bearing` [rad] of the front, where given."""
     limit = choose_limit(comparison)
     level, told = (comparison.statistics.get(name, float("nan")) for name in ("lod95_median_m", "told_from_median_m"))
-    views = choose_views(comparison.on_reference.surface)
+    views = choose_views(comparison.on_reference.surface, bearing)
     drawn = draw_comparison(comparison, views, limit_m=limit, height_px=choose_size(comparison, views))
     numbers = [int(n) for n in comparison.regions["region"]][:CLOSE_UPS]
     regions = {

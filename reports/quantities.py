@@ -20,6 +20,7 @@ NBSP, THIN, MINUS = "\u00a0", "\u202f", "\u2212"
 FINEST = 6  # no more decimals than these, however small the margin
 MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
           "November", "December")  # fmt: skip
+SIDES_OF_THE_WORLD = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
@@ -210,6 +211,12 @@ def height(value: float) -> str:
     if abs(value) < 0.995:
         return f"{print_number(value * 1e2, 0)}{NBSP}cm"
     return f"{print_number(value, 2)}{NBSP}m"
+
+
+def tell_bearing(bearing: float) -> str:
+    """Return to which side of the world a bearing [rad], clockwise from +y, goes, in words and degrees."""
+    degrees = round(bearing * DEGREES, 1) % 360.0
+    return f"{SIDES_OF_THE_WORLD[round(degrees / 45.0) % 8]} ({degrees:g} degrees clockwise from +y)"
 
 
 def day(date: datetime.date) -> str:

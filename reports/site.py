@@ -39,6 +39,7 @@ POLICY = (
 HTML, JPEG, PDF = "text/html; charset=utf-8", "image/jpeg", "application/pdf"
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
 
+Key = tuple[str | float | None, ...]  # of what is shown, and the step and the front that it shows
 Start = Callable[[str, list[tuple[str, str]]], Any]
 
 
@@ -56,7 +57,7 @@ class Site:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._kept: OrderedDict[tuple[str, ...], Any] = OrderedDict()
+        self._kept: OrderedDict[Key, Any] = OrderedDict()
         self._guard = threading.Lock()
         self._drawing = threading.Lock()  # one thing is drawn at a time: drawing takes all processors
         self._templates = Environment(
@@ -164,24 +165,27 @@ class Site:
             return facts.answer, facts.subtitle, facts.remarks
 
         outdated = outdated_epochs(project, object_id, pair, step)  # which a remark tells
-        return self._keep(("answer", object_id, *pair, step.step_id, *outdated), gather)
+        key = ("answer", object_id, *pair, step.step_id, project.object(object_id).front, *outdated)
+        return self._keep(key, gather)
 
     def _epoch_picture(self, project: Project, object_id: str, epoch_id: str) -> bytes:
         """Return an epoch's surface as stone, from where most of it is seen."""
         made = project.latest(object_id, project.epoch(object_id, epoch_id).epoch_id, "surface")
         if made is None:
             raise StoreError(f"epoch {epoch_id} of object {object_id} is not processed yet")
+        bearing = project.object(object_id).front
 
         def draw() -> bytes:
             surface = project.get(object_id, epoch_id, made.product, made.step_id)
-            return draw_surface(surface, choose_one(surface), height_px=PIXELS).image
+            return draw_surface(surface, choose_one(surface, bearing=bearing), height_px=PIXELS).image
 
-        return self._draw(("surface", object_id, epoch_id, made.step_id), draw)
+        return self._draw(("surface", object_id, epoch_id, made.step_id, bearing), draw)
 
     def _of_comparison(self, project: Project, object_id: str, pair: tuple[str, str], kind: str) -> Reply:
         """Return the picture of a comparison, or its report."""
         step = require_comparison(project, object_id, *pair)
-        key = (object_id, *pair, step.step_id)
+        bearing = project.object(object_id).front
+        key = (object_id, *pair, step.step_id, bearing)
         if kind != "jpg":
             page, document = self._draw(("report", *key), lambda: self._report(project, object_id, pair))
             return Reply(page, HTML) if kind == "html" else Reply(document, PDF)
@@ -189,7 +193,7 @@ class Site:
         def draw() -> bytes:
             comparison = project.get(object_id, pair[1], step.product, step.step_id)
             side, other = comparison.on_compared, comparison.on_reference
-            view = choose_one(side.surface, side.region > 0)
+            view = choose_one(side.surface, side.region > 0, bearing)
             return draw_difference(side, view, limit_m=choose_limit(comparison), height_px=PIXELS, other=other).image
 
         return Reply(self._draw(("difference", *key), draw), JPEG)
@@ -200,12 +204,12 @@ class Site:
             page, document = write_report(Path(folder) / "report", gather_facts(project, object_id, *pair))
             return page.read_bytes(), document.read_bytes()
 
-    def _draw(self, key: tuple[str, ...], make: Callable[[], Any]) -> Any:
+    def _draw(self, key: Key, make: Callable[[], Any]) -> Any:
         """Return what is kept under a key, drawn where it is not; pages are answered meanwhile."""
         with self._drawing:
             return self._keep(key, make)
 
-    def _keep(self, key: tuple[str, ...], make: Callable[[], Any]) -> Any:
+    def _keep(self, key: Key, make: Callable[[], Any]) -> Any:
         """Return what is kept under a key, made where it is not."""
         with self._guard:
             if key in self._kept:

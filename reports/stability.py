@@ -22,18 +22,21 @@ HELD, CHANGED, OTHER, OUT_OF_BOUNDS = range(4)
 COLOURS = (STABLE, SET_ASIDE, LEFT_OUT, OUTSIDE)
 
 
-def draw_stable(comparison: Comparison, given: Extent | None = None) -> list[tuple[View, Picture]]:
+def draw_stable(
+    comparison: Comparison, given: Extent | None = None, bearing: float | None = None
+) -> list[tuple[View, Picture]]:
     """Return the stable areas from up to four views; none where the registration does not say which they are.
 
     Parameters
     ----------
     comparison : its compared surface is drawn.
     given : where the user says that nothing moved, in the reference's coordinates: outside of it nothing was asked.
+    bearing : rad, of the front, as of `cameras.front_of`.
     """
     side, is_stable = comparison.on_compared, comparison.registration.is_stable
     if is_stable is None or len(is_stable) != len(side.surface.vertices) or not is_stable.any():
         return []
-    views = choose_views(comparison.on_reference.surface)[:MOST_VIEWS]
+    views = choose_views(comparison.on_reference.surface, bearing)[:MOST_VIEWS]
     frames = frame_views(views, [side.surface], longest_px=LONGEST)
     scene = build_scene(side.surface)
     asked = np.ones(len(is_stable), dtype=bool) if given is None else inside(given, side.surface.vertices)

@@ -2,7 +2,7 @@
 
 The fields are those of the Archaeology Data Service's and Digital Antiquity's Guide to Good Practice for laser scanning
 (Payne and Niven, sections 3.2 to 3.4). In come records of the store, out come rows (part, field, value): numbers in
-metres, counts, and "not recorded" where nobody said.
+metres, degrees where a field says so, counts, and "not recorded" where nobody said.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from projects.model import EpochRecord, Floats, ObjectRecord, PointCloud, Step, 
 from projects.raw import ScanHeader
 from projects.transforms import apply
 from reports.history import EpochHistory, kind_of, point_flow
+from reports.quantities import DEGREES
 
 NOT_RECORDED = "not recorded"
 COLUMNS = ("part", "field", "value")
@@ -51,6 +52,9 @@ def survey_rows(
         "Original file": _originals(epoch.record) if epoch.record.is_mesh else "those in the table of scans",
         "Extent of the object [m]": "none was given" if record.extent is None else json.dumps(record.extent),
         "Tolerance of the client [m]": "none was given" if record.tolerance is None else _number(record.tolerance),
+        "Front faces, clockwise from +y [degrees]": "none was given"
+        if record.front is None
+        else _degrees(record.front),
         "Turntable used": "",
         "Repeated scans of one station": _yes(epoch.record.repeated),
         "Number of scans": "a finished mesh" if epoch.record.is_mesh else str(len(headers)),
@@ -195,6 +199,11 @@ def _yes(value: bool) -> str:
 def _number(value: object) -> str:
     """Return a number as text that reads back the same, empty where it is not known."""
     return repr(float(value)) if isinstance(value, int | float) and np.isfinite(value) else ""
+
+
+def _degrees(angle: float) -> str:
+    """Return an angle [rad] in degrees, as text."""
+    return _number(round(DEGREES * angle, 9))
 
 
 def _median(values: Floats) -> float:

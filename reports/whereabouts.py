@@ -14,7 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Surface
-from reports.cameras import UP, choose_views, face_normals, find_front
+from reports.cameras import UP, choose_views, face_normals, front_of
 from reports.quantities import NOT_KNOWN, height
 
 STEEP = np.cos(np.deg2rad(40.0))  # a region that faces so nearly up or down is on the top or the underside
@@ -41,10 +41,10 @@ class Setting:
     is_room: bool
 
 
-def setting_of(surface: Surface) -> Setting:
-    """Return what words of place about a surface go by."""
+def setting_of(surface: Surface, bearing: float | None = None) -> Setting:
+    """Return what words of place about a surface go by; `bearing` [rad] of its front, None where nobody said."""
     box = np.stack([surface.vertices.min(axis=0), surface.vertices.max(axis=0)])
-    return Setting(find_front(surface), box, choose_views(surface)[0].cut_away)
+    return Setting(front_of(surface, bearing), box, choose_views(surface, bearing)[0].cut_away)
 
 
 def patch_of(compared: ComparedSurface, number: int) -> Surface:

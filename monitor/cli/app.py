@@ -85,12 +85,21 @@ def add_object(
         float | None,
         typer.Option(metavar="MM", help="The client's tolerance in millimetres, reported beside the detection."),
     ] = None,
+    front: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DIRECTION",
+            help="Side to which its front faces: north (+y), east (+x), south, west, or degrees clockwise from north; "
+            "of a room, to which the wall ahead faces: south for the northern wall. Found from the surface where not "
+            "given.",
+        ),
+    ] = None,
 ) -> None:
     """Add an object: a sculpture, a stove, a staircase, a room."""
     from monitor.cli.keeping import add_object_to_project
 
     texts = {"name": name, "inventory": inventory, "place": place, "material": material, "description": description}
-    add_object_to_project(project, object_id, texts, extent, tolerance)
+    add_object_to_project(project, object_id, texts, extent, tolerance, front)
 
 
 @app.command("add-epoch")

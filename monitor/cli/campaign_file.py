@@ -17,7 +17,7 @@ from typing import Any
 
 from monitor.cli.adding import EpochRequest, read_request
 from monitor.cli.results import parse_formats
-from monitor.cli.units import metres_from_millimetres
+from monitor.cli.units import bearing_from_direction, metres_from_millimetres
 from monitor.comparison.comparable import MODES
 from projects.errors import MonitorError, ParameterError
 from projects.extent import read_extent
@@ -117,11 +117,12 @@ def _require_places(campaign: Campaign, path: Path) -> None:
 def _read_object(table: _Table) -> ObjectRequest:
     """Return one object."""
     object_id = require_id(table.required_text("id"), "OBJECT")
-    extent, limit = table.file("extent"), table.number("tolerance")
+    extent, limit, front = table.file("extent"), table.number("tolerance"), table.direction("front")
     record = ObjectRecord(
         object_id=object_id,
         extent=None if extent is None else read_extent(extent).to_mapping(),
         tolerance=None if limit is None else metres_from_millimetres(limit, f"{table.where}tolerance"),
+        front=None if front is None else bearing_from_direction(front, table.at("front")),
         **{name: table.text(name) for name in TEXTS},
     )
     epochs = tuple(_read_epoch(inner, object_id) for inner in table.tables("epoch"))
@@ -210,6 +211,11 @@ class _Table:
         """Return a number."""
         value = self._take(key, (int, float), "a number")
         return None if value is None else float(value)
+
+    def direction(self, key: str) -> str | float | None:
+        """Return the name of a side, or degrees."""
+        value: str | float | None = self._take(key, (str, int, float), "the name of a side or a number of degrees")
+        return value
 
     def date(self, key: str) -> str:
         """Return a date as text, written with or without quotes."""

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from monitor.cli.units import metres_from_millimetres
+from monitor.cli.units import bearing_from_direction, metres_from_millimetres
 from projects.bags import is_bag, verify_bag
 from projects.errors import ParameterError, StoreError
 from projects.extent import read_extent
@@ -34,13 +34,15 @@ def init_project(path: Path, name: str, crs: str, description: str) -> None:
 
 
 def add_object_to_project(
-    path: Path, object_id: str, texts: dict[str, str], extent: Path | None, tolerance: float | None
-) -> None:
-    """Add an object with its texts, extent and the client's tolerance [mm]."""
+    path: Path, object_id: str, texts: dict[str, str], extent: Path | None, tolerance: float | None,
+    front: str | None = None,
+) -> None:  # fmt: skip
+    """Add an object with its texts, extent, the client's tolerance [mm] and the side to which its front faces."""
     project = Project.open(path)
     stored = None if extent is None else read_extent(extent).to_mapping()
     limit = None if tolerance is None else metres_from_millimetres(tolerance, "--tolerance")
-    project.add_object(ObjectRecord(object_id=object_id, extent=stored, tolerance=limit, **texts))
+    faces = None if front is None else bearing_from_direction(front, "--front")
+    project.add_object(ObjectRecord(object_id=object_id, extent=stored, tolerance=limit, front=faces, **texts))
     typer.echo(f"object {object_id} added to {path}")
 
 

@@ -89,7 +89,8 @@ def _export_series(
         )  # fmt: skip
         return []
     series = project.get(object_id, compared_id, step.product, step.step_id)
-    return export_series(out, object_id, series, made[1], formats)
+    front = project.object(object_id).front
+    return export_series(out, object_id, series, made[1], formats, bearing=front)
 
 
 def parse_formats(text: str) -> tuple[str, ...]:

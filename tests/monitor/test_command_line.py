@@ -247,6 +247,10 @@ def test_verify_finds_a_changed_byte(project: Path, capsys: pytest.CaptureFixtur
         (["add-object", "{project}", "a/b"], "a-b"),
         (["add-object", "{project}", "relief"], "relief"),
         (["add-object", "{project}", "vase", "--tolerance", "-3"], "--tolerance"),
+        (["add-object", "{project}", "vase", "--front", "up"], "--front up: north, east, south, west are allowed"),
+        (["add-object", "{project}", "vase", "--front", "360.5"], "or degrees clockwise from north, 0 to 360"),
+        (["add-object", "{project}", "vase", "--front", "-90"], "--front -90: north"),
+        (["add-object", "{project}", "vase", "--front", "nan"], "--front nan: north"),
         (["add-object", "{project}", "vase", "--extent", "{tmp}/none.json"], "none.json"),
         (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01"], "FILE"),
         (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01", "{tmp}/none.ply"], "no such file"),
@@ -287,6 +291,19 @@ def test_bad_input_is_one_clear_line_and_changes_nothing(
     assert len(said) == 1
     assert message in said[0]
     assert digest(made / "project") == before
+
+
+@pytest.mark.parametrize(("said", "degrees"), [
+    ("north", 0), ("east", 90), ("South", 180), ("west", 270), ("135", 135), ("22.5", 22.5), ("0", 0), ("360", 0),
+])  # fmt: skip
+def test_the_front_of_an_object_is_kept_as_a_bearing(tmp_path: Path, said: str, degrees: float) -> None:
+    path = str(tmp_path / "p")
+    assert run(["init", path]) == 0
+    assert run(["add-object", path, "head", "--front", said]) == 0
+    assert run(["add-object", path, "vase"]) == 0
+    project = Project.open(path)
+    assert project.object("head").front == pytest.approx(np.radians(degrees), abs=1e-15)
+    assert project.object("vase").front is None
 
 
 def add_far_epoch(project: Path, folder: Path, points: np.ndarray) -> None:

@@ -32,6 +32,7 @@ name = "Minerva"
 material = "marble"
 extent = "box.json"
 tolerance = 2
+front = "south"
 
 [[object.epoch]]
 id = "before"
@@ -101,6 +102,7 @@ def test_everything_that_the_file_declares_is_there_afterwards(done: Path) -> No
     assert (project.name, project.crs) == ("Attic", "EPSG:31256")
     minerva = project.object("minerva")
     assert (minerva.name, minerva.material, minerva.tolerance) == ("Minerva", "marble", 0.002)
+    assert (minerva.front, project.object("juno").front) == (np.pi, None)
     assert [(e.epoch_id, e.date.isoformat(), e.label) for e in project.epochs("minerva")] == [
         ("before", "2025-05-12", ""), ("after", "2026-05-18", "after the restoration"),
     ]  # fmt: skip
@@ -139,6 +141,30 @@ def test_run_again_it_makes_nothing_new_and_a_file_that_grew_adds_only_that(
     assert (copy / "out" / "reports" / "juno_first_second_report.pdf").exists()
 
 
+def test_another_front_is_taken_over_draws_reports_anew_and_computes_nothing(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(pictures, "LARGEST", 200)
+    copy = Path(shutil.copytree(done, tmp_path / "copy"))
+    made = {p: p.stat().st_mtime_ns for p in copy.rglob("project/objects/**/*.h5")}
+    report = copy / "out" / "reports" / "minerva_before_after_report.html"
+    assert "it faces south (180 degrees" in report.read_text(encoding="utf-8")
+    (copy / "campaign.toml").write_text(CAMPAIGN.replace('front = "south"', "front = 45"))
+    assert run(["run", str(copy / "campaign.toml")]) == 0
+    told = capsys.readouterr().out
+    assert (
+        "the front of object minerva faces north-east (45 degrees clockwise from +y) from now on; it faced south"
+        in told
+    )
+    assert Project.open(copy / "project").object("minerva").front == pytest.approx(np.pi / 4, abs=1e-15)
+    assert "it faces north-east (45 degrees" in report.read_text(encoding="utf-8")
+    assert {p: p.stat().st_mtime_ns for p in copy.rglob("project/objects/**/*.h5")} == made
+    (copy / "campaign.toml").write_text(CAMPAIGN.replace('front = "south"', ""))
+    assert run(["run", str(copy / "campaign.toml")]) == 0
+    assert "1 report of minerva up to date" in capsys.readouterr().out
+    assert Project.open(copy / "project").object("minerva").front == pytest.approx(np.pi / 4, abs=1e-15)
+
+
 def test_an_object_that_fails_is_named_and_the_others_are_done(
     survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -162,6 +188,9 @@ def test_an_object_that_fails_is_named_and_the_others_are_done(
         ("tolerance = 2", 'tolerance = "two"', "object minerva.tolerance is 'two'; a number is needed"),
         ("tolerance = 2", "tolerance = true", "object minerva.tolerance is True; a number is needed"),
         ("tolerance = 2", "tolerance = -2", "tolerance -2.0: a length above 0 mm is needed"),
+        ('"south"', '"up"', "campaign.toml: object minerva.front up: north, east, south, west are allowed"),
+        ('"south"', "-90", "object minerva.front -90: north"),
+        ('"south"', "true", "object minerva.front is True; the name of a side or a number of degrees is needed"),
         ('"juno.ply"', '"jun?.ply", "none-*.ply"', "epoch first.files: there is no file"),
         ('files = ["juno.ply"]', 'files = "juno.ply"', "files is 'juno.ply'; a list of files is needed"),
         ("box.json", "bax.json", "object minerva.extent: there is no file"),
@@ -256,6 +285,7 @@ def test_the_guide_s_example_is_a_campaign(tmp_path: Path) -> None:
     campaign = read_campaign(tmp_path / "campaign.toml")
     minerva = campaign.objects[0]
     assert [len(e.files) for e in minerva.epochs] == [1, 2]
+    assert minerva.record.front == np.pi
     anywhere = (tmp_path / "campaign.toml").read_text().replace('"after-*.ply"', f'"{tmp_path.as_posix()}/after-?.ply"')
     (tmp_path / "campaign.toml").write_text(anywhere)
     assert read_campaign(tmp_path / "campaign.toml").objects[0].epochs[1].files == minerva.epochs[1].files

@@ -18,7 +18,7 @@ from store_examples import (
     full_surface,
 )
 
-from projects.errors import StoreError
+from projects.errors import ParameterError, StoreError
 from projects.model import ControlPoint, EpochRecord, ObjectRecord, PointCloud
 from projects.store import Project
 
@@ -101,9 +101,8 @@ def test_everything_known_of_a_surface_comes_back(tmp_path, rng):
 
 def test_records_come_back_equal(tmp_path, rng):
     project = Project.create(tmp_path / "p", name="Dom zu Köln", crs="EPSG:25832", description="zwei\nZeilen")
-    record = ObjectRecord(
-        "statue.1", "Hl. Barbara", extent={"box": {"min": [0, 0, 0], "max": [1, 1, 2.5]}}, tolerance=0.01
-    )
+    extent = {"box": {"min": [0, 0, 0], "max": [1, 1, 2.5]}}
+    record = ObjectRecord("statue.1", "Hl. Barbara", extent=extent, tolerance=0.01, front=0.75 * np.pi)
     project.add_object(record)
     control = (ControlPoint("P1", np.array([1.0, 2.0, 3.0])), ControlPoint("P2", np.zeros(3), 0.002))
     epoch = EpochRecord("statue.1", "2024-05", datetime.date(2024, 5, 1), "before", "hds6000", True, control=control)
@@ -116,6 +115,29 @@ def test_records_come_back_equal(tmp_path, rng):
     assert_same(found.control[0], control[0])
     assert_same(found.control[1], control[1])
     assert found.sources[0]["file"] == "s1.ptx"
+
+
+def test_front_is_given_later_and_changes_nothing_else(tmp_path, rng):
+    project = example_project(tmp_path, rng)
+    project.put("stove", "E1", example_step(), full_surface(rng))
+    (before,), steps = project.objects(), repr(project.steps("stove", "E1"))
+    assert before.front is None
+    Project.open(project.path).set_front("stove", 0.0)
+    again = Project.open(project.path)
+    assert again.objects() == [dataclasses.replace(before, front=0.0)]
+    assert repr(again.steps("stove", "E1")) == steps
+    assert again.verify().findings == ()
+
+
+@pytest.mark.parametrize("front", [-0.1, 2 * np.pi, float("nan"), float("inf"), "south", True])
+def test_front_that_is_no_bearing_is_refused_and_nothing_is_entered(tmp_path, rng, front):
+    project = example_project(tmp_path, rng)
+    kept = (project.path / "project.h5").read_bytes()
+    for enter in (lambda: project.add_object(ObjectRecord("vase", front=front)),
+                  lambda: project.set_front("stove", front)):  # fmt: skip
+        with pytest.raises(ParameterError, match="a bearing from 0 to below 2 pi rad is needed"):
+            enter()
+    assert (project.path / "project.h5").read_bytes() == kept
 
 
 def test_epochs_come_by_date(tmp_path, rng):

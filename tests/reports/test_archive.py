@@ -17,6 +17,7 @@ import pytest
 from example_project import MOTION, TURN, fill, measured, step
 from report_examples import example_comparison, example_epochs, example_object
 from test_courses import series_of
+from test_followed import followed
 
 from monitor.cli import run
 from monitor.scans import open_scans
@@ -100,6 +101,26 @@ def test_the_readme_says_what_every_column_of_every_file_is(made: Path) -> None:
     assert {"unresolved", "crest", "invented", "stray_share", "rate_assessment", "rate_told_from"} <= words
 
 
+def test_the_front_of_the_object_stands_in_the_archive_and_its_report_goes_by_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pictures, "LARGEST", 120)
+    project = fill(tmp_path)
+    project.put("column", "e2", step("series-e1", "9", inputs=("5" * 16,)), followed({5: 2, 7: 1}))
+    project.set_front("column", np.radians(15.0))
+    write_archive(tmp_path / "archive", project, ["column"], silent)
+    data = tmp_path / "archive" / "data" / "column"
+    rows = {r.field: r.value for r in pd.read_csv(data / "e1" / "column_e1_metadata.csv").itertuples()}
+    assert rows["Front faces, clockwise from +y [degrees]"] == "15.0"
+    (report,) = data.rglob("*_report.html")
+    assert "it faces north (15 degrees clockwise from +y)" in report.read_text(encoding="utf-8")
+    assert run(["export", str(project.path), "column", "e1", "e2", "--out", str(tmp_path)]) == 0
+    for table in (tmp_path / "column_a_series_regions.csv", *data.rglob("column_a_series_regions.csv")):
+        places = pd.read_csv(table).set_index("identity")["place"]
+        assert {k: v.partition(",")[0] for k, v in places.items()} == {5: "left side", 7: "back"}
+    assert len(list(data.rglob("*_series_regions.csv"))) == 1
+
+
 def test_points_of_the_cloud_name_their_scan_as_the_other_files_do(made: Path) -> None:
     folder = made / "archive" / "data" / "column" / "e1"
     cloud, scans = pd.read_csv(folder / "column_e1_GRE.txt"), pd.read_csv(folder / "column_e1_scans.csv")
@@ -142,6 +163,7 @@ def test_cloud_mesh_and_metadata_say_what_the_project_holds(made: Path) -> None:
     assert rows["points", "dropped as outliers of the merged cloud"] == "5"
     assert float(rows["mesh", "Sigma of a vertex, median [m]"]) == 2e-5
     assert rows["survey", "Extent of the object [m]"] == "none was given"
+    assert rows["survey", "Front faces, clockwise from +y [degrees]"] == "none was given"
     mesh = made / "archive" / "data" / "column" / "e2" / "column_e2_metadata.csv"
     of_mesh = {(r.part, r.field): r.value for r in pd.read_csv(mesh).itertuples()}
     assert of_mesh["survey", "Original file"] == f"column.ply (SHA-256 {'ab' * 32})"

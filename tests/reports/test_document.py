@@ -3,6 +3,7 @@
 import dataclasses
 import datetime
 
+import numpy as np
 import pytest
 from report_examples import (
     DENT,
@@ -16,11 +17,15 @@ from report_examples import (
     rows_of,
     said,
 )
+from test_stability import share
 
 from projects.errors import StoreError
 from projects.model import Step
 from projects.store import Project
+from reports import pictures
+from reports.captions import write_captions
 from reports.certainty import registration_table
+from reports.colours import SET_ASIDE
 from reports.document import gather_facts
 
 NAN = float("nan")
@@ -305,3 +310,47 @@ def test_facts_are_gathered_from_a_project(tmp_path):
     titles = [t.title for t in (*facts.certainty, *facts.history)]
     assert "The scans of each epoch" not in titles
     assert TRACE not in titles
+
+
+@pytest.mark.parametrize(("front", "told"), [
+    (None, ("front, 70 cm above the base", "right side, 30 cm above the base")),
+    (np.pi, ("front, 70 cm above the base", "right side, 30 cm above the base")),
+    (0.0, ("back, 70 cm above the base", "left side, 30 cm above the base")),
+    (np.pi / 2, ("left side, 70 cm above the base", "front, 30 cm above the base")),
+])  # fmt: skip
+def test_words_of_place_go_by_the_front_of_the_object(front: float | None, told: tuple[str, str]) -> None:
+    facts = facts_of(record=example_object(front=front))
+    assert tuple(plain(r.where) for r in facts.regions) == told
+    assert facts.front == front
+
+
+def test_a_front_that_was_given_is_said_to_be_and_stands_with_the_object() -> None:
+    guessed, given = facts_of(), facts_of(record=example_object(front=np.pi))
+    assert "taken to be where most of the surface faces" in write_captions(guessed).regions
+    assert write_captions(given).regions.endswith(
+        "Sides are those of someone who stands before the front, which was given with the object: it faces south (180 "
+        "degrees clockwise from +y)."
+    )
+    assert dict(given.object_rows)["Front"] == "faces south (180 degrees clockwise from +y)"
+    assert "Front" not in dict(guessed.object_rows)
+    room = dataclasses.replace(given, is_room=True)
+    assert "before the wall ahead, as given that which faces south (180 degrees" in write_captions(room).regions
+
+
+@pytest.mark.parametrize(("front", "shows", "hides"), [(None, "Front", "Back"), (0.0, "Back", "Front"),
+                                                      (np.pi / 2, "Left side", "Right side")])  # fmt: skip
+def test_pictures_are_named_by_the_front_of_the_object(
+    monkeypatch: pytest.MonkeyPatch, front: float | None, shows: str, hides: str
+) -> None:
+    """Region 1, the dent, is at -y."""
+    monkeypatch.setattr(pictures, "LARGEST", 120)
+    comparison = example_comparison()
+    is_stable = np.ones(len(comparison.on_compared.surface.vertices), bool)
+    held = dataclasses.replace(comparison.registration, is_stable=is_stable)
+    comparison = dataclasses.replace(comparison, registration=held)
+    shown = pictures.draw_pictures(facts_of(comparison, example_object(front=front)))
+    seen = {v.name: set(v.difference.alt.partition("regions seen: ")[2].split(", ")) for v in shown.views}
+    assert "1" in seen[shows]
+    assert "1" not in seen[hides]
+    sands = {s.name: share(s.picture, SET_ASIDE) for s in shown.stable}
+    assert sands[shows] > 3.0 * sands[hides]

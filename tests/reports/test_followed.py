@@ -47,6 +47,18 @@ def test_a_followed_region_lies_where_the_table_of_regions_says_and_has_its_numb
     assert placed == {5: (where[2], "no. 2"), 7: (where[1], "no. 1"), BEHIND: (f"back, 50{NBSP}cm above the base", "–")}
 
 
+def test_followed_regions_are_told_from_the_front_that_was_given(tmp_path) -> None:
+    """The regions of the comparison are at -y (1) and +x (2), the other at +y."""
+    series, comparison = followed({5: 2, 7: 1, BEHIND: 0}), facts_of().comparison
+    told = place_courses(tell_series(series), comparison, bearing=0.0)
+    sides = {c.number: c.where.partition(",")[0] for c in told.courses}
+    assert sides == {5: "left side", 7: "back", BEHIND: "front"}
+    export_series(tmp_path, "column", series, comparison, (), bearing=0.0)
+    (table,) = tmp_path.glob("*_series_regions.csv")
+    places = pd.read_csv(table).set_index("identity")["place"]
+    assert {k: v.partition(",")[0] for k, v in places.items()} == sides
+
+
 def test_what_is_part_of_a_region_lies_where_its_own_footprint_does() -> None:
     series = followed({5: 2, 7: 2})
     half = np.where(column()[1] > 0.3, series.identity, np.where(series.identity == 5, 7, 0)).astype(np.int32)

@@ -33,6 +33,8 @@ def stem(tmp_path: Path) -> Path:
 def test_a_report_of_the_same_facts_is_current_and_one_of_others_is_not(stem: Path) -> None:
     assert is_current(stem, facts_of())
     assert not is_current(stem, facts_of(name="Säule am Hof"))
+    turned = make_facts(example_comparison(), dataclasses.replace(example_object(), front=3.0), *example_epochs())
+    assert not is_current(stem, turned)
     other = make_facts(example_comparison(rows=(DENT,)), example_object(), *example_epochs())
     assert not is_current(stem, other)
     assert not is_current(stem.with_name("other"), facts_of())

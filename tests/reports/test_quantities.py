@@ -1,6 +1,7 @@
 """Numbers as they are printed: rounded by their margin, never a NaN, never a minus before zero."""
 
 import datetime
+import math
 
 import pytest
 
@@ -19,6 +20,7 @@ from reports.quantities import (
     millimetres,
     percent,
     square,
+    tell_bearing,
 )  # fmt: skip
 
 NAN = float("nan")
@@ -144,3 +146,11 @@ def test_coordinates_have_the_decimals_that_the_size_of_the_object_asks_for():
     assert coordinates(point, 6e-5) == "0.00012, \u22120.02103, 4.50000"
     assert coordinates(point, 0.3) == "0.00, \u22120.02, 4.50"
     assert coordinates(point, 0.0) == "0.000120, \u22120.021030, 4.500000"
+
+
+@pytest.mark.parametrize(("degrees", "text"), [
+    (0.0, "north (0 degrees"), (90.0, "east (90 degrees"), (180.0, "south (180 degrees"), (270.0, "west (270 degrees"),
+    (135.0, "south-east (135 degrees"), (100.25, "east (100.2 degrees"), (359.97, "north (0 degrees"),
+])  # fmt: skip
+def test_a_bearing_is_told_by_the_nearest_side_and_in_degrees(degrees, text):
+    assert tell_bearing(math.radians(degrees)) == f"{text} clockwise from +y)"

@@ -104,3 +104,18 @@ def test_colours_end_at_what_is_worn_and_not_at_the_way_behind_what_is_gone(comp
 def test_places_in_a_room_are_told_by_its_walls(comparison, number, place, told):
     where = locate(comparison, number, place, setting_of(comparison.on_reference.surface))
     assert where.replace("\u202f", " ").replace("\xa0", " ") == told
+
+
+@pytest.mark.parametrize(("degrees", "told"), [
+    (180.0, "wall ahead, to the left"), (0.0, "wall behind, to the right"), (90.0, "wall to the right"),
+    (270.0, "wall to the left"),
+])  # fmt: skip
+def test_wall_ahead_is_the_one_that_faces_as_was_given(comparison, degrees, told):
+    """What is worn is on the wall at +y, which faces -y, to the south; the western wall, at -x, faces east."""
+    surface = comparison.on_reference.surface
+    where = locate(comparison, 2, WORN, setting_of(surface, np.radians(degrees)))
+    assert where.replace("\u202f", " ").replace("\xa0", " ") == f"{told}, 1.50 m above the floor"
+    first = choose_views(surface, np.radians(degrees))[0]
+    assert (first.name, first.cut_away) == ("front", True)
+    bearing = np.degrees(np.arctan2(first.towards[0], first.towards[1])) % 360.0
+    assert bearing == pytest.approx(degrees, abs=1e-9)

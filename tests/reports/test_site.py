@@ -191,3 +191,30 @@ def test_a_browser_shows_every_picture_of_an_object(site: Site) -> None:
     assert all(complete and width > 100 and alt > 0 for complete, width, alt in images)
     assert wide <= 1280
     assert complaints == []
+
+
+def test_the_one_view_goes_by_the_front_that_was_given() -> None:
+    side = example_comparison().on_compared
+    dent = choose_one(side.surface, side.region == 1, 0.0)
+    assert dent.name == "back"
+    np.testing.assert_allclose(dent.towards, [0.0, -1.0, 0.0], atol=1e-11)
+    np.testing.assert_allclose(choose_one(side.surface, bearing=np.pi / 2).towards, [1.0, 0.0, 0.0], atol=1e-11)
+
+
+def test_pages_follow_a_front_that_is_given_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the two regions the dent is at -y, which becomes the back."""
+    monkeypatch.setattr(pictures, "LARGEST", 120)
+    project = fill(tmp_path)
+    site = Site(project.path)
+    asked = ("/column/e1.jpg", "/column/e1_e2.jpg", "/column/e1_e2.html")
+    before = {address: ask(site, address)[2] for address in asked}
+    assert "front, 70" in before[asked[2]].decode()
+    assert "(front, 70" in page(site, "/column")
+    Project.open(project.path).set_front("column", 0.0)
+    own = page(site, "/column")
+    assert "faces north (0 degrees" in own
+    assert "(back, 70" in own
+    told = page(site, asked[2])
+    assert "back, 70" in told
+    assert "front, 70" not in told
+    assert ask(site, asked[0])[2] != before[asked[0]]  # from the other side, where its dent is not

@@ -55,3 +55,10 @@ def test_what_follows_no_motion_and_what_was_not_asked_is_grey() -> None:
 
 def test_without_stable_areas_there_is_no_picture() -> None:
     assert draw_stable(held(None)) == []
+
+
+def test_stable_areas_are_seen_from_the_front_that_was_given() -> None:
+    n = len(example_comparison().on_compared.surface.vertices)
+    view = draw_stable(held(np.ones(n, dtype=bool)), bearing=np.pi / 2)[0][0]
+    assert view.name == "front"
+    np.testing.assert_allclose(view.towards, [1.0, 0.0, 0.0], atol=1e-11)

@@ -255,6 +255,24 @@ def test_round_object_has_its_front_towards_minus_y(comparison):
     np.testing.assert_array_equal(find_front(comparison.on_reference.surface), [0.0, -1.0, 0.0])
 
 
+@pytest.mark.parametrize(("degrees", "towards"), [
+    (0.0, (0.0, 1.0)), (90.0, (1.0, 0.0)), (180.0, (0.0, -1.0)), (270.0, (-1.0, 0.0)), (30.0, (0.5, np.sqrt(0.75))),
+])  # fmt: skip
+def test_given_front_is_a_bearing_clockwise_from_plus_y(comparison, degrees, towards):
+    surface = comparison.on_reference.surface
+    views = {v.name: v.towards for v in choose_views(surface, np.radians(degrees))}
+    np.testing.assert_allclose(views["front"], [*towards, 0.0], atol=1e-11)
+    np.testing.assert_allclose(views["back"], [-towards[0], -towards[1], 0.0], atol=1e-11)
+    # at the right hand of someone who looks along -towards
+    np.testing.assert_allclose(views["right"], [-towards[1], towards[0], 0.0], atol=1e-11)
+
+
+def test_relief_whose_front_is_said_to_be_behind_it_is_seen_from_its_back():
+    (view,) = choose_views(plate(np.array([0.0, -1.0, 0.0])), 0.0)
+    assert view.name == "back"
+    np.testing.assert_allclose(view.towards, [0.0, -1.0, 0.0], atol=1e-11)
+
+
 def test_close_up_is_centred_on_its_region_and_framed_two_to_three_times_its_size(comparison):
     for number, hot, cold in ((1, 2, 0), (2, 0, 2)):
         picture = draw_close_up(comparison, number, limit_m=DEPTH, height_px=SIZE)

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from projects.model import REGION_COLUMNS, Assessment, ComparedSurface, Comparison, Registration, Surface
-from reports.whereabouts import Setting, locate
+from reports.whereabouts import Setting, locate, setting_of
 
 OBJECT = Setting(np.array([0.0, -1.0, 0.0]), np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 2.0]]), is_room=False)
 ROOM = Setting(np.array([0.0, -1.0, 0.0]), np.array([[-2.0, -1.5, 0.0], [2.0, 1.5, 2.5]]), is_room=True)
@@ -83,3 +83,14 @@ def test_walls_all_round_a_room_have_neither_a_side_nor_a_left_and_right(n_sides
 def test_a_pillar_coated_all_round_stands_within_the_room(at):
     side = " to the right," if at[0] > 0 else ""
     assert where(shaft(36, at=at), shaft(36, at=at), at, ROOM) == f"within the room,{side} 1.20 m above the floor"
+
+
+@pytest.mark.parametrize(("degrees", "told"), [
+    (None, "right side"), (180.0, "right side"), (0.0, "left side"), (90.0, "front, to the left"),
+    (270.0, "back, to the right"), (45.0, "front left"),
+])  # fmt: skip
+def test_a_side_is_named_from_the_front_that_was_given(degrees, told):
+    """The fracture faces +x, on a shaft that is round in plan: its guessed front is at -y."""
+    body = shaft(36, radius=0.5, high=2.0)
+    setting = setting_of(body, None if degrees is None else np.radians(degrees))
+    assert where(fracture(), fracture(), [0.2, -0.3, 1.5], setting) == f"{told}, 1.50 m above the base"
