@@ -113,7 +113,9 @@ def test_the_front_of_the_object_stands_in_the_archive_and_its_report_goes_by_it
     rows = {r.field: r.value for r in pd.read_csv(data / "e1" / "column_e1_metadata.csv").itertuples()}
     assert rows["Front faces, clockwise from +y [degrees]"] == "15.0"
     (report,) = data.rglob("*_report.html")
-    assert "it faces north (15 degrees clockwise from +y)" in report.read_text(encoding="utf-8")
+    told = report.read_text(encoding="utf-8")
+    assert "it faces north (15 degrees clockwise from +y)" in told
+    assert ["left side, 30" in told, "right side, 30" in told] == [True, False]  # of the region, and as it is followed
     assert run(["export", str(project.path), "column", "e1", "e2", "--out", str(tmp_path)]) == 0
     for table in (tmp_path / "column_a_series_regions.csv", *data.rglob("column_a_series_regions.csv")):
         places = pd.read_csv(table).set_index("identity")["place"]
