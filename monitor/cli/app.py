@@ -102,6 +102,23 @@ def add_object(
     add_object_to_project(project, object_id, texts, extent, tolerance, front)
 
 
+@app.command("set-front")
+def set_front(
+    project: ProjectArgument,
+    object_id: ObjectArgument,
+    direction: Annotated[
+        str,
+        typer.Argument(
+            metavar="DIRECTION", help="north (+y), east (+x), south, west, or degrees clockwise from north, 0 to 360."
+        ),
+    ],
+) -> None:
+    """Say to which side the front of an object faces, where a report guessed wrong; nothing is computed anew."""
+    from monitor.cli.keeping import set_front_of_object
+
+    set_front_of_object(project, object_id, direction)
+
+
 @app.command("add-epoch")
 def add_epoch(
     project: ProjectArgument,

@@ -14,16 +14,14 @@ from monitor.cli.adding import add_epoch_to_project
 from monitor.cli.archiving import archive_project
 from monitor.cli.campaign_file import Campaign, ObjectRequest, read_campaign
 from monitor.cli.declared import require_as_declared, require_epochs_of_pairs, words_not_taken
-from monitor.cli.keeping import init_project
+from monitor.cli.keeping import init_project, turn_to_front
 from monitor.cli.results import export_results, update_reports
 from monitor.cli.working import HERE, Where, compare_object, process_project
 from monitor.settings import read_settings
 from projects.errors import MonitorError, StoreError
 from projects.index_file import INDEX_NAME
-from projects.model import ObjectRecord
 from projects.store import Project
 from reports.document import kept_comparisons
-from reports.quantities import tell_bearing
 
 
 def run_campaign(path: Path, settings_file: Path | None = None, where: Where = HERE) -> None:
@@ -67,7 +65,7 @@ def _run_object(campaign: Campaign, wanted: ObjectRequest, settings: Path | None
     if object_id not in {record.object_id for record in project.objects()}:
         project.add_object(wanted.record)
         typer.echo(f"object {object_id} added to {path}")
-    _turn_to_front(project, wanted.record)
+    turn_to_front(project, wanted.record.object_id, wanted.record.front)
     kept = {e.epoch_id for e in project.epochs(object_id)}
     for request in wanted.epochs:
         if request.epoch_id not in kept:
@@ -85,17 +83,6 @@ def _run_object(campaign: Campaign, wanted: ObjectRequest, settings: Path | None
         update_reports(path, object_id, campaign.report)
     if campaign.export is not None:
         export_results(path, object_id, (None, None), campaign.export, campaign.formats)
-
-
-def _turn_to_front(project: Project, wanted: ObjectRecord) -> None:
-    """Take over another front, which decides nothing but how the object is shown; one that is left out stays."""
-    kept = project.object(wanted.object_id).front
-    if wanted.front is not None and wanted.front != kept:
-        project.set_front(wanted.object_id, wanted.front)
-        before = "was found from its surface" if kept is None else f"faced {tell_bearing(kept)}"
-        typer.echo(
-            f"the front of object {wanted.object_id} faces {tell_bearing(wanted.front)} from now on; it {before}"
-        )
 
 
 def _archive(campaign: Campaign, out: Path) -> None:

@@ -1,4 +1,4 @@
-"""Commands that keep: init, add-object, remove-epoch, verify, status."""
+"""Commands that keep: init, add-object, set-front, remove-epoch, verify, status."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from projects.index_file import INDEX_NAME
 from projects.model import EpochRecord, ObjectRecord
 from projects.store import Project
 from projects.verify import verify_project
+from reports.quantities import tell_bearing
 
 UNCUT = 1000  # characters a line
 COMPARISON, SERIES = "comparison-", "series-"  # and the epoch that it goes out from: names of products
@@ -44,6 +45,21 @@ def add_object_to_project(
     faces = None if front is None else bearing_from_direction(front, "--front")
     project.add_object(ObjectRecord(object_id=object_id, extent=stored, tolerance=limit, front=faces, **texts))
     typer.echo(f"object {object_id} added to {path}")
+
+
+def set_front_of_object(path: Path, object_id: str, direction: str) -> None:
+    """Take over to which side the front of an object that is kept faces."""
+    turn_to_front(Project.open(path), object_id, bearing_from_direction(direction, "DIRECTION"))
+    typer.echo(f"monitor report {path} {object_id} draws its reports so")
+
+
+def turn_to_front(project: Project, object_id: str, front: float | None) -> None:
+    """Take over another front [rad], which decides nothing but how the object is shown, and say so; None: it stays."""
+    kept = project.object(object_id).front
+    if front is not None and front != kept:
+        project.set_front(object_id, front)
+        before = "was found from its surface" if kept is None else f"faced {tell_bearing(kept)}"
+        typer.echo(f"the front of object {object_id} faces {tell_bearing(front)} from now on; it {before}")
 
 
 def remove_epoch_from_project(path: Path, object_id: str, epoch_id: str, purge: bool) -> None:

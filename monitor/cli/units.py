@@ -27,6 +27,6 @@ def bearing_from_direction(value: str | float, option: str) -> float:
     if not 0.0 <= degrees <= 360.0:
         raise ParameterError(
             f"{option} {value}: {', '.join(DIRECTIONS)} are allowed (north is +y, east +x), or degrees clockwise from "
-            "north, 0 to 360; leave it out where the front is to be found from the surface"
+            "north, 0 to 360; without one the front is found from the surface"
         )
     return math.radians(degrees % 360.0)

@@ -251,6 +251,8 @@ def test_verify_finds_a_changed_byte(project: Path, capsys: pytest.CaptureFixtur
         (["add-object", "{project}", "vase", "--front", "360.5"], "or degrees clockwise from north, 0 to 360"),
         (["add-object", "{project}", "vase", "--front", "-90"], "--front -90: north"),
         (["add-object", "{project}", "vase", "--front", "nan"], "--front nan: north"),
+        (["set-front", "{project}", "relief", "up"], "DIRECTION up: north, east, south, west are allowed"),
+        (["set-front", "{project}", "vase", "south"], "vase"),
         (["add-object", "{project}", "vase", "--extent", "{tmp}/none.json"], "none.json"),
         (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01"], "FILE"),
         (["add-epoch", "{project}", "relief", "e3", "--date", "2026-05-01", "{tmp}/none.ply"], "no such file"),
@@ -304,6 +306,21 @@ def test_the_front_of_an_object_is_kept_as_a_bearing(tmp_path: Path, said: str, 
     project = Project.open(path)
     assert project.object("head").front == pytest.approx(np.radians(degrees), abs=1e-15)
     assert project.object("vase").front is None
+
+
+def test_a_front_that_was_guessed_is_set_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(tmp_path / "p")
+    assert run(["init", path]) == 0
+    assert run(["add-object", path, "head", "--name", "Head"]) == 0
+    assert run(["set-front", path, "head", "East"]) == 0
+    assert "faces east (90 degrees clockwise from +y) from now on; it was found from" in capsys.readouterr().out
+    assert run(["set-front", path, "head", "225"]) == 0
+    out = capsys.readouterr().out
+    assert "it faced east" in out
+    assert f"monitor report {path} head" in out
+    head = Project.open(Path(path)).object("head")
+    assert head.front == pytest.approx(np.radians(225.0), abs=1e-15)
+    assert head.name == "Head"
 
 
 def add_far_epoch(project: Path, folder: Path, points: np.ndarray) -> None:
