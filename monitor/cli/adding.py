@@ -180,12 +180,16 @@ def _doubt_date(date: datetime.date) -> str:
     return "lies before anything was measured point by point" if date.year < FIRST_YEAR else ""
 
 
+def _name_some(names: Sequence[str]) -> str:
+    """Return the first three names, and how many more there are."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
 def _warn_of_meshes(project: Project, record: EpochRecord, names: Sequence[str]) -> None:
     """Say of which files the vertices of a mesh were taken for the points of a scan."""
     if names:
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         typer.echo(
-            f"mind: {', '.join(names[:3])}{more}: a mesh, of which the vertices were taken as the points of a scan; a "
+            f"mind: {_name_some(names)}: a mesh, of which the vertices were taken as the points of a scan; a "
             f"finished surface is taken as it is with --mesh: monitor remove-epoch {project.path} {record.object_id} "
             f"{record.epoch_id}, then add it again with that",
             err=True,
@@ -236,7 +240,4 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
     found = "".join(f"; {n} without a pose placed by {means}" for means, n in placed.items())
     typer.echo(f"epoch {record.epoch_id} added to object {record.object_id}: {what}{left_out}{found}")
     if copies:
-        more = f" and {len(copies) - 3} more" if len(copies) > 3 else ""
-        typer.echo(
-            f"mind: {', '.join(copies[:3])}{more}: one survey, not two; these epochs cannot be compared", err=True
-        )
+        typer.echo(f"mind: {_name_some(copies)}: one survey, not two; these epochs cannot be compared", err=True)

@@ -5,6 +5,7 @@ Runs in the child process. Texture coordinates, normals, materials and groups ar
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,11 +16,12 @@ from projects.formats.plyfaces import fan, stack_by_length
 from projects.formats.rawscan import Columns, Scaling, ScanHeader
 from projects.formats.text import line_blocks, numbers_of_lines
 
+FACE = re.compile(rb"^[ \t]*f[ \t]", re.MULTILINE)
+
 
 def list_scans(path: str) -> list[ScanHeader]:
     """Return the one scan of the file."""
-    has_faces = any(b"\nf " in b"\n" + block for block in line_blocks(path, 0))
-    return [ScanHeader(has_faces=has_faces)]
+    return [ScanHeader(has_faces=any(FACE.search(block) for block in line_blocks(path, 0)))]
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:

@@ -5,7 +5,8 @@ learned from what did not change, of each class of place by itself. Where most o
 an object do whose one boss was moved, it would teach the change as its error, and nothing would ever be told there.
 Fits to edges differ by many times what they state where nothing changed, too; the points that they were made of do not.
 What scans err by is in these as well: it is held to be twice what is stated, and where most of an object errs by more
-than is stated, the rest must stand out of that; what stands out all over is no plain change.
+than is stated, the rest must stand out of that; what stands out all over is no plain change. One wide piece that does,
+as where a crust was taken off, teaches; what is small beside it is judged without it.
 """
 
 from __future__ import annotations
@@ -22,8 +23,7 @@ from monitor.comparison.regions.parts import foot_links
 from projects.model import Bools, Floats, Ints, NotAssessed
 
 SIGMAS, AROUND = 3.0, 1.5  # as stated, or as most places err: plain is what lies so far off zero, with what around it
-MOST_PLAIN = 0.1  # of the assessed area: what stands out of the rest on more of it may be what scans err by there; one
-# piece that alone does, as where a crust was taken off, teaches, and leaves what is small beside it as it is
+MOST_PLAIN = 0.1  # of the assessed area: what stands out of the rest on more of it may be what scans err by there
 SCANS = 2.0  # times what scans are stated to disagree by: it may be off by a factor of two, and no point tells
 CORE = 0.6745  # sigmas within which half of normal errors lie
 
@@ -34,7 +34,8 @@ def changed_plainly(sides: tuple[Side, Side], points: Points, limits: tuple[floa
 
     Sigmas are as stated, of the scans `SCANS` times that, or larger by as much as the middle of all distances is; a
     motion of the whole that stays in the distances is taken off. Nothing is plain where an epoch has no points or does
-    not state its noise, nor where all that seems so is more than `MOST_PLAIN` of what is assessed.
+    not state its noise; no piece that alone is more than `MOST_PLAIN` of what is assessed; and nothing where all other
+    pieces together are.
 
     Parameters
     ----------

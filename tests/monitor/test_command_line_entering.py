@@ -1,0 +1,96 @@
+"""The command line where objects and epochs are entered: what is kept, and what is said of it; nothing is computed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from monitor.cli import run
+from projects import Project
+
+
+@pytest.mark.parametrize(("said", "degrees"), [
+    ("north", 0), ("east", 90), ("South", 180), ("west", 270), ("135", 135), ("22.5", 22.5), ("0", 0), ("360", 0),
+])  # fmt: skip
+def test_the_front_of_an_object_is_kept_as_a_bearing(tmp_path: Path, said: str, degrees: float) -> None:
+    path = str(tmp_path / "p")
+    assert run(["init", path]) == 0
+    assert run(["add-object", path, "head", "--front", said]) == 0
+    assert run(["add-object", path, "vase"]) == 0
+    project = Project.open(path)
+    assert project.object("head").front == pytest.approx(np.radians(degrees), abs=1e-15)
+    assert project.object("vase").front is None
+
+
+def test_a_front_that_was_guessed_is_set_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(tmp_path / "p")
+    assert run(["init", path]) == 0
+    assert run(["add-object", path, "head", "--name", "Head"]) == 0
+    assert run(["set-front", path, "head", "East"]) == 0
+    assert "faces east (90 degrees clockwise from +y) from now on; it was found from" in capsys.readouterr().out
+    assert run(["set-front", path, "head", "225"]) == 0
+    out = capsys.readouterr().out
+    assert "it faced east" in out
+    assert f"monitor report {path} head" in out
+    head = Project.open(Path(path)).object("head")
+    assert head.front == pytest.approx(np.radians(225.0), abs=1e-15)
+    assert head.name == "Head"
+
+
+def test_names_are_shown_as_they_are_given_whatever_brackets_they_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project, name, long = str(tmp_path / "p"), "Kopf [kopie von 1890] [/] Ende", "a" * 64
+    assert run(["init", project]) == 0
+    assert run(["add-object", project, long, "--name", name]) == 0
+    capsys.readouterr()
+    assert run(["status", project]) == 0
+    assert f"{long}  {name}" in capsys.readouterr().out  # uncut, too
+
+
+@pytest.mark.parametrize("suffix", ["ply", "obj", "stl", "glb"])
+def test_a_mesh_that_is_taken_for_points_is_told_and_points_are_not(
+    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody asked for --mesh: the vertices are a scan, whatever the file holds besides."""
+    project, ball = tmp_path / "p", trimesh.creation.icosphere(subdivisions=3, radius=0.1)
+    ball.export(tmp_path / f"mesh.{suffix}")
+    trimesh.PointCloud(ball.vertices).export(tmp_path / "points.ply")
+    np.savetxt(tmp_path / "points.obj", ball.vertices, fmt="v %.6f %.6f %.6f")
+    assert run(["init", str(project)]) == 0
+    assert run(["add-object", str(project), "ball"]) == 0
+    points = [f"points.{suffix}"] if suffix in ("ply", "obj") else []
+    for k, name in enumerate([f"mesh.{suffix}", *points]):
+        assert run(["add-epoch", str(project), "ball", f"e{k}", "--date", "2026-05-01", str(tmp_path / name)]) == 0
+        err = capsys.readouterr().err
+        told = f"mind: {name}: a mesh, of which the vertices were taken as the points of a scan"
+        assert (told in err) == (k == 0)
+        assert ("--mesh" in err) == (k == 0)
+    mesh = ["--mesh", str(tmp_path / f"mesh.{suffix}")]
+    assert run(["add-epoch", str(project), "ball", "finished", "--date", "2026-05-01", *mesh]) == 0
+    assert "mind" not in capsys.readouterr().err
+
+
+def test_an_epoch_that_is_entered_is_told_though_others_are_damaged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = tmp_path / "p"
+    assert run(["init", str(project)]) == 0
+    assert run(["add-object", str(project), "ball"]) == 0
+    for k in (1, 2):
+        file = tmp_path / f"e{k}.ply"
+        trimesh.creation.icosphere(subdivisions=3, radius=0.1 + 0.001 * k).export(file)
+        assert run(["add-epoch", str(project), "ball", f"e{k}", "--date", f"202{k}-05-01", "--mesh", str(file)]) == 0
+        if k == 1:
+            (mesh,) = (project / "objects" / "ball" / "e1").glob("mesh-*.h5")
+            with open(mesh, "r+b") as damaged:
+                damaged.seek(mesh.stat().st_size // 2)
+                damaged.write(b"damaged")
+    said = capsys.readouterr()
+    assert "epoch e2 added" in said.out
+    assert "mind: whether another epoch holds the same scans is not known" in said.err
+    assert run(["verify", str(project)]) == 2
+    said = capsys.readouterr()
+    assert "take the epoch out and add it again from its files" in said.err
+    assert "monitor process" not in said.out + said.err
