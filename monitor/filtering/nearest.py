@@ -173,7 +173,8 @@ def find_nearest_sorted(
     d2 = ((index.points[near] - index.points[which][:, None]) ** 2).sum(axis=2)
     near = np.take_along_axis(near, np.argsort(d2, axis=1, kind="stable"), axis=1)
     is_among = (which % stride == 0)[:, None]
-    return np.where(is_among, near, np.concatenate([which[:, None], near[:, :-1]], axis=1))
+    itself = which[:, None].astype(near.dtype)  # of one type with what is asked about all points: one kernel for both
+    return np.where(is_among, near, np.concatenate([itself, near[:, :-1]], axis=1))
 
 
 @njit(cache=True, error_model="numpy")

@@ -95,6 +95,30 @@ def test_the_part_stands_in_the_statistics_with_its_motion_and_regions(told: Com
     assert sorted(part["regions"]) == sorted(moved)
 
 
+def test_a_part_is_no_surer_of_its_place_than_the_scans_that_saw_it(
+    told: Comparison, measured: tuple[Comparison, MovedParts, Floats]
+) -> None:
+    found, parts, vertices = measured
+
+    def stating(side: ComparedSurface, sigma: float) -> ComparedSurface:
+        """Return a side whose scans disagree by so much [m] where the part is, and by ten times as much elsewhere."""
+        towards = side.surface.vertices / np.linalg.norm(side.surface.vertices, axis=1)[:, None]
+        shared = np.where(towards @ TOWARDS > np.cos(1.5 * HALF), sigma, 10.0 * sigma)
+        return replace(side, surface=replace(side.surface, sigma_shared=shared))
+
+    scans = {"error_scales_scans": [0.5], "error_steps_scans_m": [0.0]}
+    sides = {"on_reference": stating(found.on_reference, 3e-4), "on_compared": stating(found.on_compared, 4e-4)}
+    stated = replace(found, **sides, statistics={**found.statistics, **scans})
+    (before,), (after,) = told.statistics["parts"], tell_moved(stated, parts, vertices).statistics["parts"]
+    added = np.array(after["covariance"]) - before["covariance"]
+    centre = np.array(before["centre"])
+    width2 = np.mean(np.sum((found.on_compared.surface.vertices - centre) ** 2, axis=1))
+    turn, shift = np.sqrt(np.diag(added)).reshape(2, 3)
+    np.testing.assert_allclose(shift, 0.5 * 5e-4, rtol=1e-6)
+    np.testing.assert_allclose(turn, 0.5 * 5e-4 / np.sqrt(width2), rtol=0.02)
+    np.testing.assert_allclose(added - np.diag(np.diag(added)), 0.0, atol=1e-15)
+
+
 def test_the_report_lists_the_part_with_its_shift_and_turn(told: Comparison) -> None:
     epochs = (EpochFacts("e1", "", "", "earlier"), EpochFacts("e2", "", "", "later"))
     table = parts_table(told, *epochs)

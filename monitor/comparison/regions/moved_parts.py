@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from monitor.comparison.distances.stars import make_mesh, vertex_areas
 from monitor.comparison.regions.moved import EXPLAINED
+from monitor.comparison.regions.part_placement import placement_of
 from monitor.reconstruction.mesh import vertex_normals
 from monitor.registration.motion.sampling import motion_rows
 from monitor.registration.parts import MovedParts
@@ -54,7 +55,8 @@ def tell_moved(comparison: Comparison, found: MovedParts, compared: Floats) -> C
     of_part = np.where(is_most, of_part, goes_along(comparison, found, part_of))
     is_moved = of_part[table["region"].to_numpy(dtype=int) - 1] > 0
     table["kind"] = np.where(is_moved, "moved", table["kind"].to_numpy(dtype=object))
-    parts = [{**describe_part(found, k), "regions": [int(r) + 1 for r in np.flatnonzero(of_part == k)]}
+    parts = [{**describe_part(comparison, found, part_of, k),
+              "regions": [int(r) + 1 for r in np.flatnonzero(of_part == k)]}
              for k in range(1, len(found.parts) + 1) if (of_part == k).any()]  # fmt: skip
     return dataclasses.replace(comparison, regions=table, statistics={**comparison.statistics, "parts": parts})
 
@@ -78,13 +80,15 @@ def doubt_which_stood(comparison: Comparison) -> Comparison:
     return dataclasses.replace(comparison, registration=dataclasses.replace(registration, doubt=told))
 
 
-def describe_part(found: MovedParts, number: int) -> dict[str, Any]:
-    """Return one part as plain values."""
+def describe_part(comparison: Comparison, found: MovedParts, part_of: tuple[Ints, Ints], number: int) -> dict[str, Any]:
+    """Return one part as plain values; `part_of` are the parts of the vertices of the compared surface and of the
+    reference. Its covariance has what the scans' own placement adds."""
     part = found.parts[number - 1]
+    by_scans = placement_of(comparison, part_of[0] == number, part_of[1] == number, part.centre)
     return {
         "T_target_source": part.T_target_source.tolist(),
         "motion": part.motion.tolist(),
-        "covariance": part.covariance.tolist(),
+        "covariance": (part.covariance + by_scans).tolist(),
         "centre": part.centre.tolist(),
         "n_points": part.n_points,
     }
