@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "monitor"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scenes"))
 
 from bumpy_body import move, noisy_cloud
 

@@ -1,49 +1,15 @@
 """Ten real scans of one sculpture come back from poses disturbed by 5 degrees and 10 mm, in one adjustment."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from random_poses import disturb, in_place
+from real_scans import read_bunny
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "validation"))
-
-from test_bunny_main_job import read_configuration
-
-from monitor.filtering import estimate_normals
 from monitor.registration.motion.six_parameters import closest_motion
 from monitor.registration.network.adjustment import AdjustmentSettings, adjust_scans
-from projects.formats import read_scans
-from projects.model import PointCloud
-from projects.transforms import apply, rotate
-
-VIEW = np.array([0.0, 0.0, 1.0])  # towards the sensor, in the scan's frame
-ANGLE, WAY = np.radians(5.0), 0.010
-
-
-def read_bunny(real_data: Path) -> tuple[list[PointCloud], list[np.ndarray]]:
-    """Return the ten scans in their own frames, with normals towards the sensor, and their poses of bun.conf."""
-    source = real_data / "stanford_bunny" / "range"
-    clouds, poses = [], []
-    for name, pose in read_configuration(source / "bun.conf"):
-        points = np.concatenate([c.cloud.points for stream in read_scans(source / name) for c in stream.chunks()])
-        clouds.append(estimate_normals(PointCloud(points, origins=VIEW)))
-        poses.append(pose)
-    return clouds, poses
-
-
-def in_place(cloud: PointCloud, T: np.ndarray) -> PointCloud:
-    return PointCloud(apply(T, cloud.points), normals=rotate(T, cloud.normals))
-
-
-def disturb(pose: np.ndarray, centre: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return the pose turned by 5 degrees about the scan's middle and shifted by 10 mm, in random directions."""
-    axis, way = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(ANGLE * axis).as_matrix()
-    T[:3, 3] = centre - T[:3, :3] @ centre + WAY * way
-    return T @ pose
+from projects.transforms import apply
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_adjustment import bumpy_cap, displaced
+from network_of_caps import bumpy_cap, displaced
 
 from monitor.registration.network.adjustment import adjust_scans
 from monitor.registration.network.astray import find_astray

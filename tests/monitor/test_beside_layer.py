@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import trimesh
-from test_wide_layers import make_body
+from layered_body import make_body
 
 from monitor.comparison import compare
 from monitor.comparison.regions.beside_layer import level_with, name_beside, outward, peel, peel_points

@@ -6,27 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 from bumpy_body import bumpy_points, unit
-from scipy.spatial.transform import Rotation
-from test_registration_real import read_points
+from random_poses import anywhere, moved
+from real_scans import read_range_image
 
-from monitor.filtering import estimate_normals
 from monitor.registration.anywhere.assembly import Link, assemble, check_triangles, hang_on_tree
 from monitor.registration.anywhere.coarse import align_coarsely, fit_rigid, register_from_anywhere
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud, Surface
-from projects.transforms import apply, invert, rotate
-
-
-def anywhere(rng: np.random.Generator, reach: float = 5.0) -> Floats:
-    T = np.eye(4)
-    T[:3, :3] = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
-    T[:3, 3] = rng.uniform(-reach, reach, 3)
-    return T
-
-
-def moved(cloud: PointCloud, T: Floats) -> PointCloud:
-    origins = None if cloud.origins is None else apply(T, np.atleast_2d(cloud.origins))[0]
-    return PointCloud(apply(T, cloud.points), normals=rotate(T, cloud.normals), origins=origins)
+from projects.transforms import apply, invert
 
 
 def body(rng: np.random.Generator, n: int = 12_000, lump: float = 0.02) -> PointCloud:
@@ -117,15 +104,6 @@ def test_wrong_link_is_refused_by_the_triangles_around_it() -> None:
     assert poses[:4, 0, 3] == pytest.approx([0.0, 1.0, 2.0, 3.0])
     assert np.isnan(poses[4]).all()
     assert len(used) == 3
-
-
-def read_range_image(folder: Path, name: str, step: int) -> tuple[PointCloud, Floats]:
-    """Return a range image in its own frame with normals towards its sensor, and its pose of bun.conf."""
-    line = next(text.split() for text in (folder / "bun.conf").read_text().splitlines() if f" {name} " in text)
-    numbers, pose = np.array(line[2:], dtype=float), np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_quat(numbers[3:]).as_matrix().T, numbers[:3]
-    cloud = estimate_normals(PointCloud(read_points(folder / name)[::step], origins=np.array([0.0, 0.0, 1.0])))
-    return PointCloud(cloud.points, normals=cloud.normals, origins=np.array([0.0, 0.0, 1.0])), pose
 
 
 def test_range_images_find_each_other_or_say_that_they_do_not(real_data: Path, rng: np.random.Generator) -> None:

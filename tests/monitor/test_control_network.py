@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_targets import SCANNER, sphere
+from survey_targets import SCANNER, sphere
 
 from monitor import scan_network
 from monitor.cli import run

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from sheets_with_mouldings import GUESSED, NOISE, N, along_one, compared, mouldings
+from stated_side import side_of
 
-from monitor.comparison import compare
 from monitor.comparison.distances import blocks as blocks_of_vertices
 from monitor.comparison.noise import guesses
 from monitor.comparison.noise.correlation import Correlation
@@ -25,23 +25,9 @@ from monitor.comparison.noise.model import Noise
 from monitor.comparison.noise.strata import N_STRATA
 from monitor.comparison.regions import finding as regions
 from monitor.comparison.regions.finding import known_of, lies_beyond_guesses, significant
-from projects.model import Assessment, Bools, Comparison, Floats, Registration, Roughness, Surface
+from projects.model import Assessment, Bools, Roughness
 
-N, EDGE, NOISE, GUESSED = 121, 2e-3, 5e-5, 5e-4  # of the sheets; m
-MOULDINGS = (10, 35, 60, 85, 110)  # rows of vertices where one begins, along all of the sheet
 SMOOTH, MEDIUM, ROUGH = Roughness.SMOOTH, Roughness.MEDIUM, Roughness.ROUGH
-WIDE, LONG = 5, 40  # vertices: across a moulding, and along it what errs alike
-
-
-def side_of(sigmas: list[float], own: list[Roughness] | None, other: list[Roughness] | None = None) -> SimpleNamespace:
-    """Return a side of which only what is stated of its vertices [m] and the roughness there in both epochs matter."""
-    n, best = len(sigmas), np.zeros(len(sigmas), dtype=np.uint8)
-    surfaces = [SimpleNamespace(roughness=None if c is None else np.array(c, dtype=np.uint8), sample_distance=None)
-                for c in (own, other)]  # fmt: skip
-    return SimpleNamespace(sigma_surfaces=np.array(sigmas), surface=surfaces[0], other=surfaces[1],
-                           foot_vertices=np.arange(n), is_assessed=np.ones(n, dtype=bool), sigma_discord=np.zeros(n),
-                           sigma_shared=np.zeros(n), sigma_motion=np.zeros(n), distances=np.zeros(n),
-                           to_rim=np.full(n, np.nan), view=best, gap=best, stated=best, arm=best)  # fmt: skip
 
 
 def test_a_guess_is_what_exceeds_twice_the_usual_where_it_is_not_smooth() -> None:
@@ -128,36 +114,6 @@ def test_a_frame_is_as_wide_as_its_moulding_and_not_as_its_opening() -> None:
     assert mean_of(frame, frame) > 1.0  # of 2, by its extent alone 0.6
 
 
-def mouldings() -> Bools:
-    """Return which vertices (N, N) lie on a moulding."""
-    out = np.zeros((N, N), dtype=bool)
-    for row in MOULDINGS:
-        out[row : row + WIDE] = True
-    return out
-
-
-def sheet(heights: Floats, to_samples: float | None = None) -> Surface:
-    """Return a sheet of these heights (N, N) [m], each vertex `to_samples` [m] away from a sample, where it says so."""
-    i = np.arange((N - 1) * N).reshape(N - 1, N)[:, :-1].ravel()
-    faces = np.vstack([np.c_[i, i + N, i + 1], np.c_[i + 1, i + N, i + N + 1]])
-    x, y = np.divmod(np.arange(N * N), N)
-    unsure = mouldings().ravel()
-    return Surface(np.c_[EDGE * x, EDGE * y, heights.ravel()], faces, sigma=np.where(unsure, GUESSED, NOISE),
-                   roughness=np.where(unsure, Roughness.ROUGH, Roughness.SMOOTH).astype(np.uint8),
-                   sample_distance=None if to_samples is None else np.full(N * N, to_samples))  # fmt: skip
-
-
-def compared(
-    rng: np.random.Generator, change: Floats, to_samples: float | None = None, points: bool = False
-) -> Comparison:
-    """Compare two sheets that differ by noise and a change (N, N) [m]; their vertices are the points, if any are
-    asked."""
-    fixed = Registration(np.eye(4), np.diag([1e-7] * 3 + [1e-8] * 3) ** 2, np.zeros(3), True, stable_share=1.0,
-                         is_stable=np.ones(N * N, dtype=bool))  # fmt: skip
-    first, second = (sheet(rng.normal(scale=NOISE, size=(N, N)) + c, to_samples) for c in (np.zeros((N, N)), change))
-    return compare(first, second, fixed, points=(lambda: (first.vertices, second.vertices)) if points else None)
-
-
 def test_a_level_knows_how_much_of_what_is_stated_shows_where_much_is(rng: np.random.Generator) -> None:
     error = np.where(mouldings(), rng.normal(scale=0.3 * np.sqrt(2.0) * GUESSED, size=(N, N)), 0.0)
     side = compared(rng, error).on_compared
@@ -165,13 +121,6 @@ def test_a_level_knows_how_much_of_what_is_stated_shows_where_much_is(rng: np.ra
     beyond = np.abs(side.distances) > side.lod95
     assert 0.03 < beyond[on & known].mean() < 0.08  # by one scale of all that is stated 0
     assert 0.03 < beyond[~on & known].mean() < 0.07
-
-
-def along_one(depth: float) -> Floats:
-    """Return a change (N, N) [m] of so much over a part of one moulding."""
-    out = np.zeros((N, N))
-    out[MOULDINGS[2] : MOULDINGS[2] + WIDE, 30 : 30 + LONG] = depth
-    return out
 
 
 def test_a_moulding_that_errs_by_what_it_states_is_no_region(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from test_wide_layers import area_above, make_body
+from layered_body import area_above, make_body
 
 from monitor.comparison import compare
 from monitor.registration import register

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from network_of_caps import (
+    displaced,
     known_points,
     noisy_caps,
     pose_errors,
@@ -14,7 +15,6 @@ from network_of_caps import (
     target_places,
 )
 from scipy.stats import chi2
-from test_adjustment import displaced
 
 from monitor.registration.network.adjustment import Adjustment, AdjustmentSettings, adjust_scans
 from monitor.registration.network.equations import (

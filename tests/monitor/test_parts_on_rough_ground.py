@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from body_with_parts import WAYS, N, shift_part
 from bumpy_body import NOISE, correlated_noise, noisy_cloud, unit
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from test_parts import WAYS, N, shift_part
 
 from monitor.registration import register
 from monitor.registration.motion.sides import Side, prepare_side

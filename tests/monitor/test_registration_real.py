@@ -4,16 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from real_scans import read_points
 from scipy.spatial.transform import Rotation
 
 from monitor.registration import register
-from projects.formats import read_scans
-from projects.model import Floats, PointCloud
+from projects.model import PointCloud
 from projects.transforms import apply, perturb
-
-
-def read_points(path: Path) -> Floats:
-    return np.vstack([chunk.cloud.points for scan in read_scans(path) for chunk in scan.chunks()])
 
 
 def read_bunny(folder: Path, name: str) -> PointCloud:

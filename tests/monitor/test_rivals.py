@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from bumpy_body import move, noisy_cloud, unit
-from test_adjustment import bumpy_cap, displaced
+from network_of_caps import bumpy_cap, displaced
 
 from monitor.registration import register
 from monitor.registration.motion.held import Frames

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_coarse import read_range_image
+from real_scans import read_range_image
 
 from monitor.cli import run
 from monitor.registration.anywhere.assembly import Assembly

@@ -4,16 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from survey_targets import SCANNER, board, sphere
 
 from monitor.registration.targets.finding import TargetSettings, find_targets
 from monitor.simulation import (
-    INSTRUMENTS,
     Body,
     Scene,
     carved_figure,
     simulate_scan,
-    sphere_scene,
     stand_at,
     window_around,
 )
@@ -22,34 +20,8 @@ from projects.errors import ParameterError
 from projects.model import Scan
 from projects.transforms import apply, invert
 
-# the cyclic error is one of the whole target, which its own points cannot show
-SCANNER = dataclasses.replace(INSTRUMENTS["faro-photon120"], cyclic_amplitudes=(0.0,) * 4)
 STATION = stand_at(np.array([0.0, 0.0, 1.5]), facing=np.array([1.0, 0.2, 1.5]))
 WALL = make_box("wall", np.array([4.6, -2.0, -1.0]), np.array([4.7, 2.0, 3.0]))
-
-
-def placed(position: np.ndarray, azimuth: float = 0.0) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_euler("z", azimuth).as_matrix(), position
-    return T
-
-
-def sphere(position: np.ndarray, radius: float = 0.0725) -> Body:
-    return sphere_scene(radius=radius, n_rings=150).bodies[0].moved(placed(position))
-
-
-def board(position: np.ndarray, *, width: float = 0.15, n_fields: int = 2, azimuth: float = np.pi + 0.3) -> Body:
-    """Return a plate of black and white fields that faces along `azimuth`."""
-    ticks = np.linspace(-width / 2, width / 2, n_fields + 1)
-    vertices = np.array([[0.0, y, z] for y in ticks for z in ticks])
-    faces, reflectance = [], []
-    for a in range(n_fields):
-        for b in range(n_fields):
-            i, k = (n_fields + 1) * a + b, n_fields + 1
-            faces += [[i, i + k, i + k + 1], [i, i + k + 1, i + 1]]
-            reflectance += [0.9 if (a + b) % 2 else 0.05] * 2
-    body = Body("board", vertices, np.array(faces, dtype=np.int32), np.array(reflectance))
-    return body.moved(placed(position, azimuth))
 
 
 def look(*bodies: Body, at: np.ndarray, reach: float = 0.25, step: float = 0.001, seed: int = 0) -> Scan:

@@ -9,7 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from scipy.stats import norm
-from test_guesses import EDGE, GUESSED, NOISE, N, along_one, compared, mouldings, side_of
+from sheets_with_mouldings import EDGE, GUESSED, NOISE, N, along_one, compared, mouldings
+from stated_side import side_of
 
 from monitor.comparison.noise.correlation import Correlation
 from monitor.comparison.noise.guesses import SURE

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from bumpy_body import bumpy_points, move, unit
-from test_motion_covariance import error_of
+from motion_errors import error_of
 
 from monitor.registration import register
 from monitor.registration.motion.alignment import AlignmentRules, align, weigh

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from bumpy_body import correlated_noise
-from test_enclosure import block
+from rounded_block import block
 
 from monitor.comparison import compare
 from projects.model import Floats, Registration, Surface

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from real_scans import read_configuration
 from scipy.spatial import cKDTree
 
 from monitor.cli import run
@@ -59,28 +60,6 @@ class Outcome:
 
     def comparison(self):
         return Project.open(self.folder / "project").get("bunny", "second", "comparison-first")
-
-
-def read_configuration(path: Path) -> list[tuple[str, np.ndarray]]:
-    """Return (file name, T_project_scanner) of bun.conf, whose line maps by p' = R(q)^T p + t."""
-    scans = []
-    for line in path.read_text().splitlines():
-        words = line.split()
-        if not words or words[0] != "bmesh":
-            continue
-        t, (x, y, z, w) = (
-            np.array(words[2:5], float),
-            np.array(words[5:9], float) / np.linalg.norm(np.array(words[5:9], float)),
-        )
-        rotation = np.array([
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ])  # fmt: skip
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation.T, t
-        scans.append((words[1], pose))
-    return scans
 
 
 def place_dent(before: np.ndarray, scan: RangeScan) -> Dent:

@@ -17,7 +17,7 @@ import numpy as np
 from registration_covariance import share_row
 from rows import Row, Size, judge
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "monitor"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scenes"))
 
 from network_of_caps import simulate_network, small_motion
 from no_change_pairs import make_body, spread_stations

@@ -15,7 +15,7 @@ import chips
 import numpy as np
 from rows import Row, Size, judge
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "monitor"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scenes"))
 
 from network_of_caps import small_motion
 

@@ -15,10 +15,10 @@ import numpy as np
 from rows import Row, Size, judge
 from scipy.stats import beta, chi2
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "monitor"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scenes"))
 
-from test_many_parts import move_pieces, scan_stove
-from test_motion_covariance import squared_error
+from motion_errors import squared_error
+from wall_of_pieces import move_pieces, scan_stove
 
 from monitor.registration import register
 from projects.model import Floats

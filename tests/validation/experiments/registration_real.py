@@ -17,11 +17,10 @@ from rows import Row, Size, judge
 from scipy.spatial.transform import Rotation
 from shared_data import data_folder
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "monitor"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scenes"))
 
-from test_adjustment_bunny import disturb, in_place, read_bunny
-from test_coarse import anywhere, moved, read_range_image
-from test_registration_real import read_points
+from random_poses import anywhere, disturb, in_place, moved
+from real_scans import read_bunny, read_points, read_range_image
 
 from monitor.registration import register
 from monitor.registration.anywhere.assembly import Assembly, assemble

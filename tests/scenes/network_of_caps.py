@@ -7,14 +7,36 @@ import dataclasses
 import numpy as np
 from bumpy_body import correlated_noise
 from scipy.spatial.transform import Rotation
-from test_adjustment import bumpy_cap, displaced
 
 from monitor.registration.network.adjustment import Adjustment, AdjustmentSettings, adjust_scans
 from monitor.registration.network.ties import identify_targets
 from projects.model import ControlPoint, Floats, PointCloud, SurveyTarget
-from projects.transforms import apply, perturb
+from projects.transforms import apply, perturb, rotate
 
 SIGMA_TARGET, SIGMA_CONTROL = 0.0002, 0.0005
+
+
+def bumpy_cap(rng: np.random.Generator, turn: float, noise: float) -> PointCloud:
+    """Return the part of a bumpy ball of 0.5 m that a station at azimuth `turn` sees."""
+    v = rng.normal(size=(24_000, 3))
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    v = v[v @ np.array([np.cos(turn), np.sin(turn), 0.0]) > 0.15]
+    radius = 0.5 + 0.02 * np.sin(9 * v[:, 0]) * np.cos(7 * v[:, 1] + 2 * v[:, 2])
+    slope = 0.02 * np.column_stack([
+        9 * np.cos(9 * v[:, 0]) * np.cos(7 * v[:, 1] + 2 * v[:, 2]),
+        -7 * np.sin(9 * v[:, 0]) * np.sin(7 * v[:, 1] + 2 * v[:, 2]),
+        -2 * np.sin(9 * v[:, 0]) * np.sin(7 * v[:, 1] + 2 * v[:, 2]),
+    ])  # fmt: skip
+    slope -= np.sum(slope * v, axis=1)[:, None] * v
+    normals = v - slope / radius[:, None]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = radius[:, None] * v + rng.normal(0, noise, len(v))[:, None] * normals
+    return PointCloud(points, normals=normals)
+
+
+def displaced(cloud: PointCloud, T: np.ndarray) -> PointCloud:
+    """Return the cloud moved by T, normals and all."""
+    return dataclasses.replace(cloud, points=apply(T, cloud.points), normals=rotate(T, cloud.normals))
 
 
 def small_motion(T: Floats, centre: Floats) -> Floats:
