@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-GUIDE = Path(__file__).parents[2] / "docs" / "simulation.md"
+GUIDE = Path(__file__).parents[3] / "docs" / "simulation.md"
 
 
 def test_the_examples_of_the_guide_plan_and_rehearse_a_campaign(tmp_path, monkeypatch, capsys):

@@ -275,7 +275,7 @@ def test_other_poses_than_an_epoch_was_added_with_are_seen() -> None:
 
 
 def test_the_guide_s_example_is_a_campaign(tmp_path: Path) -> None:
-    guide = (Path(__file__).resolve().parents[2] / "docs" / "campaign.md").read_text(encoding="utf-8")
+    guide = (Path(__file__).resolve().parents[3] / "docs" / "campaign.md").read_text(encoding="utf-8")
     (tmp_path / "campaign.toml").write_text(guide.split("```toml\n")[1].split("```")[0], encoding="utf-8")
     for name in ("settings.toml", "before.e57", "after-1.ply", "after-2.ply"):
         (tmp_path / name).touch()
