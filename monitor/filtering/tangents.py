@@ -2,8 +2,8 @@
 
 In: points, the indices of each point's neighbours, and the noise there where it is known; out: one row of `COLUMNS`
 per point. A neighbourhood is a disc of surface with noise across it, so the factors that make the determinant's
-covariance consistent are those of that distribution (simulated; `tests/monitor/test_mcd.py` repeats it), not those of a
-normal one.
+covariance consistent are those of that distribution (simulated; `tests/monitor/filtering/test_mcd.py` repeats it), not
+those of a normal one.
 """
 
 from __future__ import annotations
