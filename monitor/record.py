@@ -27,7 +27,7 @@ METHOD = {
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 53,
+    "comparison": 54,
     "series": 13,
 }
 

@@ -63,6 +63,8 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         **_scales_of_scans(side, found.test.scans),
         **{f"error_scales_{kind}": scales for kind, scales in found.noise.scales_by_class(side).items()},
         "correlation_length_m": found.noise.correlation.length,
+        "correlation_stretches": found.noise.stretch.factors.tolist(),
+        "correlation_stretch_sigmas_m": found.noise.stretch.sigmas.tolist(),
         "unit_size_m": found.test.size,
         "n_patches": found.test.n_tested,
         "patch_error_scales": [e.width for e in found.test.errors],

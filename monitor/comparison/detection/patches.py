@@ -136,11 +136,12 @@ def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: 
 def measure_patches(outlines: Outlines, units: Units, reaches: Reaches, correlation: Correlation,
                     scans: ScanErrors) -> Patches:  # fmt: skip
     """Return the patches of every size, with their means and what limits them."""
-    weighted = units.areas[:, None] * np.column_stack([units.variances, units.calm_shares])
+    weighted = units.areas[:, None] * np.column_stack([units.variances, units.calm_shares, units.agreeing])
     sums = sum_over(reaches, outlines.areas.shape[1], weighted, slice(0, len(weighted)))
     averages = sums / outlines.areas[..., None]
-    kept = np.column_stack([kept_variance(*of_size, correlation)
-                            for of_size in zip(outlines.areas.T, outlines.n_vertices.T, strict=True)])  # fmt: skip
+    stretch2 = np.where(averages[..., 0] > 0.0, averages[..., 2] / np.maximum(averages[..., 0], 1e-300), 1.0)
+    kept = np.column_stack([kept_variance(areas, n_vertices, correlation, of_size) for areas, n_vertices, of_size
+                            in zip(outlines.areas.T, outlines.n_vertices.T, stretch2.T, strict=True)])  # fmt: skip
     own2, calm = averages[..., 0] * kept + outlines.motion2, averages[..., 1]
     return Patches(outlines.means, own2, outlines.stated, outlines.is_whole, calm > CALM, calm > STILL, units.kinds,
                    scans)  # fmt: skip

@@ -33,7 +33,8 @@ class Units:
     `means` [m] of the change; `shared` [m], one sigma of what its scans disagree by; `motion_rows` (u, 6), the mean of
     n' J, of which the last three are the mean normal, not of unit length; `kinds`, 1 where it is rough and noise is not
     stated, else 0. As far as the noise is known: `variances` [m2] of a vertex in it, without the registration's part;
-    `calm_shares`, how much of its area is held unchanged.
+    `calm_shares`, how much of its area is held unchanged; `agreeing` [m2], the variances times the square of how much
+    farther errors agree there (`noise.stretch`).
     """
 
     number: Ints
@@ -46,6 +47,7 @@ class Units:
     kinds: Ints
     variances: Floats
     calm_shares: Floats
+    agreeing: Floats
 
 
 def unit_size(correlation: Correlation, areas: Floats) -> float:
@@ -123,7 +125,17 @@ def summarize_units(side: Side, number: Ints, registration: Registration, n_unit
     means, shared = (_average(number, side.areas, areas, f[:, None])[:, 0] for f in (side.distances, side.sigma_shared))
     unknown = np.full(len(areas), np.nan)
     return Units(
-        number, areas, n_vertices, centres, means, shared, rows, _kinds_of(side, number, areas), unknown, unknown
+        number,
+        areas,
+        n_vertices,
+        centres,
+        means,
+        shared,
+        rows,
+        _kinds_of(side, number, areas),
+        unknown,
+        unknown,
+        unknown,
     )
 
 
@@ -144,12 +156,13 @@ def average_by_unit(number: Ints, areas: Floats, values: Floats, n_units: int) -
 
 def judge_noise(units: Units, side: Side, noise: Noise, calm: Bools) -> Units:
     """Return the units with what the noise says of their vertices, and how much of them is in `calm` (n,)."""
-    variance = np.empty(len(calm))
+    variance, agreeing = np.empty(len(calm)), np.empty(len(calm))
     for block in blocks(len(variance)):
         variance[block] = noise.variance_of(side, block)
-    variances, calm_shares = (_average(units.number, side.areas, units.areas, f[:, None])[:, 0]
-                              for f in (variance, calm))  # fmt: skip
-    return replace(units, variances=variances, calm_shares=calm_shares)
+        agreeing[block] = variance[block] * noise.stretch.square_of(variance[block])
+    variances, calm_shares, alike = (_average(units.number, side.areas, units.areas, f[:, None])[:, 0]
+                                     for f in (variance, calm, agreeing))  # fmt: skip
+    return replace(units, variances=variances, calm_shares=calm_shares, agreeing=alike)
 
 
 @jit(nopython=True, cache=True, nogil=True)

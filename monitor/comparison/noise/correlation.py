@@ -118,7 +118,7 @@ def estimate_of_many(points: Floats, places: Ints, areas: Floats, errors_of: Cal
     is_asked = np.zeros(len(points), dtype=np.bool_)
     is_asked[places] = True
     longest = _longest_lag(points, is_asked, spacing)
-    pairs = _draw_pairs(points, places, spacing, longest, rng)
+    pairs = draw_pairs(points, places, spacing, longest, rng)
     is_asked[:] = False
     is_asked[some] = is_asked[pairs.first] = is_asked[pairs.second] = True
     which, errors = np.flatnonzero(is_asked), np.full(len(points), np.nan)
@@ -130,6 +130,14 @@ def estimate_of_many(points: Floats, places: Ints, areas: Floats, errors_of: Cal
     product = errors[pairs.first] * errors[pairs.second]
     usual = np.isfinite(product)
     return _fit_models(pairs.lags[usual], product[usual], float(np.nanmean(errors[some] ** 2)), spacing, longest)
+
+
+def longest_lag(points: Floats, places: Ints, areas: Floats) -> tuple[float, float]:
+    """Return the spacing of the vertices at `places` and up to which distance their errors are held to agree [m]."""
+    spacing = float(np.sqrt(median(areas[places])))
+    known = np.zeros(len(points), dtype=np.bool_)
+    known[places] = True
+    return spacing, _longest_lag(points, known, spacing)
 
 
 def _longest_lag(points: Floats, known: Bools, spacing: float) -> float:
@@ -187,7 +195,7 @@ def _pair_products(places: tuple[Floats, Ints], errors: Floats, spacing: float, 
     return np.concatenate(lags), np.concatenate(products)
 
 
-def _draw_pairs(points: Floats, places: Ints, spacing: float, longest: float, rng: np.random.Generator) -> Pairs:
+def draw_pairs(points: Floats, places: Ints, spacing: float, longest: float, rng: np.random.Generator) -> Pairs:
     """Return pairs of vertices at the `places` (n,), as many at each scale as `_pair_products` looks at."""
     n = len(places)
     samples = places[draw_evenly(n, min(N_SAMPLES, n), rng)]
@@ -208,15 +216,17 @@ def _n_drawn(n: int, spacing: float, reach: float) -> int:
     return min(max(int(share * n), N_NEAR + 1), n)
 
 
-def kept_variance(areas: Floats, n_vertices: Ints, correlation: Correlation) -> Floats:
+def kept_variance(areas: Floats, n_vertices: Ints, correlation: Correlation, stretch2: Floats | float = 1.0) -> Floats:
     """Return the share (u,) of the variance that the mean over a patch keeps, between 0 and 1.
+
+    `stretch2` is the square (u,) of how much farther errors agree there than as the correlation says (`stretch`).
 
     A patch of `areas` (u,) [m2] with `n_vertices` (u,) counts as a disc: the mean correlation of two points of a disc,
     over the density of their distance (disc line picking), and 1 / n of what is independent between vertices.
     """
     if not len(areas):
         return np.zeros(0)
-    radius = np.sqrt(np.maximum(areas, 1e-300) / np.pi)
+    radius = np.sqrt(np.maximum(areas / stretch2, 1e-300) / np.pi)
     table = np.geomspace(0.9 * radius.min(), 1.1 * radius.max(), 200)  # smooth in the radius
     nodes, weights = NODES
     t = 0.5 * (nodes + 1.0)  # distance over diameter

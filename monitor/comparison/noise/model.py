@@ -29,6 +29,7 @@ from monitor.comparison.noise.error_parts import Parts, fit_parts
 from monitor.comparison.noise.guesses import split_stated, usual_sigma
 from monitor.comparison.noise.level_of_detection import N_FLOOR, estimate_floor
 from monitor.comparison.noise.strata import EVERY, GROUPS, KINDS, N_STRATA, lies_at_rim, mean_of_arms, stratum_of
+from monitor.comparison.noise.stretch import EVEN, Stretch, learn_stretch
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
@@ -46,7 +47,7 @@ class Noise:
     """Of each stratum (`strata`) the `floors` [m], and the scales of what surfaces state, `scales`, of what their fits
     contradict each other by, `discord_scales`, and of what scans disagree by, `shared_scales`; `correlation` of the
     errors; `spacing` [m] of the vertices; what surfaces state of most places is the `usual` [m], beyond which lies what
-    they guess (`guesses`)."""
+    they guess (`guesses`); `stretch`, how much farther than that errors agree, by the sigma of a vertex."""
 
     floors: Floats
     scales: Floats
@@ -55,6 +56,7 @@ class Noise:
     correlation: Correlation
     spacing: float
     usual: float = np.inf
+    stretch: Stretch = EVEN
 
     def floor_of(self, side: Side) -> Floats:
         """Return the floor (n,) [m] of each vertex."""
@@ -149,7 +151,19 @@ def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.ran
     noise = Noise(floors, factors * parts.surfaces, factors * parts.discord, factors * parts.shared, unknown, spacing,
                   usual_sigma(sides))  # fmt: skip
     lead = int(calm[1].sum() > calm[0].sum())
-    return replace(noise, correlation=_correlate(sides[lead], calm[lead], noise, rng))
+    noise = replace(noise, correlation=_correlate(sides[lead], calm[lead], noise, rng))
+    return replace(noise, stretch=_stretch(sides[lead], calm[lead], noise, rng))
+
+
+def _stretch(side: Side, calm: Bools, noise: Noise, rng: np.random.Generator) -> Stretch:
+    """Return how much farther the errors of the calm vertices agree where they are small or large."""
+
+    def errors_of(which: Ints) -> tuple[Floats, Floats]:
+        """Return standardized errors (k,) and one sigma (k,) [m], the latter of each by itself."""
+        return side.distances[which] / noise.sigma_of(side, which), np.sqrt(noise.variance_of(side, which))
+
+    places = np.flatnonzero(calm).astype(np.int32)
+    return learn_stretch(side.surface.vertices, places, side.areas, errors_of, noise.correlation, rng)
 
 
 def _correlate(side: Side, calm: Bools, noise: Noise, rng: np.random.Generator) -> Correlation:

@@ -347,5 +347,7 @@ def _sum_sigma(areas: Floats, variance: Floats, found: Detected) -> float:
     if not len(areas):
         return 0.0
     total = float(areas.sum())
-    kept = kept_variance(np.array([total]), np.array([len(areas)]), found.noise.correlation)
+    scale2 = max(e.width for e in found.test.errors) ** 2
+    stretch2 = found.noise.stretch.square_over(areas, variance / scale2)
+    kept = kept_variance(np.array([total]), np.array([len(areas)]), found.noise.correlation, stretch2)
     return total * float(np.sqrt(np.average(variance, weights=areas) * kept[0]))

@@ -246,8 +246,9 @@ def sigma_of_noise(side: Side, found: Detected, vertices: Ints, registration: Re
     scale = max(e.width for e in found.test.errors)
     own2 = found.noise.parts_of(side, vertices)[0] * scale**2
     rim = found.noise.is_at_rim(side, vertices)
+    stretch2 = found.noise.stretch.square_over(weight[~rim], own2[~rim] / scale**2)
     noise2 = _sum_of_agreeing(weight[rim], own2[rim]) + _variance_of_sum(side, vertices[~rim], weight[~rim], own2[~rim],
-                                                                         found.noise.correlation)  # fmt: skip
+                                                                         found.noise.correlation, stretch2)  # fmt: skip
     arm = side.surface.vertices[vertices] - registration.centre
     row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
     shared = float(found.test.scans.sigma_of(np.array(stated_over(side, vertices))))
@@ -260,12 +261,14 @@ def _sum_of_agreeing(weight: Floats, own2: Floats) -> float:
     return float(weight @ np.sqrt(own2)) ** 2
 
 
-def _variance_of_sum(side: Side, vertices: Ints, weight: Floats, own2: Floats, correlation: Correlation) -> float:
-    """Return the variance [m2] of the weighted sum of errors that agree as `correlation` says over the vertices' patch,
-    `own2` (n,) [m2] that of each."""
+def _variance_of_sum(side: Side, vertices: Ints, weight: Floats, own2: Floats, correlation: Correlation,
+                     stretch2: float) -> float:  # fmt: skip
+    """Return the variance [m2] of the weighted sum of errors that agree as `correlation` says, stretched, over the
+    vertices' patch, `own2` (n,) [m2] that of each."""
     if not len(vertices):
         return 0.0
-    kept = kept_variance(np.array([side.areas[vertices].sum()]), np.array([len(vertices)]), correlation)
+    kept = kept_variance(np.array([side.areas[vertices].sum()]), np.array([len(vertices)]), correlation,
+                         stretch2)  # fmt: skip
     return float(weight @ own2) * float(weight.sum()) * float(kept[0])
 
 

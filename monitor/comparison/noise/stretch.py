@@ -1,0 +1,111 @@
+"""How much farther errors agree in some places than in others: fits are wide where points are few or noise is large.
+
+In: errors of calm vertices, one sigma of each, and how all of them agree. Out: `Stretch`, by what factor that reaches
+farther where a vertex has so much sigma, 1 or more. One fit over many points makes a small error that reaches far, one
+over few a large one that ends soon: where the spacing of points varies, as in a room seen from two places, means of
+patches err by a third more than one correlation says in the former places, and by less in the latter. Only the former
+is used: where errors end sooner, means are surer than is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.comparison.noise.correlation import Correlation, draw_pairs, longest_lag
+from projects.model import Floats, Ints
+
+N_CLASSES = 5  # of vertices, as many in each, from the surest on
+N_BINS = 16  # of lags
+FEWEST_PAIRS = 2000  # of a class, that its stretch is asked of
+LEAST_MEAN = 0.02  # a correlation as small as this is none
+HELD_BY = 8.0  # witnesses that no stretch counts for: it may be one of 1.4, one sigma
+TRIED = np.geomspace(0.4, 2.5, 61)  # factors
+OUTLIER = 3.0  # robust sigmas, beyond which a change speaks
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Errors agree `factors` (k,) times as far as in all, where one sigma of a vertex is `sigmas` (k,) [m], rising;
+    between these by their logarithms, beyond them as at the last."""
+
+    sigmas: Floats
+    factors: Floats
+
+    def square_of(self, variance: Floats) -> Floats:
+        """Return the square (n,) of the factor where vertices have a `variance` (n,) [m2]."""
+        if len(self.sigmas) < 2:
+            return np.ones(np.shape(variance))
+        at = 0.5 * np.log(np.maximum(variance, 1e-300))
+        return np.asarray(np.exp(2.0 * np.interp(at, np.log(self.sigmas), np.log(self.factors))))
+
+    def square_over(self, weight: Floats, variance: Floats) -> float:
+        """Return the square of the factor by which the area over which errors agree counts in the mean over some
+        vertices, by `weight` (n,) of each; 1 of none."""
+        total = float(weight @ variance)
+        return float(weight @ (variance * self.square_of(variance))) / total if total > 0.0 else 1.0
+
+
+EVEN = Stretch(np.zeros(0), np.zeros(0))
+
+
+def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callable[[Ints], tuple[Floats, Floats]],
+                  correlation: Correlation, rng: np.random.Generator) -> Stretch:  # fmt: skip
+    """Return how far errors agree, by the sigma of the vertices, over how far `correlation` says they do in all.
+
+    Parameters
+    ----------
+    points, areas : (n, 3) m and (n,) m2, of all vertices; `places` (k,) are the calm ones, rising.
+    errors_of : returns the standardized errors (m,) and one sigma (m,) [m] of the vertices that it is given.
+
+    Notes
+    -----
+    Vertices fall in classes of equal number by their sigma. Of the pairs that lie in one class the mean products are
+    held against the correlation of all, its distances stretched: the factor that fits best counts as far as the
+    class's witnesses go.
+    """
+    if not correlation.area > 0.0 or len(places) < N_CLASSES * FEWEST_PAIRS // 10:
+        return EVEN
+    spacing, longest = longest_lag(points, places, areas)
+    pairs = draw_pairs(points, places, spacing, longest, rng)
+    asked, back = np.unique(np.concatenate([pairs.first, pairs.second]), return_inverse=True)
+    errors, sigmas = errors_of(asked)
+    size = 1.4826 * float(np.nanmedian(np.abs(errors)))
+    errors = np.where(np.abs(errors) <= OUTLIER * size, errors, np.nan)
+    edges = np.quantile(sigmas, np.linspace(0.0, 1.0, N_CLASSES + 1)[1:-1])
+    in_class = np.searchsorted(edges, sigmas, side="right")
+    first, second = back[: len(pairs.first)], back[len(pairs.first) :]
+    area = float(areas[places].sum()) / N_CLASSES
+    found = [_stretch_of(k, (first, second), pairs.lags, errors, in_class, correlation, area) for k in range(N_CLASSES)]
+    middles = [float(np.median(sigmas[in_class == k])) if (in_class == k).any() else np.nan for k in range(N_CLASSES)]
+    return _rising(np.array(middles), np.array(found))
+
+
+def _stretch_of(number: int, ends: tuple[Ints, Ints], lags: Floats, errors: Floats, in_class: Ints,
+                correlation: Correlation, area: float) -> float:  # fmt: skip
+    """Return the factor of a class, NaN where too few pairs lie in it."""
+    products = errors[ends[0]] * errors[ends[1]]
+    own = (in_class[ends[0]] == number) & (in_class[ends[1]] == number) & np.isfinite(products)
+    reach = TRIED[-1] * float(correlation.ranges[correlation.sills > LEAST_MEAN].max(initial=0.0))
+    own &= lags <= reach
+    if own.sum() < FEWEST_PAIRS:
+        return np.nan
+    lags, products = lags[own], products[own] / float(np.nanmean(errors[in_class == number] ** 2))
+    edges = np.quantile(lags, np.linspace(0.0, 1.0, N_BINS + 1))
+    which = np.clip(np.searchsorted(edges, lags, side="right") - 1, 0, N_BINS - 1)
+    count = np.maximum(np.bincount(which, minlength=N_BINS), 1)
+    lag, rho = (np.bincount(which, v, N_BINS) / count for v in (lags, products))
+    misfit = [float(count @ (rho - correlation.at(lag / s)) ** 2) for s in TRIED]
+    best = float(TRIED[int(np.argmin(misfit))])
+    n_witnesses = area / (correlation.area * best**2)
+    return max(float(best ** (n_witnesses / (n_witnesses + HELD_BY))), 1.0)
+
+
+def _rising(sigmas: Floats, factors: Floats) -> Stretch:
+    """Return the stretch of the classes that are known, each of another sigma than the one before."""
+    known = np.isfinite(sigmas) & np.isfinite(factors)
+    sigmas, factors = sigmas[known], factors[known]
+    kept = np.append(True, np.diff(sigmas) > 0.0)[: len(sigmas)]
+    return Stretch(sigmas[kept], factors[kept]) if kept.sum() > 1 else EVEN
