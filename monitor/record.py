@@ -21,7 +21,7 @@ from projects.store import Project
 METHOD = {
     "calibration": 5,
     "scan": 9,
-    "targets": 1,
+    "targets": 2,
     "network": 16,
     "filtered": 11,
     "surface": 25,

@@ -146,7 +146,7 @@ def _figures(found: Adjustment, seen: Sequence[int]) -> dict[str, Any]:
     return figures | {
         "ties": [_tie(t, seen) for t in found.ties],
         "n_targets": sum(t.scan >= 0 for t in found.ties),
-        "n_control": sum(t.scan < 0 for t in found.ties),
+        "n_control": sum(t.scan < 0 and not t.is_blunder for t in found.ties),
         "blunders": [_place_name(t, seen) for t in found.blunders],
         "target_rms_m": _rms([t for t in found.ties if t.scan >= 0 and not t.is_blunder]),
         "control_rms_m": _rms([t for t in found.ties if t.scan < 0 and not t.is_blunder]),

@@ -10,7 +10,8 @@ from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.filtered_scans import FilteredScans
 from monitor.range_calibration import largest_of_setups
 from monitor.registration.network.adjustment import Adjustment
-from monitor.scan_network import _as_arrays, _why_nothing_is_left
+from monitor.registration.network.snooping import TieFit
+from monitor.scan_network import _as_arrays, _figures, _why_nothing_is_left
 from monitor.setups import join_setups, join_targets, number_setups
 from monitor.simulation import stand_at
 from projects.model import PointCloud, Step, SurveyTarget
@@ -58,6 +59,16 @@ def test_all_scans_of_a_set_up_get_its_motion_and_one_that_saw_nothing_alone_sta
     assert arrays["T_project_given"][:, 0, 3] == pytest.approx([0.0, 0.01, 0.01, 0.0])
     assert arrays["covariances"][2, 0, 0] == 4.0
     assert np.isnan(arrays["centres"][3]).all()
+
+
+def test_a_control_point_that_was_left_out_holds_no_network() -> None:
+    seen = [(-1, False), (-1, True), (-1, False), (0, False)]
+    ties = tuple(TieFit(f"P{k}", scan, np.zeros(3), 1.0, 0.5, is_blunder, True)
+                 for k, (scan, is_blunder) in enumerate(seen))  # fmt: skip
+    found = Adjustment((np.eye(4),), (), True, "", 0.0, 0.0, 1, covariance=np.eye(6), ties=ties)
+    figures = _figures(found, [0])
+    assert figures["n_control"] == 2
+    assert figures["n_targets"] == 1
 
 
 def test_windows_are_calibrated_with_the_largest_scan_of_their_set_up() -> None:

@@ -13,7 +13,9 @@ from scipy.spatial import cKDTree
 
 from projects.model import Bools, Floats, Ints, Scan
 
-N_FOR_STEP = 2_000  # points that tell the angular step
+N_FOR_STEP = 2_000  # points that tell the angular steps
+N_BESIDE = 8  # of each, the nearest
+ROOM = 1.2  # of a step is a pixel, so that none stays empty
 MOST_PIXELS_PER_POINT = 50.0  # a grid emptier than this is no scan from one station
 SEAM = 0.15  # rad, of the first columns are repeated after a full turn, so that no target is cut in two
 
@@ -83,19 +85,29 @@ def _grid(scan: Scan, points: Floats, usable: Bools) -> tuple[Ints, Ints]:
         return scan.rows.astype(np.int64), scan.columns.astype(np.int64)
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
-    step = _direction_step(points[usable])
+    step_rows, step_columns = _direction_steps(elevation[usable], azimuth[usable])
     with np.errstate(invalid="ignore"):
-        rows, columns = np.floor(elevation / step), np.floor(azimuth / step)
+        rows, columns = np.floor(elevation / step_rows), np.floor(azimuth / step_columns)
     rows[~usable], columns[~usable] = 0, 0
     return rows.astype(np.int64), columns.astype(np.int64)
 
 
-def _direction_step(points: Floats) -> float:
-    """Return the usual angle [rad] between neighbouring directions."""
-    directions = points / np.linalg.norm(points, axis=1, keepdims=True)
+def _direction_steps(elevation: Floats, azimuth: Floats) -> tuple[float, float]:
+    """Return the usual step [rad] of the elevations (n,), and that of the azimuths (n,), of neighbouring directions.
+
+    Where a scanner's rows are as far apart as its columns are at the horizon, directions above and below lie nearer to
+    each other: the angle between them is no step of either. Neighbours above and beside each other tell each its own.
+    """
+    directions = np.stack([elevation, azimuth], axis=1)
     some = directions[:: max(len(directions) // N_FOR_STEP, 1)]
-    distance, _ = cKDTree(directions).query(some, k=2)
-    return float(max(1.2 * np.median(distance[:, 1]), 1e-6))
+    _, near = cKDTree(directions).query(some, k=min(N_BESIDE + 1, len(directions)))
+    apart = np.abs(directions[near[:, 1:]] - some[:, None])
+    steps = []
+    for axis in (0, 1):
+        along = np.where(apart[..., axis] > apart[..., 1 - axis], apart[..., axis], np.inf).min(axis=1)
+        steps.append(float(np.median(along[np.isfinite(along)])) if np.isfinite(along).any() else np.inf)
+    either = min(steps)
+    return tuple(max(ROOM * (s if np.isfinite(s) else either), 1e-6) for s in steps)  # type: ignore[return-value]
 
 
 def _steps(image: Floats) -> tuple[float, float]:

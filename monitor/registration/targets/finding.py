@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from monitor.registration.targets.angular_image import make_image
 from monitor.registration.targets.boards import BoardRules, find_boards
 from monitor.registration.targets.spheres import SphereRules, find_spheres
@@ -60,7 +60,7 @@ def find_targets(scan: Scan, settings: TargetSettings | None = None) -> tuple[Su
     False ones are refused by size (the radius fitted freely must be a usual one; a board that goes on is a floor), by
     completeness, by residuals larger than the noise of single points, and, for spheres, by not standing free.
     """
-    settings = settings or TargetSettings()
+    settings = given_or_default(settings, TargetSettings)
     image = make_image(scan)
     if image is None:
         return ()

@@ -6,7 +6,7 @@ much of it was seen, for residuals no larger than the noise, and for standing fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import label
@@ -20,6 +20,7 @@ MEET = 0.25  # of the radius: how near the ends of neighbouring normals must com
 FEWEST_SHARE = 0.1  # of the pixels of a sphere whose normals must meet
 STEEPEST = np.sin(np.radians(60.0))  # beyond this incidence the footprint is no longer on the sphere alone
 FREE_RING = 1.2, 1.5  # of the radius, where the background must not be the sphere's own neighbourhood
+SURE = 4.0  # sigmas of a free radius, within which it may be
 N_STEPS = 12
 _Candidate = tuple[Floats, tuple[int, int]]
 N_BLOCKS_ACROSS = 7  # blocks whose residuals are summed: noise that neighbours share counts
@@ -35,9 +36,44 @@ class SphereRules:
     size: float
 
 
+@dataclass(frozen=True)
+class _Sphere:
+    """A sphere, its pixels, and the other radii (k,) [m] that its points would bear as well."""
+
+    target: SurveyTarget
+    cut: _Cut
+    others: tuple[float, ...]
+
+
 def find_spheres(finest: AngularImage, rules: SphereRules) -> list[SurveyTarget]:
-    """Return the sphere targets of a scan, with centres in its frame about the scanner."""
-    found: list[SurveyTarget] = []
+    """Return the sphere targets of a scan, with centres in its frame about the scanner.
+
+    Where the points of one do not tell which of two usual radii it has, it has that of the spheres beside it which do:
+    a survey's are of one kind. A wrong radius puts the centre off by the difference, along the line of sight; where no
+    other sphere tells, the covariance says so.
+    """
+    found = _search(finest, rules)
+    told = tuple(sorted({s.target.radius for s in found if not s.others}))
+    return _without_doubles([_settle_radius(s, told, rules) if s.others else s.target for s in found])
+
+
+def _settle_radius(sphere: _Sphere, told: tuple[float, ...], rules: SphereRules) -> SurveyTarget:
+    """Return a sphere that may have several radii: with one that others have (`told`), else as unsure as that is."""
+    target, points = sphere.target, sphere.cut.points[sphere.cut.measured]
+    if target.radius in told:
+        return target
+    for radius in sorted(set(told) & set(sphere.others), key=lambda r: abs(r - target.radius)):
+        again = _test_sphere(sphere.cut, target.centre, radius, replace(rules, radii=(radius,)))
+        if again is not None:
+            return again.target
+    farthest = max(abs(r - target.radius) for r in sphere.others)
+    is_on = np.abs(np.linalg.norm(points - target.centre, axis=1) - target.radius) < farthest
+    return replace(target, covariance=target.covariance + _of_radius(points[is_on], target.centre, farthest**2))
+
+
+def _search(finest: AngularImage, rules: SphereRules) -> list[_Sphere]:
+    """Return the spheres of a scan, some of them twice, each with the radius that is nearest to what its points say."""
+    found: list[_Sphere] = []
     image = finest
     while min(image.intensity.shape) >= PIXELS_ACROSS[0]:
         normals, step = _normals(image.points), image.step_rows
@@ -45,12 +81,12 @@ def find_spheres(finest: AngularImage, rules: SphereRules) -> list[SurveyTarget]
         for radius in rules.radii:
             at_range = (across >= PIXELS_ACROSS[0] / radius) & (across <= PIXELS_ACROSS[1] / radius)
             for centre, pixel in _candidates(image, normals, at_range, radius):
-                if not any(np.linalg.norm(t.centre - centre) < 0.5 * t.radius for t in found):
+                if not any(np.linalg.norm(s.target.centre - centre) < 0.5 * s.target.radius for s in found):
                     cut = _cut_out(finest, pixel, centre, FREE_RING[1] * radius)
-                    target = _test_sphere(cut, centre, radius, rules)
-                    found += [] if target is None else [target]
+                    sphere = _test_sphere(cut, centre, radius, rules)
+                    found += [] if sphere is None else [sphere]
         image = image.coarser()
-    return _without_doubles(found)
+    return found
 
 
 def _without_doubles(found: list[SurveyTarget]) -> list[SurveyTarget]:
@@ -127,7 +163,7 @@ def _cut_out(image: AngularImage, pixel: tuple[int, int], centre: Floats, reach:
     return _Cut(points, np.isfinite(points[..., 0]), image.density(centre))
 
 
-def _test_sphere(cut: _Cut, start: Floats, radius: float, rules: SphereRules) -> SurveyTarget | None:
+def _test_sphere(cut: _Cut, start: Floats, radius: float, rules: SphereRules) -> _Sphere | None:
     """Return the sphere at a candidate's place, or None where it is none."""
     points = cut.points[cut.measured]
     centre, is_on = _fit(points, start, radius, free=False)[:2]
@@ -138,13 +174,18 @@ def _test_sphere(cut: _Cut, start: Floats, radius: float, rules: SphereRules) ->
         return None
     nearest = min(rules.radii, key=lambda r: abs(r - free_radius))
     sigma_radius = float(np.sqrt(max(covariance[3, 3], 0.0)))
-    if not abs(free_radius - nearest) <= max(4.0 * sigma_radius, rules.size * nearest) or sigma_radius > 0.02 * nearest:
+    if (
+        not abs(free_radius - nearest) <= max(SURE * sigma_radius, rules.size * nearest)
+        or sigma_radius > 0.02 * nearest
+    ):
         return None
     centre, is_on, _, covariance = _fit(points, centre, nearest, free=False)
     if is_on.sum() < 30:
         return None
     covariance = covariance + _of_radius(points[is_on], centre, (free_radius - nearest) ** 2)
-    return _judge(cut, centre, nearest, (is_on, covariance), rules)
+    target = _judge(cut, centre, nearest, (is_on, covariance), rules)
+    others = tuple(r for r in rules.radii if r != nearest and abs(r - free_radius) <= SURE * sigma_radius)
+    return None if target is None else _Sphere(target, cut, others)
 
 
 def _judge(

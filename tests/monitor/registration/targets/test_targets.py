@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from survey_targets import SCANNER, board, sphere
 
+from monitor.registration.targets.angular_image import make_image
 from monitor.registration.targets.finding import TargetSettings, find_targets
 from monitor.simulation import (
     Body,
@@ -17,7 +18,7 @@ from monitor.simulation import (
 )
 from monitor.simulation.scenes import make_box
 from projects.errors import ParameterError
-from projects.model import Scan
+from projects.model import PointCloud, Scan
 from projects.transforms import apply, invert
 
 STATION = stand_at(np.array([0.0, 0.0, 1.5]), facing=np.array([1.0, 0.2, 1.5]))
@@ -93,6 +94,40 @@ def test_targets_are_found_without_a_grid() -> None:
     assert [t.kind for t in find_targets(bare)] == ["sphere", "board"]
     for found, same in zip(find_targets(bare), find_targets(scan), strict=True):
         assert np.linalg.norm(found.centre - same.centre) < 0.0003
+
+
+def test_directions_without_a_grid_leave_no_pixel_empty_above_and_below_the_scanner() -> None:
+    elevation, azimuth = np.meshgrid(np.arange(-1.2, 0.5, 0.006), np.arange(-1.0, 1.0, 0.008), indexing="ij")
+    directions = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
+                           np.sin(elevation)], axis=-1).reshape(-1, 3)  # fmt: skip
+    image = make_image(Scan("scan", PointCloud(3.0 * directions), np.eye(4), np.zeros(3)))
+    assert image is not None
+    assert np.isfinite(image.intensity).sum() == 0
+    assert np.isfinite(image.points[..., 0]).mean() > 0.99
+    assert image.points.shape[0] == pytest.approx(elevation.shape[0] / 1.2, rel=0.01)
+    assert image.points.shape[1] == pytest.approx(elevation.shape[1] / 1.2, rel=0.01)
+
+
+def few_points_of_spheres(at: list[np.ndarray], seed: int) -> Scan:
+    """Return a scan so coarse and noisy that the farther spheres do not tell 145 from 152 mm across."""
+    noisy = dataclasses.replace(SCANNER, noise_floor=0.0008)
+    around = np.array([np.min(at, axis=0) - 0.3, np.max(at, axis=0) + 0.3])
+    return simulate_scan(Scene("targets", (WALL, *map(sphere, at))), noisy, STATION, window_around(around, STATION),
+                         step=0.0045, seed=seed)  # fmt: skip
+
+
+def test_a_sphere_that_may_have_two_radii_has_that_of_the_others_or_says_so() -> None:
+    near, far = np.array([2.0, 0.5, 1.4]), np.array([3.6, 0.1, 1.3])
+    n_wide = 0
+    for seed in range(12):
+        for at in ([near, far], [far]):
+            for target in find_targets(few_points_of_spheres(at, seed)):
+                error = target.centre - min((apply(invert(STATION), p) for p in at),
+                                            key=lambda p, t=target: np.linalg.norm(t.centre - p))  # fmt: skip
+                assert error @ np.linalg.solve(target.covariance, error) < 30.0
+                n_wide += len(at) == 1 and np.sqrt(np.trace(target.covariance)) > 0.003
+                assert len(at) == 1 or (target.radius == 0.0725 and np.linalg.norm(error) < 0.001)
+    assert n_wide > 0
 
 
 def test_scan_without_intensity_has_spheres_alone() -> None:
