@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import numbers
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from projects.errors import ParameterError
+
+T = TypeVar("T")
 
 
 def setting(
@@ -33,6 +35,24 @@ def check_settings(settings: Any) -> None:
         value, meta = getattr(settings, f.name), f.metadata
         if meta and value is not None:
             _check_value(f"{type(settings).__name__}.{f.name} = {value!r}", value, f)
+
+
+def given_or_default(settings: Any, kind: type[T]) -> T:
+    """Return the settings given, or the defaults of their `kind` where left out (None).
+
+    Raises
+    ------
+    ParameterError
+        Where they are of another kind, as a dict of values.
+    """
+    if settings is None:
+        return kind()
+    if not isinstance(settings, kind):
+        name = kind.__name__
+        raise ParameterError(
+            f"settings: a {type(settings).__name__} was given; a {name} is needed, as {name}(), or None"
+        )
+    return settings
 
 
 def _check_value(told: str, value: Any, field: dataclasses.Field[Any]) -> None:

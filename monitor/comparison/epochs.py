@@ -42,7 +42,7 @@ from monitor.comparison.regions.stood_there import drop_where_it_stood
 from monitor.comparison.regions.told_from import add_told_from, coarse_figures, tell_smallest
 from monitor.comparison.sight.views import look_from
 from monitor.comparison.summary import areas_met_nothing, summarize
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from projects.model import (
     Assessment,
     Bools,
@@ -143,7 +143,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     RegistrationError
         Where the registration did not converge.
     """
-    settings = CompareSettings() if settings is None else settings
+    settings = given_or_default(settings, CompareSettings)
     require_comparable(reference, compared, registration, mode, tolerance, apart)
     limit = settings.search_limit or search_limit(reference, compared, 0.05)
     registration = settle_motion(reference, compared, registration, limit)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from monitor.filtering.cells import Cells, gather_cells
 from monitor.filtering.drift import Drift, drift_at, estimate_drift
 from monitor.filtering.medians import median_known
@@ -101,7 +101,7 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
     ----------
     Richter (paper 003), sections 1.3, 3 and 4.2.
     """
-    settings = settings or AveragingSettings()
+    settings = given_or_default(settings, AveragingSettings)
     n_given = sum(len(scan.cloud) for scan in scans)
     scans = [without_zero_ranges(scan) for scan in scans]
     n_at_scanner = n_given - sum(len(scan.cloud) for scan in scans)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from monitor.filtering.cyclic_adjustment import (
     SHORTEST,
     Adjustment,
@@ -135,7 +135,7 @@ def calibrate_range(scan: Scan, settings: CalibrationSettings | None = None) -> 
     ParameterError
         If a coordinate is not finite.
     """
-    settings = settings or CalibrationSettings()
+    settings = given_or_default(settings, CalibrationSettings)
     require_finite(scan.cloud.points, f"scan {scan.name!r}")
     if not np.isfinite(scan.origin).all():
         return _nothing("it is not known where the scanner stood", settings)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from monitor.filtering.nearest import build_index, canonical_order, find_nearest
 from monitor.filtering.normals import NormalSettings, fit_planes, known_directions
 from monitor.filtering.soundness import require_points
@@ -103,7 +103,7 @@ def diffuse_with_record(cloud: PointCloud, settings: DiffusionSettings | None = 
     ParameterError
         If there are fewer than 8 points, or a coordinate is not finite.
     """
-    settings = settings or DiffusionSettings()
+    settings = given_or_default(settings, DiffusionSettings)
     require_points(cloud.points)
     order = canonical_order(cloud.points)
     ordered = cloud.take(order)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from monitor.declare import given_or_default
 from monitor.filtering.copies import find_copies
 from monitor.filtering.diffusion import diffuse_with_record
 from monitor.filtering.doubtful import find_borne_out
@@ -46,7 +47,7 @@ def merge_scans(
         Its cloud has origins (n, 3) of the nearest member's scanner; the sigma of a point holds the discrepancy
         between the scans it was merged from.
     """
-    settings = settings or FilterSettings()
+    settings = given_or_default(settings, FilterSettings)
     _require_mergeable(clouds, slack, doubtful)
     had_doubtful = any(map(len, doubtful))
     clouds, borne_out = _with_borne_out(clouds, doubtful, slack)

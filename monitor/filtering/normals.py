@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.declare import given_or_default
 from monitor.filtering.copies import find_copies
 from monitor.filtering.facing import same_facing
 from monitor.filtering.nearest import (
@@ -193,7 +194,7 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
         If there are fewer than 8 points, or a coordinate is not finite.
     """
     require_noun(cloud, "what normals are estimated of", PointCloud)
-    settings = settings or NormalSettings()
+    settings = given_or_default(settings, NormalSettings)
     require_points(cloud.points)
     order = canonical_order(cloud.points)
     ordered = cloud.points[order]

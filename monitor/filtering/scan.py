@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.declare import given_or_default
 from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
 from monitor.filtering.copies import find_copies
@@ -95,7 +96,7 @@ def filter_scan_with_record(
         If a coordinate is not finite, or the pose is no rigid motion.
     """
     require_noun(scan, "what is filtered", Scan)
-    settings = settings or FilterSettings()
+    settings = given_or_default(settings, FilterSettings)
     require_scan(scan)
     is_known = bool(np.isfinite(scan.origin).all())
     origin = scan.origin if is_known else np.full(3, np.nan)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from monitor.filtering.drawing_order import hash_points
 from monitor.filtering.nearest import canonical_order
 from monitor.filtering.normals import NormalSettings, estimate_normals
@@ -71,7 +71,7 @@ def voxel_median(cloud: PointCloud, settings: VoxelMedianSettings | None = None)
         If there are fewer than 8 points, a coordinate is not finite, most points coincide, or the voxels are too many
         to number.
     """
-    settings = settings or VoxelMedianSettings()
+    settings = given_or_default(settings, VoxelMedianSettings)
     require_points(cloud.points)
     if cloud.normals is None or cloud.spacing is None or cloud.sigma is None or not np.isfinite(cloud.normals).all():
         cloud = estimate_normals(cloud, NormalSettings())

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.boxes import box_of
+from monitor.declare import given_or_default
 from monitor.reconstruction.cell_size import (
     Sampling,
     choose_cell_size,
@@ -82,7 +83,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
         Where the cloud has too few usable points, or no surface comes of them.
     """
     require_noun(cloud, "what a surface is made of", PointCloud)
-    settings = settings or SurfaceSettings()
+    settings = given_or_default(settings, SurfaceSettings)
     cloud, counts = take_usable(cloud)
     low, high = box_of(cloud.points)
     shift = np.round(0.5 * (low + high), 3)

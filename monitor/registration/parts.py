@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from monitor.registration.motion.alignment import AlignmentRules
 from monitor.registration.motion.covariance import about, at_least, estimate_covariance
 from monitor.registration.motion.degeneracy import find_free_motion
@@ -115,7 +115,7 @@ def find_parts(source: Surface | PointCloud, target: Surface | PointCloud, regis
     ParameterError
         Where `sigma` is not of the source.
     """
-    settings = settings or PartSettings()
+    settings = given_or_default(settings, PartSettings)
     shift = find_centre(target)
     sides = prepare_side(source, shift), prepare_side(target, shift)
     n_source = len(source.vertices if isinstance(source, Surface) else source.points)

@@ -4,11 +4,15 @@ import itertools
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from monitor.declare import given_or_default
 from monitor.filtering import SilhouetteSettings
+from monitor.reconstruction import SurfaceSettings, reconstruct
 from monitor.settings import Settings, read_settings, to_toml
 from projects.errors import ParameterError
+from projects.model import PointCloud
 
 
 def test_printed_settings_read_back_to_the_defaults(tmp_path: Path) -> None:
@@ -74,3 +78,16 @@ def test_a_word_is_no_switch() -> None:
     """A word is true to Python, "no" too."""
     with pytest.raises(ParameterError, match="drop_rims = 'no': allowed are true and false"):
         SilhouetteSettings(drop_rims="no")
+
+
+@pytest.mark.parametrize("given", [{"cell_size": 0.001}, "fast", 3])
+def test_settings_of_another_kind_are_refused_with_what_is_needed(given: object) -> None:
+    with pytest.raises(ParameterError, match=r"a (dict|str|int) was given; a SurfaceSettings is needed, as Surface"):
+        given_or_default(given, SurfaceSettings)
+    assert given_or_default(None, SurfaceSettings) == SurfaceSettings()
+    assert given_or_default(SurfaceSettings(cell_size=0.002), SurfaceSettings).cell_size == 0.002
+
+
+def test_a_reconstruction_by_a_dict_of_settings_is_refused() -> None:
+    with pytest.raises(ParameterError, match="a SurfaceSettings is needed"):
+        reconstruct(PointCloud(np.eye(3)), {"cell_size": 0.001})  # type: ignore[arg-type]

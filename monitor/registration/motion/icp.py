@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from monitor.registration.motion.alignment import Alignment, AlignmentRules, align
 from monitor.registration.motion.covariance import estimate_covariance
 from monitor.registration.motion.degeneracy import find_free_motion, find_free_motions
@@ -98,7 +98,7 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     """
     require_noun(source, "the source of a registration", Surface, PointCloud)
     require_noun(target, "the target of a registration", Surface, PointCloud)
-    settings = IcpSettings() if settings is None else settings
+    settings = given_or_default(settings, IcpSettings)
     shift = find_centre(target)
     sides = prepare_side(source, shift), prepare_side(target, shift)
     T_start = into_local(np.eye(4) if T_target_source is None else np.asarray(T_target_source, dtype=float), shift)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from monitor.declare import check_settings, setting
+from monitor.declare import check_settings, given_or_default, setting
 from monitor.registration.motion.covariance import about, moved_by
 from monitor.registration.motion.matching import make_samples
 from monitor.registration.motion.sampling import sample_source
@@ -175,7 +175,7 @@ def adjust_scans(
     five scans can say of themselves, so the given poses stay unless the motions explain a third of the misfit of
     patches, where the noise of single points is averaged out.
     """
-    settings, ties = settings or AdjustmentSettings(), ties or no_ties()
+    settings, ties = given_or_default(settings, AdjustmentSettings), ties or no_ties()
     network = _prepare(clouds, settings, ties)
     n = len(network.overlaps.sides)
     unmoved = tuple(np.eye(4) for _ in range(n))
