@@ -36,6 +36,7 @@ from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 SIGNS = (-1.0, 1.0)  # of (reference, compared): outside of the other surface is lost there, gained here
 PIECE = 5.0  # search limits: a piece that broke off may be deeper than any change along the perpendicular
 ROUNDS = 2  # of growing: a piece whose front and back do not hang together is reached through the fracture
+ONE_SIDED = 1.0  # of half the area of both patches: a gap as large, across one direction, is a side nobody saw
 BULGE = 0.25  # of a gap's width: one sigma of how far the surface that was not seen may lie off the closing one
 
 
@@ -62,7 +63,7 @@ class Beyond:
 
 @dataclass(frozen=True)
 class Body:
-    """Volume [m3] between the surfaces, positive = gained, and its sigma."""
+    """Volume [m3] between the surfaces, positive = gained, and its sigma; NaN where they do not enclose it."""
 
     volume: float
     sigma: float
@@ -263,10 +264,31 @@ def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Int
     if closing is None:
         return None
     is_matched, is_free = _pick([s.is_assessed for s in sides], used), _pick(beyond.is_free, used)
+    if is_one_sided(closing, is_matched, local[patches]):
+        return Body(float("nan"), float("nan"))
     volume = cone_volume(local[patches]) + cone_volume(closing.triangles, closing.weights)
     noise = sigma_of_patches(sides, masks, found, registration)
     ends = np.where(is_free, EXTRAPOLATED * max(spacing_of(s) for s in sides), 0.0)
     return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_matched, ends, border))))
+
+
+def is_one_sided(closing: Closing, is_matched: Bools, patches: Floats) -> bool:
+    """Return whether what closes the patches (m, 3, 3) [m] stands for a side that nobody saw, as the ground below a
+    chest: one patch with a film over its mouth encloses no body.
+
+    Areas of a closed surface as vectors add up to nothing: those of the gaps are as large as what the patches lack on
+    one side. The sides of a panel, a slit, both mouths of a hole lie across all directions, and add up to little.
+    """
+    crosses = ~is_matched[closing.corners].all(axis=1)
+    lacking = closing.weights[crosses] @ _area_vectors(closing.triangles[crosses])
+    seen = np.linalg.norm(_area_vectors(patches), axis=1).sum()
+    return bool(np.linalg.norm(lacking) > ONE_SIDED * 0.5 * seen)
+
+
+def _area_vectors(triangles: Floats) -> Floats:
+    """Return the areas (k, 3) [m2] of triangles (k, 3, 3) [m], along their normals."""
+    edges = triangles[:, 1:] - triangles[:, :1]
+    return np.asarray(0.5 * np.cross(edges[:, 0], edges[:, 1]))
 
 
 @jit(nopython=True, cache=True, nogil=True)
@@ -307,8 +329,7 @@ def sigma_of_gap(closing: Closing, is_matched: Bools, ends: Floats, border: Ints
 
 def _areas(closing: Closing) -> Floats:
     """Return the area (k,) [m2] of each closing triangle, as often as it counts."""
-    edges = closing.triangles[:, 1:] - closing.triangles[:, :1]
-    return 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) * closing.weights
+    return np.asarray(np.linalg.norm(_area_vectors(closing.triangles), axis=1) * closing.weights)
 
 
 def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detected, registration: Registration,

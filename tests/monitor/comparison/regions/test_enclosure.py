@@ -11,6 +11,7 @@ from monitor.comparison import compare
 from monitor.comparison.distances.mesh_tree import build_tree
 from monitor.comparison.distances.offsets import signed_offsets
 from monitor.comparison.regions.closing import border_edges, close_gap, cone_volume
+from monitor.comparison.regions.enclosure import is_one_sided
 from monitor.simulation.solid import contour
 from projects.model import ComparedSurface, Registration, Surface
 
@@ -89,6 +90,29 @@ def test_a_face_without_area_has_no_side() -> None:
     found = signed_offsets(np.array([[0.5, 0.1, 0.0], [2.1, 0.0, 0.1], [0.2, 0.2, 5.1]]), tree, 0.5)
     np.testing.assert_allclose(np.abs(found.distances), [0.1, np.hypot(0.1, 0.1), 0.1])
     np.testing.assert_array_equal(found.is_known, [False, False, True])
+
+
+CHEST = trimesh.creation.box((0.8, 0.5, 0.7)).subdivide().subdivide().subdivide()
+
+
+@pytest.mark.parametrize(
+    ("seen", "one_sided"),
+    [
+        ([[0, 0, 1], [0, 1, 0], [1, 0, 0]], True),  # top, front and one side, no floor: a film over the mouth
+        ([[0, 0, 1], [0, 1, 0]], True),
+        ([[0, 0, 1], [0, 1, 0], [1, 0, 0], [-1, 0, 0], [0, -1, 0]], False),  # but for the floor
+        ([[0, 0, 1], [0, 0, -1]], False),  # lid and floor: what closes them are the sides all around
+    ],
+)
+@pytest.mark.parametrize("is_matched", [False, True])
+def test_what_was_seen_from_one_side_alone_encloses_nothing(
+    seen: list[list[int]], one_sided: bool, is_matched: bool
+) -> None:
+    faces = CHEST.faces[(CHEST.face_normals @ np.array(seen).T > 0.9).any(axis=1)]
+    closing = close_gap(CHEST.vertices, border_edges(faces))
+    assert closing is not None
+    everywhere = np.full(len(CHEST.vertices), is_matched)  # surface that both epochs have
+    assert is_one_sided(closing, everywhere, CHEST.vertices[faces]) == (one_sided and not is_matched)
 
 
 def known(surface: Surface) -> Registration:
