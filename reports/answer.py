@@ -165,8 +165,14 @@ def _tell_part(number: int, part: PartMotion) -> str:
     """Return as a sentence how far a part moved."""
     n = len(part.regions)
     which = f" (region{'s' * (n > 1)} {listed([str(r) for r in part.regions])})" if 0 < n <= LISTED else ""
-    turned = f" and turned by {part.turn.text}" if part.is_turned else ""
-    return f"Part {number}{which} moved as a whole against the rest, by {part.shift.text}{turned}."
+    told, shift, turn = f"Part {number}{which}", part.shift.text, part.turn.text
+    if part.is_shifted:
+        turned = f" and turned by {turn}" if part.is_turned else ""
+        return f"{told} moved as a whole against the rest, by {shift}{turned}."
+    if part.is_turned:
+        return f"{told} turned as a whole against the rest, by {turn}; its middle did not measurably move ({shift})."
+    how = f"how much of it is a shift ({shift}) and how much a turn ({turn}) cannot be told apart"
+    return f"{told} moved as a whole against the rest; {how}."
 
 
 def holds_whole(comparison: Comparison) -> bool:

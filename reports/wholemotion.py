@@ -30,13 +30,14 @@ class WholeMotion:
 
 @dataclass(frozen=True)
 class PartMotion:
-    """How far a part moved against the rest: shifted at its middle, and turned about it; `is_turned` where that is more
-    than its margin. `regions` are the numbers of those that it explains."""
+    """How far a part moved against the rest: shifted at its middle, and turned about it; `is_shifted` and `is_turned`
+    where that is more than its margin. `regions` are the numbers of those that it explains."""
 
     centre: Floats
     shift: Estimate
     axes: tuple[Estimate, ...]
     turn: Estimate
+    is_shifted: bool
     is_turned: bool
     regions: tuple[int, ...]
 
@@ -46,13 +47,13 @@ def describe_parts(comparison: Comparison) -> list[PartMotion]:
     out = []
     for part in comparison.statistics.get("parts") or ():
         motion, covariance = np.asarray(part["motion"]), np.asarray(part["covariance"])
-        sigma_turn = _sigma_along(motion[:3], covariance[:3, :3])
+        turn2, shift2 = covariance[:3, :3], covariance[3:, 3:]
         axes = (estimate(float(t), float(s), MM, "", signed=True)
                 for t, s in zip(motion[3:], np.sqrt(np.diag(covariance)[3:]), strict=True))  # fmt: skip
         out.append(PartMotion(
-            np.asarray(part["centre"]), _length(motion[3:], covariance[3:, 3:], MM, "mm"), tuple(axes),
-            _length(motion[:3], covariance[:3, :3], DEGREES, "°"),
-            bool(np.linalg.norm(motion[:3]) > Z95 * sigma_turn), tuple(int(r) for r in part["regions"]),
+            np.asarray(part["centre"]), _length(motion[3:], shift2, MM, "mm"), tuple(axes),
+            _length(motion[:3], turn2, DEGREES, "°"), _is_told(motion[3:], shift2), _is_told(motion[:3], turn2),
+            tuple(int(r) for r in part["regions"]),
         ))  # fmt: skip
     return out
 
@@ -87,6 +88,11 @@ def _sigma_along(vector: Floats, covariance: Floats) -> float:
         return float("nan")
     along = vector / length if length > 0.0 else np.linalg.eigh(covariance)[1][:, -1]
     return float(np.sqrt(along @ covariance @ along))
+
+
+def _is_told(vector: Floats, covariance: Floats) -> bool:
+    """Return whether a vector is longer than its margin."""
+    return bool(np.linalg.norm(vector) > Z95 * _sigma_along(vector, covariance))
 
 
 def object_size(comparison: Comparison) -> float:

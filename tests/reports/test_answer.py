@@ -337,6 +337,20 @@ def test_parts_that_moved_are_told_before_the_regions_that_are_none_of_theirs():
     assert "Part 1 (region 1) moved as a whole against the rest, by 5.00 ± 0.05 mm. Part 2" in said(facts)
 
 
+@pytest.mark.parametrize(
+    ("sigma_turn", "told"),
+    [
+        (1e-4, "turned as a whole against the rest, by 0.573° ± 0.011°; its middle did not measurably move (5 ± 10 mm)."),
+        (1e-2, "moved as a whole against the rest; how much of it is a shift (5 ± 10 mm) and how much a turn "
+               "(0.6° ± 1.1°) cannot be told apart."),
+    ],
+)  # fmt: skip
+def test_a_shift_within_its_margin_is_not_told_as_how_far_a_part_moved(sigma_turn: float, told: str) -> None:
+    part = {"centre": [0.1, 0.2, 0.3], "motion": [0.0, 0.0, 0.01, 0.003, 0.0, -0.004],
+            "covariance": np.diag([sigma_turn] * 3 + [5e-3] * 3) ** 2, "regions": [2]}  # fmt: skip
+    assert f"Part 1 (region 2) {told}" in said(facts_of(example_comparison(parts=[part])))
+
+
 def test_an_area_that_is_hardly_known_is_told_so_in_answer_table_and_note():
     hardly = (*DENT[:3], 0.0082, *DENT[4:])  # 78 cm2, with a margin of 161
     facts = facts_of(example_comparison(rows=(hardly, PATCH)))
