@@ -340,7 +340,7 @@ def test_parts_that_moved_are_told_before_the_regions_that_are_none_of_theirs():
 @pytest.mark.parametrize(
     ("sigma_turn", "told"),
     [
-        (1e-4, "turned as a whole against the rest, by 0.573° ± 0.011°; its middle did not measurably move (5 ± 10 mm)."),
+        (1e-4, "turned as a whole against the rest, by 0.573° ± 0.011°; its middle did not measurably move (5 ± 10"),
         (1e-2, "moved as a whole against the rest; how much of it is a shift (5 ± 10 mm) and how much a turn "
                "(0.6° ± 1.1°) cannot be told apart."),
     ],
