@@ -1,5 +1,6 @@
-"""Scans that overlap no other one of their epoch: nothing shows whether their poses are right, and that is said."""
+"""Scans that overlap no other one of their epoch, or lie beside the extent: what is said of their poses."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -51,3 +52,21 @@ def test_scans_that_overlap_no_other_are_said(tmp_path, capsys, places, alone, w
     minded, found = said_of(tmp_path, places, capsys)
     assert found == alone
     assert minded == ([f"mind: relief e1: {words}"] if words else [])
+
+
+def test_scans_beside_the_extent_are_told_where_they_lie(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    x, z = np.meshgrid(np.linspace(-0.5, 0.5, 40), np.linspace(0.0, 1.0, 40))
+    np.savetxt(tmp_path / "wall.xyz", np.column_stack([x.ravel(), np.full(x.size, 2.0), z.ravel()]), fmt="%.4f")
+    extent = {"box": {"min": [2600000.0, 1200001.0, -1.0], "max": [2600002.0, 1200003.0, 3.0]}}
+    (tmp_path / "extent.json").write_text(json.dumps(extent))
+    project = str(tmp_path / "project")
+    assert run(["init", project]) == 0
+    assert run(["add-object", project, "wall", "--extent", str(tmp_path / "extent.json")]) == 0
+    assert run(["add-epoch", project, "wall", "first", "--date", "2024-05-01", str(tmp_path / "wall.xyz")]) == 0
+    capsys.readouterr()
+    assert run(["process", project]) == 2
+    told = capsys.readouterr().err
+    assert "no point is left of 1600 in 1 scan" in told
+    assert (
+        "as their poses say, the scans lie about x 0.0 m, y 2.0 m, the extent about x 2600001.0 m, y 1200002.0" in told
+    )
