@@ -1,4 +1,5 @@
-"""The box that points lie in: a kernel that passes over them once. Numpy takes ten times as long along rows."""
+"""The box that points lie in, by a kernel that passes over them once (numpy takes ten times as long along rows), and a
+box's corners."""
 
 from __future__ import annotations
 
@@ -18,3 +19,8 @@ def box_of(points: Floats) -> Any:
         for a in range(3):
             low[a], high[a] = min(low[a], points[i, a]), max(high[a], points[i, a])
     return low, high
+
+
+def corners_of(box: Floats) -> Floats:
+    """Return the corners (8, 3) of a box, its low and high corner (2, 3)."""
+    return np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(8, 3)

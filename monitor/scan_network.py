@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.boxes import corners_of
 from monitor.record import Asked, Made, Place, once_step
 from monitor.registration.motion.covariance import about
 from monitor.registration.motion.held import Frames
@@ -76,7 +77,7 @@ def _how_far_off(place: Place) -> str:
     or the object has no extent."""
     content = place.project.object(place.object_id).extent
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
-    bounds = [apply(h.pose, _corners(h.bounds)) for h in headers if np.isfinite(h.bounds).all()]
+    bounds = [apply(h.pose, corners_of(h.bounds)) for h in headers if np.isfinite(h.bounds).all()]
     if content is None or not bounds:
         return ""
     corners = np.vstack(bounds)[:, :2]
@@ -88,11 +89,6 @@ def _how_far_off(place: Place) -> str:
     middles = (0.5 * (low + high), extent.mean(axis=0))
     lie, asked = (f"x {middle[0]:.1f} m, y {middle[1]:.1f} m" for middle in middles)
     return f": as their poses say, the scans lie about {lie}, the extent about {asked}"
-
-
-def _corners(bounds: Floats) -> Floats:
-    """Return the corners (8, 3) of a box (2, 3)."""
-    return np.array([[x, y, z] for x in bounds[:, 0] for y in bounds[:, 1] for z in bounds[:, 2]])
 
 
 def _clouds(place: Place, scans: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Iterator[PointCloud]:

@@ -124,19 +124,8 @@ def summarize_units(side: Side, number: Ints, registration: Registration, n_unit
     rows = _average_rows(number, side.areas, areas, side.surface.vertices, side.normals, registration.centre)
     means, shared = (_average(number, side.areas, areas, f[:, None])[:, 0] for f in (side.distances, side.sigma_shared))
     unknown = np.full(len(areas), np.nan)
-    return Units(
-        number,
-        areas,
-        n_vertices,
-        centres,
-        means,
-        shared,
-        rows,
-        _kinds_of(side, number, areas),
-        unknown,
-        unknown,
-        unknown,
-    )
+    kinds = _kinds_of(side, number, areas)
+    return Units(number, areas, n_vertices, centres, means, shared, rows, kinds, unknown, unknown, unknown)
 
 
 def _kinds_of(side: Side, number: Ints, areas: Floats) -> Ints:

@@ -22,7 +22,7 @@ from monitor.comparison.distances.discord import SHARE
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.side import Side, larger_of, map_sides
-from monitor.comparison.noise.asked_scale import asked_scale
+from monitor.comparison.noise.asked_scale import asked_scale, believe
 from monitor.comparison.noise.calm_vertices import CalmVertices, are_copies, gather_calm, n_held
 from monitor.comparison.noise.correlation import Correlation, estimate_correlation, estimate_of_many
 from monitor.comparison.noise.error_parts import Parts, fit_parts
@@ -252,16 +252,6 @@ def _draw_evenly(calm: Sequence[CalmVertices]) -> list[Floats]:
         drawn.append([c.distances[some], c.own[some], c.discord[some], c.shared[some], c.motion[some]])
         first += len(c.places)
     return [np.concatenate(column) for column in zip(*drawn, strict=True)]
-
-
-def believe(asked: float, n_witnesses: float, held_by: float) -> float:
-    """Return the factor that remains of the one `asked` for by so many witnesses: its logarithm, weighted against those
-    that it is `held_by`.
-
-    The 95 % quantile of n independent errors is known to 0.95 / sqrt(n) of its logarithm, one sigma. What is held to be
-    off by a factor of f, one sigma, weighs 0.95^2 / ln(f)^2 witnesses: of two 2, of 1.4 8.
-    """
-    return float(max(asked, 1e-300) ** (n_witnesses / (n_witnesses + held_by)))
 
 
 def _count(calm: Sequence[CalmVertices], members: Ints, known: Correlation | None, rng: np.random.Generator) -> float:

@@ -16,7 +16,8 @@ from scipy.special import ndtri, stdtr, stdtrit
 
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.side import Side
-from monitor.comparison.noise.model import STATED_WITNESSES, believe
+from monitor.comparison.noise.asked_scale import believe
+from monitor.comparison.noise.model import STATED_WITNESSES
 from monitor.comparison.noise.patch_errors import HARDLY_T, INNER, NORMAL, quantile_of
 from projects.model import Floats, Ints
 

@@ -14,11 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.comparison.noise.asked_scale import believe
 from monitor.comparison.noise.correlation import Correlation, draw_pairs, longest_lag
 from projects.model import Floats, Ints
 
 N_CLASSES = 5  # of vertices, as many in each, from the surest on
 N_BINS = 16  # of lags
+FEWEST_PLACES = 1000  # calm vertices, of which fewer tell nothing of classes
 FEWEST_PAIRS = 2000  # of a class, that its stretch is asked of
 LEAST_MEAN = 0.02  # a correlation as small as this is none
 HELD_BY = 8.0  # witnesses that no stretch counts for: it may be one of 1.4, one sigma
@@ -66,7 +68,7 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
     held against the correlation of all, its distances stretched: the factor that fits best counts as far as the
     class's witnesses go.
     """
-    if not correlation.area > 0.0 or len(places) < N_CLASSES * FEWEST_PAIRS // 10:
+    if not correlation.area > 0.0 or len(places) < FEWEST_PLACES:
         return EVEN
     spacing, longest = longest_lag(points, places, areas)
     pairs = draw_pairs(points, places, spacing, longest, rng)
@@ -100,12 +102,12 @@ def _stretch_of(number: int, ends: tuple[Ints, Ints], lags: Floats, errors: Floa
     misfit = [float(count @ (rho - correlation.at(lag / s)) ** 2) for s in TRIED]
     best = float(TRIED[int(np.argmin(misfit))])
     n_witnesses = area / (correlation.area * best**2)
-    return max(float(best ** (n_witnesses / (n_witnesses + HELD_BY))), 1.0)
+    return max(believe(best, n_witnesses, HELD_BY), 1.0)
 
 
 def _rising(sigmas: Floats, factors: Floats) -> Stretch:
     """Return the stretch of the classes that are known, each of another sigma than the one before."""
-    known = np.isfinite(sigmas) & np.isfinite(factors)
+    known = (sigmas > 0.0) & np.isfinite(factors)
     sigmas, factors = sigmas[known], factors[known]
     kept = np.append(True, np.diff(sigmas) > 0.0)[: len(sigmas)]
     return Stretch(sigmas[kept], factors[kept]) if kept.sum() > 1 else EVEN

@@ -31,9 +31,12 @@ def placement_of(comparison: Comparison, on_compared: Bools, on_reference: Bools
 
 
 def _stated_over(side: ComparedSurface, which: Bools) -> float:
-    """Return the mean [m] of what scans are stated to disagree by at some vertices; 0 where nothing is stated."""
+    """Return the mean [m] of what scans are stated to disagree by, over those of some vertices where it is stated; 0
+    where it is at none, as for a finished mesh."""
     shared = side.surface.sigma_shared
-    return 0.0 if shared is None or not which.any() else float(np.mean(np.nan_to_num(shared[which])))
+    stated = np.zeros(0) if shared is None else shared[which]
+    stated = stated[np.isfinite(stated)]
+    return float(stated.mean()) if len(stated) else 0.0
 
 
 def _scan_errors(comparison: Comparison) -> ScanErrors:

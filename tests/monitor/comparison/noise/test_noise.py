@@ -8,11 +8,11 @@ from scipy.spatial.distance import cdist
 
 from monitor.comparison.distances.side import class_of_stated, thirds_of
 from monitor.comparison.noise import model as noise_module
-from monitor.comparison.noise.asked_scale import asked_scale
+from monitor.comparison.noise.asked_scale import asked_scale, believe
 from monitor.comparison.noise.calm_vertices import CalmVertices, n_held, sort_by_stratum
 from monitor.comparison.noise.correlation import Correlation, spherical
 from monitor.comparison.noise.error_parts import Parts
-from monitor.comparison.noise.model import Noise, believe, count_witnesses, learn_sizes
+from monitor.comparison.noise.model import Noise, count_witnesses, learn_sizes
 from monitor.comparison.noise.strata import EVERY, KINDS, N_STRATA, SHAPE, stratum_of
 from projects.model import Floats, Ints
 
