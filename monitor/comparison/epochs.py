@@ -5,32 +5,22 @@ Registration (docs/method.md, step 11), distances both ways and level of detecti
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.boxes import box_of
+from monitor.comparison.between import Between, stand_between
 from monitor.comparison.comparable import require_common, require_comparable, settle_motion
 from monitor.comparison.detection.detect import detect
 from monitor.comparison.detection.needed import by_width, patches_needed
-from monitor.comparison.detection.tested import Detected, Detection
-from monitor.comparison.distances.lone_feet import drop_lone
+from monitor.comparison.detection.tested import Detected
+from monitor.comparison.distances.both_ways import leave_out, make_shells, measure_sides
 from monitor.comparison.distances.perpendicular import search_limit
-from monitor.comparison.distances.scratch import keep_on_disk
-from monitor.comparison.distances.shell import Shell, make_shell
-from monitor.comparison.distances.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
-from monitor.comparison.regions.beside_layer import (
-    lay_back,
-    level_beside,
-    name_beside,
-    peel,
-    peel_points,
-    thickness_of,
-)
+from monitor.comparison.distances.side import Side
+from monitor.comparison.finished import finish_sides
+from monitor.comparison.regions.beside_layer import lay_back, level_beside, name_beside
 from monitor.comparison.regions.borne_out import Points, drop_guessed, keep_borne_out
 from monitor.comparison.regions.chips import drop_unexplained
 from monitor.comparison.regions.enclosure import Beyond, look_beyond
@@ -43,18 +33,7 @@ from monitor.comparison.regions.told_from import add_told_from, coarse_figures, 
 from monitor.comparison.sight.views import look_from
 from monitor.comparison.summary import areas_met_nothing, summarize
 from monitor.declare import check_settings, given_or_default, setting
-from projects.model import (
-    Assessment,
-    Bools,
-    ComparedSurface,
-    Comparison,
-    Floats,
-    Ints,
-    NotAssessed,
-    Registration,
-    Surface,
-)
-from projects.transforms import apply
+from projects.model import Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +70,29 @@ class CompareSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+
+class Question(NamedTuple):
+    """What is asked of two epochs: the motion between them, the search limit [m] and the largest angle [rad] between
+    normals, the rate of false discoveries, and what speaks besides the surfaces (see `compare`)."""
+
+    between: Between
+    limits: tuple[float, float]
+    rate: float
+    sights: Sights | None
+    points: Points | None
+    apart: tuple[Bools, Bools] | None
+
+
+class Told(NamedTuple):
+    """What is told of two sides: regions, what lies beyond the perpendiculars, from how large a mean change (n,) [m] on
+    each place of both one is told, and the same by the width [m] of a change."""
+
+    sides: tuple[Side, Side]
+    beyond: Beyond
+    regions: Regions
+    smallest: tuple[Floats, Floats]
+    by_width: list[list[float]]
 
 
 def compare(reference: Surface, compared: Surface, registration: Registration | None = None,
@@ -145,185 +147,85 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     """
     settings = given_or_default(settings, CompareSettings)
     require_comparable(reference, compared, registration, mode, tolerance, apart)
-    limit = settings.search_limit or search_limit(reference, compared, 0.05)
-    registration = settle_motion(reference, compared, registration, limit)
-    left = registration if mode == "absolute" else None
-    registration, held = hold_frames(registration, frames, mode)
-    T = registration.T_target_source if mode == "relative" else None
-    limits, layer = (limit, settings.max_normal_angle), thickness_of(registration)
-    judged = peel(compared, layer) if layer else compared
-    shells = make_shells(reference, judged, limits, T)
-    sides = measure_sides(shells, held, left)
+    limits = (settings.search_limit or search_limit(reference, compared, 0.05), settings.max_normal_angle)
+    between = stand_between(settle_motion(reference, compared, registration, limits[0]), frames, mode)
+    own = None if points is None else between.judged_points(points, compared)
+    asked = Question(between, limits, settings.false_discovery_rate, sights, own, apart)
+    sides, beyond = measure(reference, compared, asked, settings)
+    rest = between.stated.stable_is_rest
+    plain = None if own is None or stable_is_given or rest else changed_plainly(sides, own, limits)
+    found = detect(sides, between.held, asked.rate, settings.seed, between.left, stable_is_given, rest, plain)
+    told = tell_regions(sides, beyond, found, asked)
+    del sides, beyond  # of large surfaces they hold much memory, and `told` has them as they are now
+    on_both = finish_sides(told.sides, found, told.regions, told.beyond)
+    statistics: dict[str, Any] = {
+        "search_limit_m": limits[0],
+        "region_shapes": describe_shapes(told.regions.table, told.sides, told.regions.whole),
+        "told_by_width_m": told.by_width,
+    }
+    if between.layer:
+        statistics["lod95_beside_layer_median_m"] = level_beside(on_both[1])
+        on_both, told = put_layer_back(on_both, told, reference, compared, asked)
+    on_both = add_told_from(on_both, told.smallest)
+    figures = summarize(on_both[1], told.sides, found, between.stated, tolerance, held=between.held.covariance,
+                        knows_frames=frames is not None)  # fmt: skip
+    figures |= coarse_figures(on_both[1], told.sides[1].areas, tolerance)
+    figures["met_nothing_area_m2"] = areas_met_nothing(on_both, told.sides, sights, found.test.size)
+    table = told.regions.table
+    return Comparison(on_both[1], on_both[0], table, between.stated, mode, {**figures, **statistics})
+
+
+def measure(reference: Surface, compared: Surface, asked: Question,
+            settings: CompareSettings) -> tuple[tuple[Side, Side], Beyond]:  # fmt: skip
+    """Return both sides, measured against each other as they are judged, and what lies beyond the perpendiculars."""
+    between, (limit, _) = asked.between, asked.limits
+    shells = make_shells(reference, between.judged(compared), asked.limits, between.T_reference_compared)
+    sides = measure_sides(shells, between.held, between.left)
     sides = leave_out(sides, settings.largest_lod95 or limit, settings.max_stray_share)
     require_common(sides, limit)
+    if asked.sights is not None:
+        sides = look_from(sides, asked.sights, between.T_compared_reference)
+    return sides, look_beyond(sides, shells, limit)
+
+
+def tell_regions(sides: tuple[Side, Side], beyond: Beyond, found: Detected, asked: Question) -> Told:
+    """Return the regions of two sides, as far as what stations saw and what was measured bears them out."""
+    between, sights = asked.between, asked.sights
     if sights is not None:
-        back = np.linalg.inv(registration.T_target_source) if mode == "relative" else np.eye(4)
-        sides = look_from(sides, sights, back)
-    beyond = look_beyond(sides, shells, limit)
-    del shells  # of small surfaces they hold their trees, the larger part of all memory
-    own = None if points is None else once(lambda: in_one_frame(judged_points(points(), compared, layer), T))
-    knows = stable_is_given or registration.stable_is_rest
-    plain = None if own is None or knows else changed_plainly(sides, own, limits)
-    found = detect(sides, held, settings.false_discovery_rate, settings.seed, left, stable_is_given,
-                   registration.stable_is_rest, plain)  # fmt: skip
-    if sights is not None:
-        sides, beyond = look_through(sides, beyond, sights, back, least_beyond(sides, found) + abs(layer))
-    regions = find_regions(sides, found, beyond, held, settings.false_discovery_rate, points is not None,
-                           apart)  # fmt: skip
+        least = least_beyond(sides, found) + abs(between.layer)
+        sides, beyond = look_through(sides, beyond, sights, between.T_compared_reference, least)
+    are_asked = asked.points is not None
+    regions = find_regions(sides, found, beyond, between.held, asked.rate, are_asked, asked.apart)
     needs = patches_needed(sides, found)
-    smallest = tell_smallest(sides, found, needs, settings.false_discovery_rate, points is not None)
-    told_by_width = by_width(needs, found.test.size).tolist()
-    del needs
+    smallest = tell_smallest(sides, found, needs, asked.rate, are_asked)
+    widths = by_width(needs, found.test.size).tolist()
+    del needs  # of large surfaces they hold much memory
     regions, sides = drop_guessed(regions, sides)
     if sights is not None and len(regions.table):
-        regions, sides = drop_where_it_stood(regions, sides, sights, back)
-    regions, sides = hold_to_points(regions, sides, found, beyond, own, limits, smallest)
-    told = finish_sides(sides, found, regions, beyond)
-    table, shapes = regions.table, describe_shapes(regions.table, sides, regions.whole)
-    statistics: dict[str, Any] = {"search_limit_m": limit, "region_shapes": shapes, "told_by_width_m": told_by_width}
-    if layer:
-        table, statistics["lod95_beside_layer_median_m"] = name_beside(table, layer), level_beside(told[1])
-        measured = measure_sides(make_shells(reference, compared, limits, T), held, left)
-        told, sides = lay_back(told, measured, layer)
-        smallest = smallest[0] + np.float32(abs(layer)), smallest[1] + np.float32(abs(layer))
-    told = add_told_from(told, smallest)
-    figures = summarize(told[1], sides, found, registration, tolerance, held=held.covariance,
-                        knows_frames=frames is not None)  # fmt: skip
-    figures |= coarse_figures(told[1], sides[1].areas, tolerance)
-    figures["met_nothing_area_m2"] = areas_met_nothing(told, sides, sights, found.test.size)
-    return Comparison(told[1], told[0], table, registration, mode, {**figures, **statistics})
+        regions, sides = drop_where_it_stood(regions, sides, sights, between.T_compared_reference)
+    regions, sides = hold_to_points(regions, sides, found, beyond, asked)
+    return Told(drop_unexplained(sides, found, regions.whole, smallest), beyond, regions, smallest, widths)
 
 
-def hold_frames(registration: Registration, frames: Floats | None, mode: str) -> tuple[Registration, Registration]:
-    """Return the registration as it is stated, and as the differences hold it; `frames` (6, 6) where control holds both
-    epochs. What is left in the differences is as sure as the frames, what is taken off as sure as the shapes tell."""
-    if frames is None:
-        return registration, registration
-    stated = dataclasses.replace(registration, covariance=registration.covariance + frames)
-    return stated, dataclasses.replace(registration, covariance=frames) if mode == "absolute" else registration
+def hold_to_points(regions: Regions, sides: tuple[Side, Side], found: Detected, beyond: Beyond,
+                   asked: Question) -> tuple[Regions, tuple[Side, Side]]:  # fmt: skip
+    """Return the regions that the points of both epochs bear out, all but chips where these are not known, and the
+    sides without the others."""
+    if asked.points is None:
+        return regions.without_chips(), sides
+    if not len(regions.table):
+        return regions, sides
+    gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
+    return keep_borne_out(regions, sides, asked.points(), asked.limits, gone)
 
 
-def make_shells(reference: Surface, compared: Surface, limits: tuple[float, float],
-                T_reference_compared: Floats | None = None) -> tuple[Shell, Shell]:  # fmt: skip
-    """Return both surfaces made ready, in coordinates about the middle of the reference; the compared one moved, where
-    a motion is given. `limits` are the search limit [m] and the largest angle [rad] between normals."""
-    low, high = box_of(reference.vertices)
-    shift = 0.5 * (low + high)
-
-    def make(k: int) -> Shell:
-        """Return surface k (0: the reference) made ready."""
-        if k == 0:
-            return make_shell(reference, shift, limits)
-        T = T_reference_compared
-        return make_shell(compared if T is None else move_surface(compared, T), shift, limits)
-
-    return map_sides(make, max(len(reference.vertices), len(compared.vertices)))
-
-
-def measure_sides(shells: tuple[Shell, Shell], registration: Registration, left: Registration | None = None,
-                  ) -> tuple[Side, Side]:  # fmt: skip
-    """Return the sides (reference, compared), measured against each other, with what the registration held stable;
-    `left` is the motion that stays in the distances."""
-    sides = (measure_side(shells[0], shells[1], -1.0, registration, left),
-             measure_side(shells[1], shells[0], 1.0, registration, left))  # fmt: skip
-    on_reference, on_compared = map_sides(lambda k: drop_lone(drop_contradicted(sides[k], sides[1 - k])),
-                                          larger_of(sides))  # fmt: skip
-    if registration.is_stable is None or len(registration.is_stable) != len(on_compared.areas):
-        return on_reference, on_compared
-    seen = on_reference.is_assessed & registration.is_stable[on_reference.foot_vertices]
-    return (dataclasses.replace(on_reference, is_stable=seen),
-            dataclasses.replace(on_compared, is_stable=registration.is_stable))  # fmt: skip
-
-
-def leave_out(sides: tuple[Side, Side], largest: float, most_stray: float) -> tuple[Side, Side]:
-    """Return the sides without the vertices of which nothing sure can be said; see the functions below."""
-    shares = [side.surface.stray_share for side in sides]
-    return map_sides(
-        lambda k: drop_scattered(drop_uncertain(sides[k], largest), shares[k], shares[1 - k], most_stray),
-        larger_of(sides),
-    )
-
-
-def drop_uncertain(side: Side, largest: float) -> Side:
-    """Return the side without the vertices whose level of detection exceeds `largest` [m] before any floor."""
-    sigma = np.hypot(side.sigma_surfaces, side.sigma_common)
-    too_uncertain = side.is_assessed & ~(1.96 * sigma <= largest)
-    return side.without(too_uncertain, NotAssessed.TOO_UNCERTAIN)
-
-
-def drop_scattered(side: Side, own: Floats | None, other: Floats | None, most: float) -> Side:
-    """Return the side without the vertices where the points of both epochs lie on no one surface.
-
-    `own` (n,) and `other` are the shares of what was measured around the vertices of either surface that lie off it,
-    `most` is the largest that is assessed, in the mean of both: what is clear in one epoch and rough in the other has
-    changed. Where an epoch does not know its shares nothing is left out.
-    """
-    if own is None or other is None:
-        return side
-    scattered = side.is_assessed & (own + other[side.foot_vertices] > 2.0 * most)
-    return side.without(scattered, NotAssessed.NO_ONE_SURFACE)
-
-
-def hold_to_points(regions: Regions, sides: tuple[Side, Side], found: Detected, beyond: Beyond, points: Points | None,
-                   limits: tuple[float, float],
-                   smallest: tuple[Floats, Floats]) -> tuple[Regions, tuple[Side, Side]]:  # fmt: skip
-    """Return the regions that the `points` of both epochs bear out, all but chips where these are not known, and the
-    sides without what no region explains; `points` returns them in the reference's coordinates, `limits` are those of
-    the search, `smallest` is from how large a change (n,) [m] on each place tells one."""
-    if points is None:
-        regions = regions.without_chips()
-    elif len(regions.table):
-        gone = area_looked_through(sides, beyond, regions.seen, len(regions.table) + 1)[1:] >= least_area(sides, found)
-        regions, sides = keep_borne_out(regions, sides, points(), limits, gone)
-    return regions, drop_unexplained(sides, found, regions.whole, smallest)
-
-
-def judged_points(points: tuple[Floats | None, Floats | None], compared: Surface, layer: float,
-                  ) -> tuple[Floats | None, Floats | None]:  # fmt: skip
-    """Return the points (n, 3) [m] of both epochs as their surfaces are judged: the compared one's without a `layer`
-    [m] all over."""
-    return points if not layer else (points[0], peel_points(points[1], compared, layer))
-
-
-def once(points: Points) -> Points:
-    """Return what returns the same points, asked for at most once and kept on disk."""
-    return functools.cache(lambda: keep_each(points()))
-
-
-def keep_each(points: tuple[Floats | None, Floats | None]) -> tuple[Floats | None, Floats | None]:
-    """Return the points of both epochs, where known, kept on disk."""
-    before, after = (None if own is None else keep_on_disk(own) for own in points)
-    return before, after
-
-
-def in_one_frame(points: tuple[Floats | None, Floats | None], T_reference_compared: Floats | None,
-                 ) -> tuple[Floats | None, Floats | None]:  # fmt: skip
-    """Return the points (n, 3) [m] of both epochs, where known, in the reference's coordinates; None: no motion."""
-    before, after = points
-    return before, after if after is None or T_reference_compared is None else apply(T_reference_compared, after)
-
-
-def finish_sides(sides: tuple[Side, Side], found: Detected, regions: Regions, beyond: Beyond,
-                 ) -> tuple[ComparedSurface, ComparedSurface]:  # fmt: skip
-    """Return both sides (reference, compared) as the result holds them."""
-    return map_sides(
-        lambda k: finish_side(sides[k], found.sides[k], (regions.seen[k], regions.whole[k]), beyond.change[k]),
-        larger_of(sides),
-    )
-
-
-def finish_side(side: Side, found: Detection, regions: tuple[Ints, Ints], change_beyond: Floats) -> ComparedSurface:
-    """Return one side as the result holds it; `regions` are the vertices of regions that are changed, and all of them.
-
-    `change_beyond` (n,) [m] stands in for the distance where a region's vertex was looked through.
-    """
-    region, whole = regions
-    is_through = (region > 0) & ~side.is_assessed
-    state = np.full(len(region), Assessment.NOT_ASSESSABLE, dtype=np.uint8)
-    state[side.is_assessed] = Assessment.UNCHANGED
-    state[region > 0] = Assessment.CHANGED
-    lod95 = np.where(side.is_assessed, found.lod95, np.nan)
-    lod95[is_through] = np.median(found.lod95[side.is_assessed]) if side.is_assessed.any() else np.nan
-    lod95, distances = keep_on_disk(lod95), keep_on_disk(np.where(is_through, change_beyond, side.distances))
-    reasons = np.where(is_through, NotAssessed.LOOKED_THROUGH, side.reasons).astype(np.uint8)
-    return ComparedSurface(side.surface, distances, lod95, state, whole.astype(np.int32), reasons)
+def put_layer_back(on_both: tuple[ComparedSurface, ComparedSurface], told: Told, reference: Surface, compared: Surface,
+                   asked: Question) -> tuple[tuple[ComparedSurface, ComparedSurface], Told]:  # fmt: skip
+    """Return what was told beside a layer all over with the distances, levels and sides as they are with it."""
+    between = asked.between
+    shells = make_shells(reference, compared, asked.limits, between.T_reference_compared)
+    on_both, sides = lay_back(on_both, measure_sides(shells, between.held, between.left), between.layer)
+    regions = replace(told.regions, table=name_beside(told.regions.table, between.layer))
+    more = np.float32(abs(between.layer))
+    smallest = told.smallest[0] + more, told.smallest[1] + more
+    return on_both, told._replace(sides=sides, regions=regions, smallest=smallest)

@@ -10,10 +10,11 @@ import math
 
 import numpy as np
 
+from monitor.comparison import CompareSettings
 from monitor.comparison.detection.detect import CORE_SHARE
 from monitor.comparison.detection.marking import level_at
+from monitor.comparison.distances.both_ways import leave_out, make_shells, measure_sides
 from monitor.comparison.distances.side import Side
-from monitor.comparison.epochs import CompareSettings, leave_out, make_shells, measure_sides
 from monitor.comparison.noise.model import Masks, Noise, learn_noise
 from monitor.comparison.regions.beside_layer import peel, thickness_of
 from monitor.comparison.regions.evidence import Sights

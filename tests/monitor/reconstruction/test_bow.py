@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from monitor.comparison.distances.both_ways import make_shells, measure_sides
 from monitor.comparison.distances.perpendicular import normal_distances
-from monitor.comparison.epochs import make_shells, measure_sides
 from monitor.reconstruction import surface_to_points
 from monitor.reconstruction.bow import bow_at
 from projects.model import Floats, Registration, Surface

@@ -16,8 +16,8 @@ from scipy.stats import binom, norm
 
 from monitor.comparison import compare
 from monitor.comparison.detection.detect import detect
+from monitor.comparison.distances.both_ways import make_shells, measure_sides
 from monitor.comparison.distances.side import move_surface
-from monitor.comparison.epochs import make_shells, measure_sides
 from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.regions.figures import sigma_of_mean
 from monitor.reconstruction import reconstruct

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from monitor.comparison.distances.both_ways import make_shells, measure_sides
 from monitor.comparison.distances.lone_feet import drop_lone
 from monitor.comparison.distances.side import Side
-from monitor.comparison.epochs import make_shells, measure_sides
 from projects.model import Floats, NotAssessed, Registration, Surface
 from projects.transforms import rotation_from_vector
 

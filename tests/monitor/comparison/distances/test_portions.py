@@ -11,8 +11,8 @@ import pytest
 import trimesh
 from same_bits import assert_same_bits
 
-from monitor.comparison import compare, epochs
-from monitor.comparison.distances import scratch
+from monitor.comparison import compare
+from monitor.comparison.distances import both_ways, scratch
 from monitor.comparison.distances.portions import PER_TREE, _cut, search_feet, search_offsets
 from monitor.comparison.distances.shell import Shell, make_shell
 from projects.model import Floats, Registration, Surface
@@ -106,7 +106,7 @@ def test_a_comparison_by_pieces_and_on_disk_is_that_by_one_tree_in_memory(
     compared = dataclasses.replace(reference, vertices=moved)
     registration = Registration(np.eye(4), np.eye(6) * 1e-12, reference.vertices.mean(axis=0), True)
     whole = compare(reference, compared, registration)
-    monkeypatch.setattr(epochs, "make_shell", partial(make_shell, faces_per_tree=100))
+    monkeypatch.setattr(both_ways, "make_shell", partial(make_shell, faces_per_tree=100))
     monkeypatch.setattr(scratch, "LEAST", 1)
     assert_same_bits(compare(reference, compared, registration), whole)
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import t as student
 
 from monitor.comparison.detection.units import cut_units, summarize_units
-from monitor.comparison.epochs import make_shells, measure_sides
+from monitor.comparison.distances.both_ways import make_shells, measure_sides
 from monitor.comparison.noise.patch_errors import NORMAL, PatchErrors, calm_errors, dof_of, quantile_of, tailed_errors
 from projects.model import Registration, Roughness, Surface
 

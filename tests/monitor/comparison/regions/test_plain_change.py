@@ -10,8 +10,8 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 
 from monitor.comparison import compare
+from monitor.comparison.distances.both_ways import make_shells, measure_sides
 from monitor.comparison.distances.side import Side
-from monitor.comparison.epochs import make_shells, measure_sides
 from monitor.comparison.regions.plain_change import changed_plainly
 from monitor.reconstruction import reconstruct
 from monitor.registration import register

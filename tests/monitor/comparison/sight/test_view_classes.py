@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor.comparison.distances.both_ways import make_shells, measure_sides
 from monitor.comparison.distances.side import Side
-from monitor.comparison.epochs import make_shells, measure_sides
 from monitor.comparison.sight.stations import StationSight, gather_sight, is_measured
 from monitor.comparison.sight.views import look_from, view_of
 from projects.model import Registration, Surface
