@@ -244,6 +244,13 @@ def _how_small(comparison: Comparison, changed: bool) -> str:
     )
 
 
+def least_told(comparison: Comparison) -> float:
+    """Return from how large a change [m] on one is told on most of the surface, as the answer says it; NaN where that
+    is not known."""
+    rows = told_by_width(comparison)
+    return rows[0][1] if rows else NAN
+
+
 def dotted_from(comparison: Comparison) -> float:
     """Return from which change [m] on dotted places tell one at best, NaN where pictures have no dots."""
     sides = comparison.on_compared, comparison.on_reference

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from projects.model import Comparison
-from reports.answer import dotted_from
+from reports.answer import dotted_from, least_told
 from reports.colours import choose_limit
 from reports.courses import draw_courses
 from reports.facts import ReportFacts
@@ -112,7 +112,7 @@ def draw_pictures(facts: ReportFacts) -> Pictures:
 def draw_change(comparison: Comparison, bearing: float | None = None) -> Pictures:
     """Return the pictures of what changed, all with one range of colours; `bearing` [rad] of the front, where given."""
     limit = choose_limit(comparison)
-    level, told = (comparison.statistics.get(name, float("nan")) for name in ("lod95_median_m", "told_from_median_m"))
+    level = comparison.statistics.get("lod95_median_m", float("nan"))
     views = choose_views(comparison.on_reference.surface, bearing)
     drawn = draw_comparison(comparison, views, limit_m=limit, height_px=choose_size(comparison, views))
     numbers = [int(n) for n in comparison.regions["region"]][:CLOSE_UPS]
@@ -124,7 +124,8 @@ def draw_change(comparison: Comparison, bearing: float | None = None) -> Picture
         for n in numbers
     }
     bar = show_drawing(
-        draw_colour_bar(limit, level, told, dotted_from(comparison)), "Colours of the differences in millimetres"
+        draw_colour_bar(limit, level, least_told(comparison), dotted_from(comparison)),
+        "Colours of the differences in millimetres",
     )
     histogram = show_drawing(draw_histogram(comparison), "Histogram of all differences")
     return Pictures(show_views(drawn), bar, histogram, regions)

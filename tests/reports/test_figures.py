@@ -9,6 +9,7 @@ import pytest
 from small_comparison import DEPTH, FRONT, LEVEL, PATCH, RADIUS, RIGHT, make_comparison
 
 from projects.errors import ParameterError
+from reports import pictures
 from reports.drawing import WIDTH, say_mm
 from reports.figures import (
     TALLEST,
@@ -103,6 +104,13 @@ def test_colour_bar_says_what_dots_mean_where_there_are_any():
     said = words(draw_colour_bar(0.02, 0.0002, 0.0006, 0.0024))
     assert {"unchanged (up to about 0.60 mm)", "unchanged (up to 2.4 mm or more)", "not assessable"} <= set(said)
     assert not any("or more" in word for word in words(draw_colour_bar(0.02, 0.0002, 0.0006)))
+
+
+def test_the_colour_bar_of_a_report_says_what_its_answer_says_is_told(comparison, monkeypatch):
+    monkeypatch.setattr(pictures, "LARGEST", 120)
+    told = {"told_by_width_m": [[0.07, 0.00049], [0.155, 0.00044]], "told_from_median_m": 0.00048}
+    bar = pictures.draw_change(dataclasses.replace(comparison, statistics={**comparison.statistics, **told})).colour_bar
+    assert "unchanged (up to about 0.49 mm)" in words(bar.image)
 
 
 def test_colour_bar_without_a_level_of_detection_is_drawn():
