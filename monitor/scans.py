@@ -18,7 +18,8 @@ from monitor.registration.network.placing import place_scans
 from monitor.registration.targets.finding import find_targets
 from monitor.scan_assembly import assemble_streams
 from monitor.unit_check import UnitCheck
-from monitor.vantage import SAMPLE, could_be_measured_from
+from monitor.unregistered import forget_common_place
+from monitor.vantage import could_be_measured_from, some_points
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
 from projects.formats import PoseLine, ScanStream, doubt_places, read_scans, require_known_names
@@ -42,7 +43,8 @@ def open_scans(
     without and then stands in the project's frame. Where all poses are the identity and no line says where its scanner
     stood (`doubt_places`), it stood at 0 0 0 if the points can have been measured from there (`monitor.vantage`), else
     nobody knows; repeated scans are taken at their word. So it is asked of a scan whose file has a pose that is not the
-    identity and no grid that would say the same: an E57 of thinned scans.
+    identity and no grid that would say the same: an E57 of thinned scans. Where the files put several scans at one
+    place and they cannot have been measured from one, their poses count as unknown (`forget_common_place`).
 
     Raises
     ------
@@ -61,6 +63,8 @@ def open_scans(
         streams.extend(_believe(s) if _is_doubted(s, lines) or _brings_pose(s) else s for s in found)
     if repeated:
         _require_origins(streams)
+    elif not lines:
+        streams = forget_common_place(streams)
     without = [s.name for s in streams if s.pose is None]
     if without and len(streams) > 1 and not repeated:
         streams = _place(streams, control)
@@ -80,17 +84,7 @@ def _brings_pose(stream: ScanStream) -> bool:
 
 def _believe(stream: ScanStream) -> ScanStream:
     """Return the stream with its origin stated where its points bear it out."""
-    return replace(stream, is_origin_stated=could_be_measured_from(_some_points(stream), stream.origin))
-
-
-def _some_points(stream: ScanStream) -> Floats:
-    """Return points (n, 3) [m] of all of a scan, `SAMPLE` to twice as many where there are so many, evenly taken."""
-    every, kept = 1, np.empty((0, 3))
-    for chunk in stream.chunks():
-        kept = np.concatenate([kept, chunk.cloud.points[::every]])
-        while len(kept) > 2 * SAMPLE:
-            every, kept = 2 * every, kept[::2]
-    return kept
+    return replace(stream, is_origin_stated=could_be_measured_from(some_points(stream), stream.origin))
 
 
 def _require_origins(streams: Sequence[ScanStream]) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from projects.formats import ScanStream
 from projects.model import Floats, Ints
 
 NEAREST, FARTHEST = 0.2, 10_000.0  # m, that terrestrial instruments measure
@@ -26,6 +27,16 @@ def could_be_measured_from(points: Floats, place: Floats) -> bool:
         return False
     cells, width = cells_of(beams)
     return share_of_double(cells, ranges, width) <= MOST_DOUBLE
+
+
+def some_points(stream: ScanStream) -> Floats:
+    """Return points (n, 3) [m] of all of a scan, `SAMPLE` to twice as many where there are so many, evenly taken."""
+    every, kept = 1, np.empty((0, 3))
+    for chunk in stream.chunks():
+        kept = np.concatenate([kept, chunk.cloud.points[::every]])
+        while len(kept) > 2 * SAMPLE:
+            every, kept = 2 * every, kept[::2]
+    return kept
 
 
 def cells_of(beams: Floats) -> tuple[Ints, float]:
