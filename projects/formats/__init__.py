@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from projects.formats.control import read_control as read_control
     from projects.formats.e57_writer import write_e57 as write_e57
+    from projects.formats.glb_writer import write_glb as write_glb
+    from projects.formats.glb_writer import write_screen_glb as write_screen_glb
     from projects.formats.las_writer import write_las as write_las
     from projects.formats.mesh_writers import surface_properties as surface_properties
-    from projects.formats.mesh_writers import write_glb as write_glb
     from projects.formats.mesh_writers import write_obj as write_obj
     from projects.formats.mesh_writers import write_ply_mesh as write_ply_mesh
     from projects.formats.mesh_writers import write_stl as write_stl
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from projects.formats.ptx_writer import write_ptx as write_ptx
     from projects.formats.scans import ScanStream as ScanStream
     from projects.formats.scans import read_scans as read_scans
-    from projects.formats.screen_glb import write_screen_glb as write_screen_glb
     from projects.formats.sniffing import sniff_format as sniff_format
     from projects.formats.table_writer import write_csv as write_csv
     from projects.formats.units import metres_per_unit as metres_per_unit
@@ -50,12 +50,12 @@ _HOME = {
     "surface_properties": "mesh_writers",
     "write_csv": "table_writer",
     "write_e57": "e57_writer",
-    "write_glb": "mesh_writers",
+    "write_glb": "glb_writer",
     "write_las": "las_writer",
     "write_obj": "mesh_writers",
     "write_ply_mesh": "mesh_writers",
     "write_ptx": "ptx_writer",
-    "write_screen_glb": "screen_glb",
+    "write_screen_glb": "glb_writer",
     "write_stl": "mesh_writers",
 }
 

@@ -1,4 +1,4 @@
-"""Surfaces out: PLY with any properties per vertex, OBJ, STL, GLB; coordinates in the surface's frame, metres."""
+"""Surfaces out: PLY with any properties per vertex, OBJ, STL; coordinates in the surface's frame, metres."""
 
 from __future__ import annotations
 
@@ -133,34 +133,3 @@ def _face_normals(corners: Floats) -> Floats:
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(across, axis=1, keepdims=True)
     return np.divide(across, length, out=np.zeros_like(across), where=length > 0)
-
-
-def write_glb(path: Path, surface: Surface, colors: NDArray[np.uint8] | None = None) -> None:
-    """Write a surface as GLB with vertex colours.
-
-    Vertices are stored as 32-bit numbers about their middle, which the node that holds them gives in full precision;
-    axes are those of the surface's frame (glTF viewers take y as up).
-
-    Parameters
-    ----------
-    path : where to write.
-    surface : vertices and faces, normals where known.
-    colors : (n, 3) red green blue, in place of the surface's own.
-    """
-    import trimesh
-
-    colors = surface.colors if colors is None else np.asarray(colors, dtype=np.uint8)
-    if colors is not None and colors.shape != surface.vertices.shape:
-        raise ShapeError(f"colors has shape {colors.shape}; {surface.vertices.shape} is needed")
-    T_frame_node = np.eye(4)
-    if len(surface.vertices):
-        T_frame_node[:3, 3] = (surface.vertices.min(axis=0) + surface.vertices.max(axis=0)) / 2
-    normals = None if surface.normals is None else np.nan_to_num(surface.normals)
-    mesh = trimesh.Trimesh(
-        surface.vertices - T_frame_node[:3, 3], surface.faces, vertex_normals=normals, process=False,
-        vertex_colors=None if colors is None else np.c_[colors, np.full(len(colors), 255, np.uint8)],
-    )  # fmt: skip
-    scene = trimesh.Scene()
-    scene.add_geometry(mesh, transform=T_frame_node)
-    with complete_file(path) as unfinished:
-        unfinished.write_bytes(scene.export(file_type="glb", include_normals=normals is not None))

@@ -1,5 +1,7 @@
 """Surfaces out and in: PLY, OBJ, STL and GLB; names, types, order, precision."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -87,6 +89,22 @@ def test_surface_far_from_the_origin_comes_back(tmp_path, far_surface, suffix, w
     (stream,) = read_scans(tmp_path / f"a{suffix}")
     (chunk,) = stream.chunks()
     np.testing.assert_array_equal(chunk.cloud.points, got.vertices)
+
+
+def test_glb_stands_upright_where_y_is_up_and_its_colours_are_amounts_of_light(tmp_path, surface):
+    """glTF 2.0, sections 3.4 and 3.7.2.1; half of the light of white is shown as 188 (sRGB)."""
+    colors = np.tile(np.array([[188, 0, 255]], np.uint8), (len(surface.vertices), 1))
+    write_glb(tmp_path / "a.glb", surface, colors)
+    raw = (tmp_path / "a.glb").read_bytes()
+    n_json = int.from_bytes(raw[12:16], "little")
+    content = json.loads(raw[20 : 20 + n_json])
+    seen = trimesh.load(tmp_path / "a.glb", process=False).to_mesh()
+    x, y, z = surface.vertices.T
+    np.testing.assert_allclose(seen.vertices, np.column_stack([x, z, -y]), atol=1e-6)
+    accessor = content["accessors"][content["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]]
+    view = content["bufferViews"][accessor["bufferView"]]
+    light = np.frombuffer(raw, "<f4", 3, 28 + n_json + view["byteOffset"])
+    np.testing.assert_allclose(light, [0.503, 0.0, 1.0], atol=1e-3)
 
 
 def test_stl_comes_back_with_each_vertex_once(tmp_path, surface):

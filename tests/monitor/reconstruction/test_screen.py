@@ -86,7 +86,8 @@ def test_file_is_gltf_with_a_normal_texture_and_opens_in_its_place(tmp_path):
         content["meshes"][0]["primitives"][0]["attributes"]
     )
     mesh = trimesh.load(path, process=False).to_mesh()
-    assert np.abs(np.asarray(mesh.vertices) - model.surface.vertices).max() < 1e-6
+    x, y, z = model.surface.vertices.T
+    assert np.abs(np.asarray(mesh.vertices) - np.column_stack([x, z, -y])).max() < 1e-6  # y is up in glTF
     assert (np.asarray(mesh.faces) == model.surface.faces).all()
     image = np.asarray(trimesh.load(path, process=False).geometry.popitem()[1].visual.material.normalTexture)
     assert (image == model.normal_map).all()
