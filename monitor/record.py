@@ -20,14 +20,14 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 5,
-    "scan": 9,
+    "scan": 10,
     "targets": 2,
     "network": 16,
     "filtered": 11,
     "surface": 25,
     "mesh": 8,
     "quality": 3,
-    "comparison": 54,
+    "comparison": 55,
     "series": 13,
 }
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from projects.errors import ShapeError
+from projects.errors import ParameterError, ShapeError
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
@@ -18,6 +18,15 @@ REQUIRED = ("points", "vertices", "faces")  # never None
 def hold_array(noun: Any, name: str, shape: tuple[int | None, ...], kind: Any) -> None:
     """Have a frozen noun hold what it was given as `name` as an array; see `as_array`. For its `__post_init__`."""
     object.__setattr__(noun, name, as_array(getattr(noun, name), name, shape, kind))
+
+
+def require_sigmas(noun: Any, *names: str) -> None:
+    """Raise `ParameterError` where a noun holds standard deviations below 0 under one of the names."""
+    for name in names:
+        values = getattr(noun, name)
+        if values is not None and (values < 0.0).any():
+            lowest = float(np.nanmin(values))
+            raise ParameterError(f"{name} holds {lowest:.4g} m; a standard deviation is 0 or more, NaN where unknown")
 
 
 def as_array(value: ArrayLike | None, name: str, shape: tuple[int | None, ...], kind: Any) -> Any:

@@ -16,6 +16,7 @@ from reports.quantities import (
     MM,
     NBSP,
     NOT_KNOWN,
+    Z95,
     about_square,
     estimate,
     in_words,
@@ -59,7 +60,9 @@ WHY_NOT = {
     NotAssessed.LOOKED_THROUGH: "the other epoch’s scanner looked through it, over less than a region’s area",
     NotAssessed.NO_ONE_SURFACE: "most of what was measured there lies off any one surface (plants, spray, joints)",
     NotAssessed.MET_NOTHING: "the other epoch’s scans hold nothing in that direction (gone, too dark, or cut out)",
-    NotAssessed.UNEXPLAINED: "what was measured there differs by more than errors do, in spots too small to be told",
+    NotAssessed.UNEXPLAINED: (
+        "what was measured there differs by more than errors do, in spots too small to be told or beside a steep change"
+    ),
 }
 
 
@@ -91,7 +94,14 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
     if n == 0:
         return f"No change was found{where}."
     told = _told_first(describe_parts(comparison), n)
-    return f"{told} against the rest, which lies {_off(comparison)}." if is_beside_layer(comparison) else f"{told}."
+    is_off = is_beside_layer(comparison) and _exceeds_its_margin(comparison)
+    return f"{told} against the rest, which lies {_off(comparison)}." if is_off else f"{told}."
+
+
+def _exceeds_its_margin(comparison: Comparison) -> bool:
+    """Return whether what is not called changed lies off by more than its margin."""
+    offset, sigma = (comparison.statistics.get(name, NAN) for name in ("offset_m", "sigma_offset_m"))
+    return bool(abs(offset) > Z95 * sigma)
 
 
 def _told_first(parts: list[PartMotion], n: int) -> str:

@@ -17,7 +17,16 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from projects.errors import ParameterError
-from projects.formats import write_csv, write_e57, write_glb, write_las, write_obj, write_ply_mesh, write_stl
+from projects.formats import (
+    require_stl_holds,
+    write_csv,
+    write_e57,
+    write_glb,
+    write_las,
+    write_obj,
+    write_ply_mesh,
+    write_stl,
+)
 from projects.formats.complete_file import complete_file
 from projects.model import ComparedSurface, Comparison, PointCloud, Scan, Series, Step, Surface
 from reports.colours import choose_limit, vertex_colours
@@ -191,6 +200,9 @@ def _write_formats(stem: Path, surface: Surface, properties: Properties, formats
     for name in formats:
         if name not in _WRITERS:
             raise ParameterError(f"format {name!r}: allowed are {', '.join(FORMATS)}")
+        if name == "stl":  # before others are written
+            require_stl_holds(stem.parent / f"{stem.name}.stl", surface)
+    for name in formats:
         path = stem.parent / f"{stem.name}.{name}"
         _WRITERS[name](path, surface, properties)
         written.append(path)

@@ -303,7 +303,7 @@ def _found_table(title: str, own: list[tuple[str, Step]]) -> Table:
     for _, step in own:
         whole = {} if _is_table(step.automatic) else step.automatic
         single = {name: value for name, value in whole.items() if not _is_table(value)}
-        found.append({"step": step.step_id, "made": _made(step), **dict(flatten(single))})
+        found.append({"step": step.step_id, "made": _made(step), **dict(flatten(single, unknown=NOT_KNOWN))})
     names = dict.fromkeys(key for values in found for key in values)
     rows = tuple((key, *(values.get(key, "–") for values in found)) for key in names)
     return Table(title, ("", *(name for name, _ in own)), rows)
@@ -328,7 +328,7 @@ def _inner_tables(epoch: str, automatic: Mapping[str, Any]) -> list[Table]:
 
 def _inner_table(title: str, rows: Sequence[tuple[Any, Mapping[str, Any]]]) -> Table:
     """Return one row for each mapping, one column for each of its names."""
-    flat = [(str(name), dict(flatten(values))) for name, values in rows]
+    flat = [(str(name), dict(flatten(values, unknown=NOT_KNOWN))) for name, values in rows]
     names = dict.fromkeys(key for _, values in flat for key in values)
     return Table(title, ("", *names), tuple((name, *(v.get(key, "–") for key in names)) for name, v in flat))
 
@@ -338,23 +338,26 @@ def _made(step: Step) -> str:
     return f"{step.created[:16].replace('T', ' ')} UTC" if step.created else NOT_KNOWN
 
 
-def flatten(values: Any, prefix: str = "") -> list[tuple[str, str]]:
-    """Return nested values as pairs of dotted name and text."""
+def flatten(values: Any, prefix: str = "", unknown: str = "auto") -> list[tuple[str, str]]:
+    """Return nested values as pairs of dotted name and text; None is `unknown`."""
     if isinstance(values, Mapping):
-        return [pair for key, value in values.items() for pair in flatten(value, f"{prefix}.{key}" if prefix else key)]
-    return [(prefix, print_value(values))]
+        names = {key: f"{prefix}.{key}" if prefix else key for key in values}
+        return [pair for key, value in values.items() for pair in flatten(value, names[key], unknown)]
+    return [(prefix, print_value(values, unknown))]
 
 
-def print_value(value: Any) -> str:
-    """Return a recorded value as text: numbers with four digits, None as "auto"."""
+def print_value(value: Any, unknown: str = "auto") -> str:
+    """Return a recorded value as text: numbers with four digits, from 1000 on to the tenth of a millimetre, as
+    coordinates are; None as `unknown`."""
     if value is None:
-        return "auto"
+        return unknown
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return NOT_KNOWN if value != value else f"{value:.4g}"
+        is_large = abs(value) >= 1000.0 and math.isfinite(value)
+        return NOT_KNOWN if value != value else f"{value:.4f}".rstrip("0").rstrip(".") if is_large else f"{value:.4g}"
     if isinstance(value, list | tuple):
-        return " ".join(print_value(v) for v in value) or "–"
+        return " ".join(print_value(v, unknown) for v in value) or "–"
     return str(value) if str(value) else "–"
 
 

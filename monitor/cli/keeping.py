@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +114,7 @@ def show_status(path: Path, as_json: bool) -> None:
         typer.echo(json.dumps({"project": str(path), "name": project.name, "objects": facts}, indent=2))
         return
     if not facts:
-        typer.echo(f"{path}: no object yet; add one: monitor add-object {path} OBJECT")
+        typer.echo(f"{path}: no object yet; add one: monitor add-object {shlex.quote(str(path))} OBJECT")
     console = Console()
     if not console.is_terminal:
         console.width = UNCUT  # a program or a file has no width to cut ids for

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import typer
@@ -81,13 +82,17 @@ def epochs_to_process(project: Project, object_id: str | None, epoch_id: str | N
     """Return the epochs named, or all; none at all is an error that says what to add."""
     objects = [project.object(object_id)] if object_id else project.objects()
     if not objects:
-        raise StoreError(f"{project.path} has no object yet; add one: monitor add-object {project.path} OBJECT")
+        raise StoreError(
+            f"{project.path} has no object yet; add one: monitor add-object {quote(str(project.path))} OBJECT"
+        )
     if object_id and epoch_id:
         return [Place(project, object_id, project.epoch(object_id, epoch_id).epoch_id)]
     places = [Place(project, o.object_id, e.epoch_id) for o in objects for e in project.epochs(o.object_id)]
     if not places:
         name = objects[0].object_id
-        raise StoreError(f"object {name} has no epoch yet; add one: monitor add-epoch {project.path} {name} EPOCH ...")
+        raise StoreError(
+            f"object {name} has no epoch yet; add one: monitor add-epoch {quote(str(project.path))} {name} EPOCH ..."
+        )
     return places
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from monitor.comparison.distances.side import Side
 from monitor.comparison.summary import count_reasons
 from projects.errors import ComparisonError, ParameterError, RegistrationError
-from projects.model import Bools, Registration, Surface, require_noun
+from projects.model import Bools, Floats, Registration, Surface, require_noun
 from projects.transforms import require_rigid
 
 MODES = ("relative", "absolute")
@@ -20,7 +20,8 @@ MOSTLY = 0.5  # share of the samples with a partner, from which on epochs that f
 
 
 def require_comparable(reference: Surface, compared: Surface, registration: Registration | None, mode: str,
-                       tolerance: float | None, apart: tuple[Bools, Bools] | None = None) -> None:  # fmt: skip
+                       tolerance: float | None, apart: tuple[Bools, Bools] | None = None,
+                       frames: Floats | None = None) -> None:  # fmt: skip
     """Raise `ParameterError` or `ComparisonError` where something given to `compare` is none of what it stands for."""
     if mode not in MODES:
         raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")
@@ -28,6 +29,7 @@ def require_comparable(reference: Surface, compared: Surface, registration: Regi
     if registration is not None:
         require_noun(registration, "the registration", Registration)
     require_tolerance(tolerance)
+    require_covariance(frames)
     shapes = [(len(surface.vertices),) for surface in (reference, compared)]
     if apart is not None and [which.shape for which in apart] != shapes:
         raise ParameterError(
@@ -69,6 +71,19 @@ def require_sound(reference: Surface, compared: Surface) -> None:
                 f"the {name} surface has {n_bad} of {len(surface.vertices)} vertices that are not finite; "
                 "give a sound mesh"
             )
+
+
+def require_covariance(frames: Floats | None) -> None:
+    """Raise `ParameterError` where how far the frames of two epochs may differ is no covariance (6, 6)."""
+    if frames is None:
+        return
+    values = np.asarray(frames)
+    is_one = values.shape == (6, 6) and values.dtype.kind in "iuf" and bool(np.isfinite(values).all())
+    if not is_one or np.linalg.eigvalsh(values).min() < -1e-9 * np.abs(values).max():
+        raise ParameterError(
+            f"frames has shape {values.shape}: a covariance (6, 6) of rotation [rad] and shift [m] is needed, finite "
+            "and without negative variances"
+        )
 
 
 def require_tolerance(tolerance: float | None) -> None:

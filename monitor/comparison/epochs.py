@@ -138,15 +138,15 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     Raises
     ------
     ParameterError
-        Where the mode is neither, the tolerance no length, what should be a surface or registration is none, or `apart`
-        is not of the vertices.
+        Where the mode is neither, the tolerance no length, `frames` no covariance, what should be a surface or
+        registration is none, or `apart` is not of the vertices.
     ComparisonError
         Where a surface is not sound, the epochs do not overlap, or are one and the same.
     RegistrationError
         Where the registration did not converge.
     """
     settings = given_or_default(settings, CompareSettings)
-    require_comparable(reference, compared, registration, mode, tolerance, apart)
+    require_comparable(reference, compared, registration, mode, tolerance, apart, frames)
     limits = (settings.search_limit or search_limit(reference, compared, 0.05), settings.max_normal_angle)
     between = stand_between(settle_motion(reference, compared, registration, limits[0]), frames, mode)
     own = None if points is None else between.judged_points(points, compared)

@@ -79,6 +79,8 @@ def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats,
               (compared_points, "compared_points"), (core_points, "core_points"))]  # fmt: skip
     reference, compared, cores = clouds
     _require_positive(cylinder_radius=cylinder_radius, max_depth=max_depth)
+    if not registration_error >= 0.0:
+        raise ParameterError(f"registration_error = {registration_error!r} m: must be 0 or larger")
     if normals is None:
         if normal_radius is None:
             raise ParameterError("neither normals nor normal_radius were given; give one of them")
@@ -181,5 +183,5 @@ def _require_points(points: Floats, name: str) -> Floats:
 def _require_positive(**lengths: float) -> None:
     """Raise `ParameterError` for a length that is not positive."""
     for name, value in lengths.items():
-        if not value > 0.0:
-            raise ParameterError(f"{name} = {value!r} m: must be larger than 0")
+        if not 0.0 < value < np.inf:
+            raise ParameterError(f"{name} = {value!r} m: must be larger than 0, and finite")

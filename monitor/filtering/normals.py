@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from monitor.declare import given_or_default
 from monitor.filtering.copies import find_copies
@@ -217,7 +218,15 @@ def estimate_normals(cloud: PointCloud, settings: NormalSettings | None = None) 
 
 
 def known_directions(cloud: PointCloud) -> Floats | None:
-    """Return directions (n, 3) towards the side from which each point was seen, None where that is not known of all."""
-    if cloud.origins is not None and np.isfinite(cloud.origins).all():
-        return cloud.origins - cloud.points
+    """Return directions (n, 3) towards the side from which each point was seen, None where that is not known.
+
+    Points of which nobody knows where the scanner stood were seen as the nearest is of which it is known.
+    """
+    if cloud.origins is not None and np.isfinite(cloud.origins).all(axis=-1).any():
+        towards = cloud.origins - cloud.points
+        is_known = np.isfinite(towards).all(axis=1)
+        if not is_known.all():
+            _, nearest = cKDTree(cloud.points[is_known]).query(cloud.points[~is_known])
+            towards[~is_known] = towards[is_known][nearest]
+        return towards
     return cloud.normals if cloud.normals is not None and np.isfinite(cloud.normals).all() else None

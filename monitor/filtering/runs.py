@@ -18,6 +18,7 @@ FEWEST_CELLS = RUN // 2  # of a run that a scan must have measured
 TOO_ROUGH = 3.0  # times the noise of the mean: a run over a jump or a crest has no slope
 LARGEST = 0.05  # m: no instrument drifts by more from one scan to the next, nor does a tripod give way
 STRANGE = 10.0  # robust sigmas of what a scan differs from the others by: farther, something else stood there
+N_LEVELLED = 4  # rounds of bringing scans to one level
 FINEST = 1e-5  # m: what scans may differ by, however little most of them do
 
 
@@ -55,12 +56,17 @@ def without_strangers(ranges: Floats) -> Floats:
     """Return ranges (k, m) with NaN for those of something that stood there in one scan, and where one scan measured.
 
     Most of what a scan differs by from the median of all tells how far it may lie off; of two scans that differ by more
-    neither tells anything.
+    neither tells anything. Scans are brought to one level first: of three of which one lies off, the median is always
+    the nearer of the others, which then seem to have hardly any noise.
     """
-    off = ranges - median_known(ranges, axis=0)
-    with np.errstate(invalid="ignore"):
-        off[(np.isfinite(ranges).sum(axis=0) < 2) | (np.abs(off) > LARGEST)] = np.nan
-    off -= median_known(off, axis=1)[:, None]
+    level, off = np.zeros((len(ranges), 1)), ranges
+    for _ in range(N_LEVELLED):
+        near = np.where(np.isfinite(off), ranges, np.nan) - level
+        off = near - median_known(near, axis=0)
+        with np.errstate(invalid="ignore"):
+            off[(np.isfinite(near).sum(axis=0) < 2) | (np.abs(off) > LARGEST)] = np.nan
+        shift = np.nan_to_num(median_known(off, axis=1))[:, None]
+        level, off = level + shift, off - shift
     scale = np.maximum(1.4826 * median_known(np.abs(off), axis=1), FINEST)
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(off) <= STRANGE * scale[:, None], ranges, np.nan)

@@ -160,7 +160,8 @@ def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Int
     faces = untie(faces)
     if not len(faces):
         raise ReconstructionError(
-            f"no surface came of cells of {cell:.4g} m; leave cell_size out, to have it chosen for the points"
+            f"no surface came of cells of {cell:.4g} m: the points lie on no surface at that spacing (on one line, or "
+            "rounded to coarse steps); give points that do, or another cell_size"
         )
     areas = piece_areas(vertices, faces)
     faces = keep_faces(faces, areas >= np.pi * (crumb_cells * cell) ** 2)

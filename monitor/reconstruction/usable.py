@@ -83,7 +83,7 @@ def with_normals(cloud: PointCloud) -> tuple[PointCloud, int]:
         seen = replace(cloud, normals=None).take(np.flatnonzero(finite))
         found = estimate_normals(seen).normals
         assert found is not None
-        is_seen = seen.origins is not None and bool(np.isfinite(seen.origins).all())
+        is_seen = seen.origins is not None and bool(np.isfinite(seen.origins).all(axis=-1).any())
         normals[lacks] = turned_alike(seen.points, found, normals[finite], is_seen)[lacks[finite]]
     return replace(cloud, normals=normals), int(np.count_nonzero(lacks & np.isfinite(normals[:, 0])))
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from projects.formats.glb_writer import write_glb as write_glb
     from projects.formats.glb_writer import write_screen_glb as write_screen_glb
     from projects.formats.las_writer import write_las as write_las
+    from projects.formats.mesh_writers import require_stl_holds as require_stl_holds
     from projects.formats.mesh_writers import surface_properties as surface_properties
     from projects.formats.mesh_writers import write_obj as write_obj
     from projects.formats.mesh_writers import write_ply_mesh as write_ply_mesh
@@ -50,6 +51,7 @@ _HOME = {
     "surface_properties": "mesh_writers",
     "write_csv": "table_writer",
     "write_e57": "e57_writer",
+    "require_stl_holds": "mesh_writers",
     "write_glb": "glb_writer",
     "write_las": "las_writer",
     "write_obj": "mesh_writers",

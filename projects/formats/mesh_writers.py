@@ -113,19 +113,24 @@ def write_stl(path: Path, surface: Surface) -> None:
     FormatError
         The coordinates are too large for the format's 32-bit numbers to hold a hundredth of a millimetre.
     """
+    require_stl_holds(path, surface)
     corners = surface.vertices[surface.faces]
     rounded = corners.astype("<f4")
-    loss = float(np.abs(rounded - corners).max(initial=0.0))
-    if loss > COARSEST:
-        raise FormatError(
-            f"{path}: STL holds 32-bit numbers, which would move these coordinates by up to {1e3 * loss:.3g} mm; "
-            "write PLY or OBJ"
-        )
     records = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     records["normal"], records["corners"] = _face_normals(corners), rounded
     with complete_file(path) as unfinished, unfinished.open("wb") as out:
         out.write(b"binary STL, metres".ljust(80) + np.uint32(len(records)).tobytes())
         out.write(records.tobytes())
+
+
+def require_stl_holds(path: Path, surface: Surface) -> None:
+    """Raise `FormatError` where 32-bit numbers would move a vertex by more than a hundredth of a millimetre."""
+    loss = float(np.abs(surface.vertices.astype("<f4") - surface.vertices).max(initial=0.0))
+    if loss > COARSEST:
+        raise FormatError(
+            f"{path}: STL holds 32-bit numbers, which would move these coordinates by up to {1e3 * loss:.3g} mm; "
+            "write PLY or OBJ"
+        )
 
 
 def _face_normals(corners: Floats) -> Floats:

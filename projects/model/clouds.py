@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from projects.arrays import Bools, Floats, Ints, hold_array
+from projects.arrays import Bools, Floats, Ints, hold_array, require_sigmas
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class PointCloud:
                  "spacing": np.float64}  # fmt: skip
         for name, kind in kinds.items():
             hold_array(self, name, (n,), kind)
+        require_sigmas(self, "sigma", "spread")
 
     def __len__(self) -> int:
         return len(self.points)

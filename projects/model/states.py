@@ -25,7 +25,7 @@ class NotAssessed(IntEnum):
     BEYOND_SEARCH = 6  # no face of the other surface at all within the search limit
     LOOKED_THROUGH = 7  # changed: a scan of the other epoch looked through it; no perpendicular
     NO_ONE_SURFACE = 8  # in both epochs' mean most of what was measured there lies off the surface
-    UNEXPLAINED = 9  # surfaces or points differ by more than errors do, over too little to be told, or on one side
+    UNEXPLAINED = 9  # surfaces or points differ by more than errors do, over too little, on one side, beside a step
     MET_NOTHING = 10  # the other epoch's scans hold nothing in that direction: gone, dark, hidden by it, or cut out
 
 

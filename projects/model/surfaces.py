@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from projects.arrays import Bools, Floats, Ints, hold_array
+from projects.arrays import Bools, Floats, Ints, hold_array, require_sigmas
 from projects.errors import ShapeError
 
 
@@ -66,3 +66,4 @@ class Surface:
                  "is_crest": np.bool_}  # fmt: skip
         for name, kind in kinds.items():
             hold_array(self, name, (n,), kind)
+        require_sigmas(self, "sigma", "sigma_shared")

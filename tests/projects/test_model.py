@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from projects.convert import surface_from_pyvista, surface_to_pyvista
-from projects.errors import ShapeError
+from projects.errors import ParameterError, ShapeError
 from projects.model import PointCloud, Surface
 
 CORNERS = np.eye(3)
@@ -47,3 +47,10 @@ def test_numbers_of_other_kinds_are_taken_where_they_are_the_same() -> None:
 def test_an_empty_surface_goes_to_pyvista_and_back() -> None:
     empty = surface_from_pyvista(surface_to_pyvista(Surface(np.empty((0, 3)), np.empty((0, 3), int))))
     assert empty.vertices.shape == empty.faces.shape == (0, 3)
+
+
+@pytest.mark.parametrize("name", ["sigma", "spread"])
+def test_a_standard_deviation_below_zero_is_refused_and_an_unknown_one_is_not(name: str) -> None:
+    with pytest.raises(ParameterError, match=f"{name} holds -0.001 m; a standard deviation is 0 or more"):
+        PointCloud(CORNERS, **{name: [0.1, -0.001, np.nan]})
+    assert np.isnan(getattr(PointCloud(CORNERS, **{name: [0.1, 0.0, np.nan]}), name)[2])

@@ -363,3 +363,10 @@ def test_an_area_that_is_hardly_known_is_told_so_in_answer_table_and_note():
 
 def test_the_legend_says_that_its_colours_are_of_this_comparison():
     assert "their scale is this comparison’s own" in write_captions(facts_of()).difference
+
+
+def test_a_layer_within_its_margin_is_no_headline():
+    figures = {"offset_m": 0.8e-4, "sigma_offset_m": 2.5e-4, "lod95_beside_layer_median_m": 4.1e-4}
+    facts = facts_of(example_comparison(**figures))
+    assert plain(facts.answer.headline) == "Two regions changed."
+    assert "Regions and their figures are beside that" in said(facts)

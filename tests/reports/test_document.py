@@ -27,6 +27,7 @@ from reports.captions import write_captions
 from reports.certainty import registration_table
 from reports.colours import SET_ASIDE
 from reports.document import gather_facts
+from reports.history import flatten, print_value
 
 NAN = float("nan")
 TRACE = "From the scanner to the surface"
@@ -354,3 +355,9 @@ def test_pictures_are_named_by_the_front_of_the_object(
     assert "1" not in seen[hides]
     sands = {s.name: share(s.picture, SET_ASIDE) for s in shown.stable}
     assert sands[shows] > 3.0 * sands[hides]
+
+
+def test_the_record_prints_coordinates_whole_and_what_was_not_found_as_unknown():
+    assert print_value([1000123.4567, 5300000.0, 150.25]) == "1000123.4567 5300000 150.2"
+    assert (print_value(None), print_value([0.00012345, float("nan"), 1234.0])) == ("auto", "0.0001234 not known 1234")
+    assert flatten({"a": {"b": None}}, unknown="not known") == [("a.b", "not known")]

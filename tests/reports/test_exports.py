@@ -2,9 +2,11 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 import trimesh
 from report_examples import example_comparison
 
+from projects.errors import FormatError
 from projects.model import Step, Surface
 from reports.colours import choose_limit
 from reports.exports import export_surface, summarize
@@ -48,3 +50,9 @@ def test_the_summary_says_where_the_colours_of_the_models_end():
 def test_what_a_surface_does_not_know_has_no_column(tmp_path):
     (table,) = export_surface(tmp_path, "vase", "e1", tetrahedron(), ("csv",))
     assert list(pd.read_csv(table).columns) == ["x", "y", "z"]
+
+
+def test_what_one_format_cannot_hold_is_said_before_others_are_written(tmp_path):
+    with pytest.raises(FormatError, match="STL holds 32-bit numbers"):
+        export_surface(tmp_path, "vase", "e1", tetrahedron(), ("ply", "stl"))
+    assert not list(tmp_path.iterdir())

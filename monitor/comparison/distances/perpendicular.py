@@ -19,6 +19,7 @@ from monitor.comparison.distances.rim import distance_to_rim
 from monitor.comparison.distances.shell import Shell, make_shell
 from monitor.comparison.distances.stars import angle_weighted_normals, make_mesh
 from monitor.threads import run_tasks
+from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 
 
@@ -78,6 +79,11 @@ def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: 
     `papers/002`; signs: Baerentzen and Aanaes (2005), Signed distance computation using the angle weighted
     pseudonormal, IEEE TVCG 11(3).
     """
+    if not 0.0 < limit < np.inf or not 0.0 < max_angle < 0.5 * np.pi:
+        raise ParameterError(
+            f"limit = {limit!r} m and max_angle = {max_angle!r} rad: a length above 0 and an angle between 0 and "
+            "pi / 2 are needed"
+        )
     shift = 0.5 * (other.vertices.min(axis=0) + other.vertices.max(axis=0))
     shell = make_shell(other, shift, (limit, max_angle))
     return distances_to_shell(surface, unit_normals(surface), shell)

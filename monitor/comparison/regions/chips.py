@@ -82,24 +82,38 @@ def drop_unexplained(sides: tuple[Side, Side], found: Detected, regions: tuple[I
     That is what is farther off zero than any error (a chip as small as the spacing, an edge that fits round, a stray
     sheet); what differs, with its neighbours, by more than is told there (`smallest` (n,) [m]: a crack that was filled,
     narrower than any patch); and where the points of one epoch lie off its surface and those of the other do not (a pit
-    that the surface passes over). The skirt of a step is explained by the region that it hangs together with.
+    that the surface passes over). What was cut off a region as the skirt of a step is explained by it, but where it
+    differs by more than is told there, nobody knows whether it is one, or the flank of what fades out.
     """
     first, second = (
-        s.without(s.is_assessed & ~hang_on(s, f, r) & (is_unlike(s, f, found.test.far, told) | is_strewn_once(s)),
+        s.without(s.is_assessed & (r == 0) & is_open(s, f, hang_on(s, f, r), found.test.far, told),
                   NotAssessed.UNEXPLAINED)
         for s, f, r, told in zip(sides, found.sides, regions, smallest, strict=True)
     )  # fmt: skip
     return first, second
 
 
+def is_open(side: Side, found: Detection, hangs_on: Bools, far: float, told: Floats) -> Bools:
+    """Return of which vertices (n,) outside of regions nobody knows what they show; `hangs_on` are those that were cut
+    off a region."""
+    alone = is_unlike(side, found, far, told) | is_strewn_once(side)
+    return np.asarray(np.where(hangs_on, exceeds_told(side, found, told) & (levels_off(side, found) > 1.0), alone))
+
+
 def is_unlike(side: Side, found: Detection, far: float, told: Floats) -> Bools:
     """Return which vertices (n,) differ by more than `far` levels of detection, or, a handful that hang together, by
     more than is `told` (n,) [m] where they are; that may not be known (NaN)."""
-    differs = side.is_assessed & (np.abs(found.smooth) > told) & (np.abs(np.nan_to_num(side.distances)) > told)
+    differs = exceeds_told(side, found, told)
     part = connect_like(np.where(differs, (found.smooth > 0.0).astype(np.int64), -1), [side.neighbours])
     areas = np.bincount(part[differs], side.areas[differs], minlength=1)
     is_handful = differs & (areas[np.maximum(part, 0)] >= HANDFUL * float(np.median(side.areas)))
     return np.asarray((levels_off(side, found) > far) | is_handful)
+
+
+def exceeds_told(side: Side, found: Detection, told: Floats) -> Bools:
+    """Return which vertices (n,) differ, with their neighbours and by themselves, by more than is `told` there."""
+    off = np.abs(np.nan_to_num(side.distances))
+    return np.asarray(side.is_assessed & (np.abs(found.smooth) > told) & (off > told))
 
 
 def hang_on(side: Side, found: Detection, region: Ints) -> Bools:

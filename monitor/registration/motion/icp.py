@@ -33,7 +33,7 @@ from monitor.registration.motion.stable_areas import StableSamples, doubt_stable
 from monitor.threads import with_one_blas_thread
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface, require_noun
-from projects.transforms import apply, perturb
+from projects.transforms import apply, perturb, require_rigid
 
 N_ROUNDS_STABLE = 5
 N_FOR_CENTRE = 10_000
@@ -99,6 +99,8 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     require_noun(source, "the source of a registration", Surface, PointCloud)
     require_noun(target, "the target of a registration", Surface, PointCloud)
     settings = given_or_default(settings, IcpSettings)
+    if T_target_source is not None:
+        require_rigid(T_target_source, "T_target_source, the motion to start from")
     shift = find_centre(target)
     sides = prepare_side(source, shift), prepare_side(target, shift)
     T_start = into_local(np.eye(4) if T_target_source is None else np.asarray(T_target_source, dtype=float), shift)

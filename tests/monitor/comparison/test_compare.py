@@ -250,6 +250,13 @@ def test_what_is_no_surface_no_length_or_no_rigid_motion_is_refused_by_name(rng:
         compare(sheet, other, doubled)
 
 
+@pytest.mark.parametrize("frames", [np.eye(3), -np.eye(6), np.full((6, 6), np.nan)])
+def test_how_far_frames_may_differ_is_a_covariance_or_refused(rng: np.random.Generator, frames: np.ndarray) -> None:
+    sheet, other = make_sheet(rng, 20), make_sheet(rng, 20)
+    with pytest.raises(ParameterError, match=r"frames has shape .*a covariance \(6, 6\)"):
+        compare(sheet, other, known_motion(other), frames=frames)
+
+
 def test_the_result_is_the_same_twice_and_inputs_are_untouched(rng: np.random.Generator) -> None:
     reference, compared = make_sheet(rng, 60), make_sheet(rng, 60, change=bowl(60, 1e-3, 2e-3, 0.012))
     before = compared.vertices.copy()

@@ -92,3 +92,11 @@ def test_what_cannot_be_is_refused() -> None:
         m3c2(points, points, points, cylinder_radius=0.0, max_depth=1.0, normal_radius=1.0)
     with pytest.raises(ParameterError, match="neither normals nor normal_radius"):
         m3c2(points, points, points, cylinder_radius=1.0, max_depth=1.0)
+
+
+@pytest.mark.parametrize("wrong", [{"registration_error": -0.01}, {"registration_error": float("nan")},
+                                   {"max_depth": float("inf")}, {"cylinder_radius": 0.0}])  # fmt: skip
+def test_lengths_that_are_none_are_refused_by_name(rng: np.random.Generator, wrong: dict[str, float]) -> None:
+    low, sizes = sheet(rng, 500, 0.0), {"cylinder_radius": 0.1, "max_depth": 0.2, "normal_radius": 0.2}
+    with pytest.raises(ParameterError, match=next(iter(wrong))):
+        m3c2(low, low, low[:1], **{**sizes, **wrong})

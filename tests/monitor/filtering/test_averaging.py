@@ -234,3 +234,29 @@ def test_repeated_files_that_do_not_say_where_the_scanner_stood_are_refused_unti
     assert run([*words, "--poses", str(poses), *map(str, files)]) == 0
     headers = Project.open(tmp_path / "project").scan_headers("room", "2024")
     assert all((header.origin == 0.0).all() for header in headers)
+
+
+@pytest.mark.parametrize("off", [1e-3, 2e-2])
+def test_of_three_scans_one_that_lies_off_is_told_by_how_much(off):
+    """The median of three is always the nearer of the other two: as if they had hardly any noise, beyond which all is
+    strange. 1 mm had been 0.86."""
+    scans = repeat(3)
+    ranges = np.array([by_cell(s)[:12_800] for s in scans]) + np.array([[0.0], [off], [0.0]])
+    order = np.lexsort((scans[0].columns, scans[0].rows))[:12_800]
+    directions = scans[0].cloud.points[order] / np.linalg.norm(scans[0].cloud.points[order], axis=1)[:, None]
+    found = estimate_drift(ranges, directions, 0.01)
+    assert found.range == pytest.approx(off * np.array([-1.0, 2.0, -1.0]) / 3.0, abs=4.0 * found.sigma_range.max())
+    assert found.sigma_range.max() < 3e-5
+    assert found.removes_range
+
+
+def test_a_scan_of_three_that_saw_something_else_in_every_beam_is_outvoted():
+    """All that it measured is far off: none of it says anything of drift, nor is it noise."""
+    scans = repeat(3)
+    cloud = scans[1].cloud
+    scans[1] = dataclasses.replace(scans[1], cloud=dataclasses.replace(cloud, points=0.7 * cloud.points))
+    found, alone = average_scans(scans), average_scans(scans[::2])
+    assert len(found.scan.cloud) > 0.9 * len(alone.scan.cloud)
+    assert np.median(lengths(found.scan)) == pytest.approx(np.median(lengths(alone.scan)), abs=1e-2)
+    assert found.automatic["noise_of_one_scan"] == pytest.approx(1e-3, rel=0.05)
+    assert found.counts["disagreeing"] > 0.9 * len(cloud)

@@ -249,3 +249,13 @@ def test_a_bulging_sheet_looks_outward_whatever_its_rim_does(rng):
     upward /= np.linalg.norm(upward, axis=1)[:, None]
     flipped = rng.choice([-1.0, 1.0], len(r))
     assert np.mean(consistent_signs(np.column_stack([x, y, z]), flipped[:, None] * upward) == flipped) > 0.99
+
+
+@pytest.mark.parametrize("share", [0.001, 0.7])
+def test_points_that_do_not_know_their_station_look_where_those_beside_them_look(rng, share):
+    points = wall(rng)
+    origins = np.tile(-STATION, (len(points), 1))  # below the wall, where nothing else says so
+    origins[rng.random(len(points)) < share] = np.nan
+    assert np.isnan(origins).any()
+    cloud = estimate_normals(PointCloud(points, origins=origins), NormalSettings(n_neighbours=40))
+    assert (cloud.normals[:, 2] < 0.0).all()

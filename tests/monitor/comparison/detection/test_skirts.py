@@ -8,7 +8,7 @@ from bumpy_body import correlated_noise
 from scipy.ndimage import gaussian_filter
 
 from monitor.comparison import compare
-from projects.model import Floats, Registration, Surface
+from projects.model import Assessment, Floats, NotAssessed, Registration, Surface
 
 N, SPACING, BLUR = 121, 1e-3, 1e-3  # vertices a side, m, m: one sigma of what fits make of a step
 NOISE, REACH = 3e-5, 3e-3  # m: of a vertex, and as far as neighbours share it
@@ -52,3 +52,21 @@ def test_a_change_that_fades_out_keeps_its_rim() -> None:
     assert len(result.regions) == 1
     beyond = np.count_nonzero(np.abs(bowl) > float(np.nanmedian(result.on_compared.lod95))) * SPACING**2
     assert result.regions.area_m2[0] == pytest.approx(beyond, rel=0.1)
+
+
+@pytest.mark.parametrize("flank", [0.003, 0.004, 0.005, 0.006])
+def test_a_flank_that_is_cut_off_as_a_skirt_is_not_called_unchanged(flank: float) -> None:
+    """It is few vertices wide: what fits make of a step and what fades out look alike."""
+    x = np.arange(N) - N // 2
+    r = np.hypot(x[:, None], x[None]) * SPACING
+    depth, floor = 2.0 * HEIGHT, 0.004  # m
+    bowl = -0.5 * depth * (1 + np.cos(np.pi * np.clip((r - floor) / flank, 0.0, 1.0)))
+    reference, compared = sheet(np.zeros((N, N)), 1), sheet(bowl, 2)
+    result = compare(reference, compared, known(compared))
+    for side in (result.on_compared, result.on_reference):
+        is_deep = np.abs(bowl.ravel()) > 5.0 * float(np.nanmedian(side.lod95))
+        assert is_deep.sum() > 50
+        assert not (side.assessment[is_deep] == Assessment.UNCHANGED).any()
+        is_cut = side.reasons == NotAssessed.UNEXPLAINED
+        assert 10 < is_cut.sum() < is_deep.sum()
+        assert np.isnan(side.distances[is_cut]).all()

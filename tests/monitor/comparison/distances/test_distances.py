@@ -16,7 +16,7 @@ from monitor.comparison.distances.perpendicular import Feet, interpolate_at_feet
 from monitor.comparison.distances.search import ANY, DEPTH, LOOKING, STANDING, nearest_point
 from monitor.comparison.distances.stars import angle_weighted_normals, make_mesh
 from monitor.comparison.distances.triangles import FACE
-from projects.errors import ComparisonError
+from projects.errors import ComparisonError, ParameterError
 from projects.model import Floats, NotAssessed, Surface
 from projects.transforms import rotation_from_vector
 
@@ -186,6 +186,12 @@ def test_triangles_without_area_are_passed_over() -> None:
 def test_a_surface_without_faces_is_refused() -> None:
     with pytest.raises(ComparisonError, match="0 faces"):
         normal_distances(square(), Surface(np.zeros((3, 3)), np.zeros((0, 3))), 0.1)
+
+
+@pytest.mark.parametrize(("limit", "angle"), [(-1.0, 1.0), (0.0, 1.0), (float("nan"), 1.0), (0.1, 2.0)])
+def test_a_limit_that_is_no_length_or_angle_is_refused(limit: float, angle: float) -> None:
+    with pytest.raises(ParameterError, match="a length above 0 and an angle between 0 and pi / 2"):
+        normal_distances(square(), square(), limit, angle)
 
 
 def rough_ball(rng: np.random.Generator, subdivisions: int = 3) -> Surface:

@@ -213,3 +213,13 @@ def test_what_is_no_surface_and_no_cloud_is_refused_by_name() -> None:
         register(cloud, None)
     with pytest.raises(ParameterError, match="the source of a registration is a ndarray"):
         register(np.zeros((20, 3)), cloud)
+
+
+@pytest.mark.parametrize(("start", "says"), [
+    (np.diag([2.0, 2.0, 2.0, 1.0]), "scales by 2 to 2"), (np.eye(3), "not a 4 x 4 transform"),
+    (np.full((4, 4), np.nan), "not a 4 x 4 transform"),
+])  # fmt: skip
+def test_a_start_that_is_no_rigid_motion_is_refused(rng: np.random.Generator, start: Floats, says: str) -> None:
+    cloud = noisy_cloud(2000, rng)
+    with pytest.raises(ParameterError, match=f"T_target_source, the motion to start from: .*{says}"):
+        register(cloud, cloud, T_target_source=start)
