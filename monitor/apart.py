@@ -22,7 +22,8 @@ def stand_apart(values: Floats, weights: Floats, is_near: Bools) -> Bools:
     for sign in (-1.0, 1.0):
         away = sign * values
         group = ~is_near & (away > 0.0)
-        if group.any() and weights[group].sum() >= LEAST_SHARE * weights.sum() and _is_parted(away, weights, group):
+        own = float(weights[group].sum())
+        if own > 0.0 and own >= LEAST_SHARE * weights.sum() and _is_parted(away, weights, group):
             out |= group
     return out
 

@@ -182,3 +182,8 @@ def test_values_count_by_their_weights(rng: np.random.Generator) -> None:
     near = np.abs(values) < 3.0
     assert not stand_apart(values, np.ones(len(values)), near).any()
     assert stand_apart(values, weights, near)[900:].all()
+
+
+def test_values_without_any_weight_are_no_group() -> None:
+    assert not stand_apart(np.array([-1.0, 1.0]), np.zeros(2), np.zeros(2, dtype=bool)).any()
+    assert not stand_apart(np.zeros(2), np.zeros(2), np.ones(2, dtype=bool)).any()
