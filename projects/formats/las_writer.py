@@ -20,7 +20,8 @@ LONGEST_NAME = 32
 EXTRA_KINDS = "iuf"
 
 
-def write_las(path: Path, cloud: PointCloud, extra: Mapping[str, NDArray[Any]] | None = None) -> None:
+def write_las(path: Path, cloud: PointCloud, extra: Mapping[str, NDArray[Any]] | None = None,
+              about: Mapping[str, str] | None = None) -> None:  # fmt: skip
     """Write points with intensity and colours where known, and extra dimensions such as `distance` and `lod95`.
 
     Parameters
@@ -29,6 +30,7 @@ def write_las(path: Path, cloud: PointCloud, extra: Mapping[str, NDArray[Any]] |
     cloud : at least one point, finite. Coordinates are stored as multiples of a micrometre about their middle (of
         0.01 mm where the points spread over more than 4 km). Unknown intensity becomes 0.
     extra : name (at most 32 letters) -> (n,) numbers; NaN stays NaN.
+    about : name of an extra dimension -> what the file says of it (at most 32 letters), as its unit.
 
     Raises
     ------
@@ -48,7 +50,7 @@ def write_las(path: Path, cloud: PointCloud, extra: Mapping[str, NDArray[Any]] |
     header.generating_software = "heritage-monitor"
     for name, values in extra.items():
         _require_fit(name, values, len(cloud))
-        header.add_extra_dim(laspy.ExtraBytesParams(name, values.dtype))
+        header.add_extra_dim(laspy.ExtraBytesParams(name, values.dtype, description=(about or {}).get(name, "")))
     with complete_file(path) as unfinished, laspy.open(unfinished, mode="w", header=header) as out:
         for start in range(0, len(cloud), CHUNK):
             which = slice(start, start + CHUNK)

@@ -1,15 +1,19 @@
 """Surfaces as files: each column is what the surface knows, under its name."""
 
+import dataclasses
+
+import laspy
 import numpy as np
 import pandas as pd
 import pytest
 import trimesh
 from report_examples import example_comparison
+from small_comparison import make_comparison
 
 from projects.errors import FormatError
 from projects.model import Step, Surface
 from reports.colours import choose_limit
-from reports.exports import export_surface, summarize
+from reports.exports import SUMMARY_KEYS, export_comparison, export_surface, summarize
 
 KNOWN = {
     "sigma": np.array([1e-4, np.nan, 3e-4, 4e-4]), "sigma_shared": np.array([5e-5, 6e-5, 7e-5, np.nan]),
@@ -58,3 +62,26 @@ def test_what_one_format_cannot_hold_is_said_before_others_are_written(tmp_path)
     with pytest.raises(FormatError, match="STL holds 32-bit numbers"):
         export_surface(tmp_path, "vase", "e1", odd, ("ply", "stl"))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_difference_model_says_why_a_place_was_not_assessed_and_what_its_numbers_are(tmp_path):
+    comparison = make_comparison(n=30)
+    told = np.full(len(comparison.on_compared.distances), 5e-4, np.float32)
+    compared = dataclasses.replace(comparison.on_compared, told_from=told)
+    figures = {**dict.fromkeys(SUMMARY_KEYS, 0.0), **comparison.statistics}
+    comparison = dataclasses.replace(comparison, on_compared=compared, statistics=figures)
+    step, ids = Step("c" * 16, "comparison-e1"), ("ball", "e1", "e2")
+    paths = {p.name: p for p in export_comparison(tmp_path, ids, comparison, step, ("ply", "laz"))}
+    ply = paths["ball_e1_e2_on-compared.ply"]
+    properties = trimesh.load(ply, process=False).metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_array_equal(properties["reason"].ravel(), comparison.on_compared.reasons)
+    np.testing.assert_array_equal(properties["told_from"].ravel(), told)
+    head = ply.read_bytes().split(b"end_header")[0].decode()
+    assert "comment reason: 0 assessed, 1 no_face, 2 free_edge" in head
+    las = laspy.read(paths["ball_e1_e2_on-compared.laz"])
+    said = {d.name: d.description for d in las.point_format.extra_dimensions}
+    assert said["distance"].rstrip("\0") == "m, positive = gained"
+    assert said["assessment"].rstrip("\0") == "0 unknown 1 unchanged 2 changed"
+    np.testing.assert_array_equal(las["reason"], comparison.on_compared.reasons)
+    without = trimesh.load(paths["ball_e1_e2_on-reference.ply"], process=False).metadata["_ply_raw"]["vertex"]["data"]
+    assert "told_from" not in without.dtype.names
