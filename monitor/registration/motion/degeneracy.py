@@ -15,6 +15,7 @@ from monitor.registration.motion.sampling import motion_rows
 from projects.model import Floats, Ints
 
 N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertainty so many times
+SAYS_AT_MOST = 0.99  # quantile of what patches say of a motion: none says more
 BY_CHANCE = 3e-5  # p value of so many patches that hold a motion, where noise alone does in one of two
 NOISE_SHARE = 0.05  # and be no less than this share of what relief and noise of the normals seem to give together
 
@@ -23,7 +24,8 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints, by_sign: bo
     """Return the motions that the shape does not hold, None where all six are held.
 
     The information of the shape is estimated without the noise of the normals (`shape_information`); its weakest
-    directions must differ from zero under the scatter between patches. `by_sign`, for parts of few patches, which err
+    directions must differ from zero under the scatter between patches, the largest of which count as others do
+    (`cap_largest`). `by_sign`, for parts of few patches, which err
     independently: or by the sign of most. Few that all hold a motion, some much more than others, scatter as widely as
     they hold.
     """
@@ -38,9 +40,9 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints, by_sign: bo
         a = motion_rows(matches.points, matches.normals_source, centre) @ (scale * vector)
         b = motion_rows(matches.points, matches.normals_target, centre) @ (scale * vector)
         sums = np.bincount(member, a * b) / len(matches)
-        sigma = float(np.sqrt(np.sum(sums**2)))
+        capped = cap_largest(sums)
         apparent = float(np.mean(0.5 * (a**2 + b**2)))
-        is_shape = value > N_SIGMAS * sigma
+        is_shape = np.sum(capped) > N_SIGMAS * np.sqrt(np.sum(capped**2))
         if by_sign and not is_shape:
             is_shape = binom.sf(np.sum(sums > 0.0) - 1, len(sums), 0.5) < BY_CHANCE
         if is_shape and value > NOISE_SHARE * apparent:
@@ -49,6 +51,15 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints, by_sign: bo
     if not free:
         return None
     return FreeMotions(np.stack(free, axis=1), centre, lever, " and ".join(describe(m, lever) for m in free))
+
+
+def cap_largest(sums: Floats) -> Floats:
+    """Return what each patch says (n,) with no more said by any than by all but one in a hundred.
+
+    One patch of a rib that holds a turn as much as half of the others together says no less for what these say.
+    """
+    most = float(np.quantile(np.abs(sums), SAYS_AT_MOST))
+    return np.clip(sums, -most, most)
 
 
 def find_free_motion(matches: Matches, centre: Floats, patch: Ints, by_sign: bool = False) -> str:
