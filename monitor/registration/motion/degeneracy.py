@@ -25,9 +25,8 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints, by_sign: bo
 
     The information of the shape is estimated without the noise of the normals (`shape_information`); its weakest
     directions must differ from zero under the scatter between patches, the largest of which count as others do
-    (`cap_largest`). `by_sign`, for parts of few patches, which err
-    independently: or by the sign of most. Few that all hold a motion, some much more than others, scatter as widely as
-    they hold.
+    (`cap_largest`). `by_sign`, for parts of few patches, which err independently: or by the sign of most. Few that all
+    hold a motion, some much more than others, scatter as widely as they hold.
     """
     lever = max(float(np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1)))), 1e-300)
     scale = np.repeat([1.0 / lever, 1.0], 3)
