@@ -34,6 +34,7 @@ from projects.model import (
     MOTION_COLUMNS,
     SERIES_COLUMNS,
     EpochRecord,
+    NotAssessed,
 )
 from projects.provenance import hash_file
 from projects.raw import ScanHeader
@@ -98,6 +99,9 @@ def test_the_readme_says_what_every_column_of_every_file_is(made: Path) -> None:
               for c in columns}  # fmt: skip
     told_once = {name for name in names if name.removeprefix("sigma_") in words or name in words}
     assert names - told_once == set()
+    readme = (data / "README.txt").read_text(encoding="utf-8")
+    reasons = readme.partition("  reason  ")[2].partition("  red green blue")[0]
+    assert {int(number) for number in re.findall(r"\d+", reasons)} == {int(reason) for reason in NotAssessed}
     assert {"unresolved", "crest", "invented", "stray_share", "rate_assessment", "rate_told_from"} <= words
 
 
