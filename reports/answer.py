@@ -11,7 +11,7 @@ from collections import Counter
 import numpy as np
 
 from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
-from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts
+from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts, Told
 from reports.quantities import (
     MM,
     NBSP,
@@ -70,17 +70,28 @@ def state_answer(
     comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts, setting: Setting,
 ) -> Answer:  # fmt: skip
     """Return the answer of a comparison; `setting`: what words of place go by."""
-    changed = _what_changed(comparison, regions, before, after)
-    sure = (
-        *_lies_off(comparison),
-        _how_small(comparison, bool(regions)),
-        *_coarse(comparison),
-        *_beyond_tolerance(comparison),
-        _whole(comparison),
-        _not_assessed(comparison, (before, after)),
-        *_met_nothing(comparison, (before, after), setting),
+    largest, tables = _largest(comparison, regions)
+    return Answer(
+        headline=_headline(comparison, regions),
+        changed=_what_changed(comparison, regions, before, after, tables),
+        largest=largest,
+        figures=_figures(comparison, regions, before, after),
+        sure=_how_sure(comparison, bool(regions), (before, after), setting),
     )
-    return Answer(_headline(comparison, regions), changed, sure, _figures(comparison, regions, before, after))
+
+
+def _how_sure(
+    comparison: Comparison, changed: bool, epochs: tuple[EpochFacts, EpochFacts], setting: Setting
+) -> tuple[Told, ...]:
+    """Return how far what is told can be relied upon, by what it is about."""
+    told = {
+        "The rest": _lies_off(comparison),
+        "How small": (_how_small(comparison, changed), *_coarse(comparison)),
+        "Tolerance": _beyond_tolerance(comparison),
+        "The whole": (_whole(comparison),),
+        "Not assessed": (_not_assessed(comparison, epochs), *_met_nothing(comparison, epochs, setting)),
+    }
+    return tuple(Told(subject, " ".join(texts)) for subject, texts in told.items() if texts)
 
 
 def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
@@ -143,9 +154,9 @@ def _is_all_unknown(comparison: Comparison) -> bool:
 
 
 def _what_changed(
-    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts
+    comparison: Comparison, regions: tuple[RegionFacts, ...], before: EpochFacts, after: EpochFacts, tables: list[str]
 ) -> tuple[str, ...]:
-    """Return what changed between which dates, and the largest regions one by one."""
+    """Return what changed between which dates; `tables`: where what does not follow one by one is to be found."""
     between = f"Between {before.date} and {after.date}"
     if not regions and _is_all_unknown(comparison):
         return (f"Whether anything changed between {before.date} and {after.date} is not known.",)
@@ -161,28 +172,34 @@ def _what_changed(
     # Their margins are added up as if all erred alike: the sum has no more digits than that leaves.
     whole = about_square(*(float(comparison.regions[name].sum()) for name in ("area_m2", "sigma_area_m2")))
     size = f"; together they cover {whole}" if len(regions) > 1 else ""
+    rest = (f"The largest of them follow; all stand in {listed(tables)}.",) if tables else ()
+    doubt = (LAYER_OR_PIECE,) if any(r.kind in ("cleaned", "coated") for r in regions) else ()
+    return (f"{between} {listed(parts)}{size}.", *doubt, *rest)
+
+
+def _largest(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> tuple[tuple[Told, ...], list[str]]:
+    """Return the first parts that moved and the first regions beside them, and the tables that hold more of either."""
     moved = describe_parts(comparison)
     of_parts = {number for part in moved for number in part.regions}
     others = [r for r in regions if r.number not in of_parts]
-    told = [*(_tell_part(k, part) for k, part in enumerate(moved[:NAMED], start=1)), *map(_tell, others[:NAMED])]
-    tables = [f"the table of {what}" for what, left in (("parts", moved), ("regions", others)) if len(left) > NAMED]
-    rest = (f"The others stand in {listed(tables)}.",) if tables else ()
-    doubt = (LAYER_OR_PIECE,) if any(r.kind in ("cleaned", "coated") for r in regions) else ()
-    return (f"{between} {listed(parts)}{size}.", *doubt, *told, *rest)
+    told = (*(_tell_part(k, part) for k, part in enumerate(moved[:NAMED], start=1)), *map(_tell, others[:NAMED]))
+    return told, [f"the table of {what}" for what, left in (("parts", moved), ("regions", others)) if len(left) > NAMED]
 
 
-def _tell_part(number: int, part: PartMotion) -> str:
-    """Return as a sentence how far a part moved."""
+def _tell_part(number: int, part: PartMotion) -> Told:
+    """Return how far a part moved."""
     n = len(part.regions)
-    which = f" (region{'s' * (n > 1)} {listed([str(r) for r in part.regions])})" if 0 < n <= LISTED else ""
-    told, shift, turn = f"Part {number}{which}", part.shift.text, part.turn.text
+    which = f"(region{'s' * (n > 1)} {listed([str(r) for r in part.regions])}) " if 0 < n <= LISTED else ""
+    shift, turn = part.shift.text, part.turn.text
     if part.is_shifted:
         turned = f" and turned by {turn}" if part.is_turned else ""
-        return f"{told} moved as a whole against the rest, by {shift}{turned}."
-    if part.is_turned:
-        return f"{told} turned as a whole against the rest, by {turn}; its middle did not measurably move ({shift})."
-    how = f"how much of it is a shift ({shift}) and how much a turn ({turn}) cannot be told apart"
-    return f"{told} moved as a whole against the rest; {how}."
+        told = f"moved as a whole against the rest, by {shift}{turned}."
+    elif part.is_turned:
+        told = f"turned as a whole against the rest, by {turn}; its middle did not measurably move ({shift})."
+    else:
+        how = f"how much of it is a shift ({shift}) and how much a turn ({turn}) cannot be told apart"
+        told = f"moved as a whole against the rest; {how}."
+    return Told(f"Part {number}", f"{which}{told}")
 
 
 def holds_whole(comparison: Comparison) -> bool:
@@ -190,13 +207,11 @@ def holds_whole(comparison: Comparison) -> bool:
     return comparison.mode == "absolute" and comparison.statistics.get("motion_is_significant") is not False
 
 
-def _tell(region: RegionFacts) -> str:
-    """Return one region as a sentence: where, how large, how much."""
+def _tell(region: RegionFacts) -> Told:
+    """Return where a region lies, how large it is and by how much it changed."""
     peak = {"lost": "at its deepest", "gained": "at its highest"}.get(region.side, "at most")
-    return (
-        f"Region {region.number} ({region.where}): {region.area.text}, {peak} {region.extreme.text}, "
-        f"volume {region.volume.text}."
-    )
+    size = f"{region.area.text}, {peak} {region.extreme.text}, volume {region.volume.text}"
+    return Told(f"Region {region.number}", f"({region.where}): {size}.")
 
 
 def _off(comparison: Comparison) -> str:
@@ -401,8 +416,8 @@ def _moved(comparison: Comparison) -> KeyFigure:
     """Return how far the object as a whole moved and how sure that is, or by how much its coordinates differ."""
     motion, statistics = describe_motion(comparison.registration), comparison.statistics
     if not knows_motion(comparison):
-        differ = f"its coordinates differ by {motion.displacement.text}, turned by {motion.angle.text}"
-        return KeyFigure("Motion of the whole", NOT_ASSESSABLE, f"{differ}; {AGREEMENT_UNKNOWN}")
+        differ = f"coordinates differ by {motion.displacement.text}, turned by {motion.angle.text}"
+        return KeyFigure("Motion of the whole", NOT_ASSESSABLE, differ)
     moved = "significant" if statistics.get("motion_is_significant") else "not significant"
     told = f"{moved} (confidence {print_significance(statistics['motion_significance'])})"
     return KeyFigure("Object as a whole", motion.displacement.text, f"turned by {motion.angle.text}; {told}")

@@ -30,13 +30,29 @@ class KeyFigure:
 
 
 @dataclass(frozen=True)
+class Told:
+    """What is told of one thing, which `subject` names."""
+
+    subject: str
+    text: str
+
+
+@dataclass(frozen=True)
 class Answer:
-    """The answer before all else: one line, what changed, how sure that is, and the figures to remember."""
+    """The answer before all else: one line, what changed, the largest changes one by one, the figures to remember, and
+    how sure that is; a change's `subject` is the beginning of its sentence, what is sure has it as a heading."""
 
     headline: str
     changed: tuple[str, ...]
-    sure: tuple[str, ...]
+    largest: tuple[Told, ...]
     figures: tuple[KeyFigure, ...]
+    sure: tuple[Told, ...]
+
+    @property
+    def in_sentences(self) -> str:
+        """The answer without its figures, as running text."""
+        largest = (f"{told.subject} {told.text}" for told in self.largest)
+        return " ".join((self.headline, *self.changed, *largest, *(told.text for told in self.sure)))
 
 
 @dataclass(frozen=True)

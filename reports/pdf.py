@@ -109,8 +109,10 @@ def lay_out(facts: ReportFacts, pictures: Pictures, room: _Room) -> dict[str, An
         "date": _date(facts), "foot": foot, "captions": dataclasses.asdict(captions),
         "before": facts.before.caption, "after": facts.after.caption, "named": NAMED,
         "headline": facts.answer.headline, "changed": " ".join(facts.answer.changed),
-        "sure": " ".join(facts.answer.sure), "remarks": [_break_words(r, LONGEST) for r in facts.remarks],
+        "largest": [dataclasses.asdict(told) for told in facts.answer.largest],
+        "remarks": [_break_words(r, LONGEST) for r in facts.remarks],
         "figures": [dataclasses.asdict(f) for f in facts.answer.figures],
+        "sure": [dataclasses.asdict(told) for told in facts.answer.sure],
         "views": [
             {"name": v.name, "wide": v.wide, "narrow": v.narrow, "narrow_room": v.narrow_room,
              "before": room.put(v.before), "after": room.put(v.after), "difference": room.put(v.difference)}

@@ -135,7 +135,7 @@ def plain(text):
 
 def said(facts):
     """Return the answer as one text."""
-    return plain(" ".join((facts.answer.headline, *facts.answer.changed, *facts.answer.sure)))
+    return plain(facts.answer.in_sentences)
 
 
 def rows_of(facts, title):

@@ -142,6 +142,8 @@ def test_a_browser_without_network_shows_every_picture(tmp_path, monkeypatch):
         images = page.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth, i.alt.length])")
         wide = page.evaluate("document.documentElement.scrollWidth")
         text = page.inner_text("#answer")
+        largest = [item.inner_text().split(" (")[0] for item in page.query_selector_all("#answer li")]
+        subjects = [term.inner_text() for term in page.query_selector_all("#answer dl.known dt")]
         browser.close()
     n_views = len(re.findall('class="strip"', path.read_text(encoding="utf-8")))
     assert len(images) == 4 * n_views + 2 + 2 * len(facts.regions)
@@ -151,6 +153,8 @@ def test_a_browser_without_network_shows_every_picture(tmp_path, monkeypatch):
     assert not complaints
     assert wide <= 1280
     assert "Two regions changed." in text
+    assert largest == ["Region 1", "Region 2"]
+    assert subjects == ["How small", "The whole", "Not assessed"]
     assert path.stat().st_size < 8e6
 
 
