@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from projects.errors import UnitError
-from projects.formats import ScanStream, question_unit
+from projects.formats import ScanStream, question_system, question_unit
+from projects.formats.units import DEFINED_IN_METRES
 from projects.model import Floats, Scan
 from projects.transforms import apply
 
@@ -28,11 +29,15 @@ class UnitCheck:
 
 
 def with_questioned_unit(streams: list[ScanStream], unit: UnitCheck) -> Iterator[ScanStream]:
-    """Yield the scans, each of which ends by questioning an improbable size, or place among the others (`UnitError`).
+    """Yield the scans, each of which ends by questioning an improbable size, or place among the others (`UnitError`);
+    of a file that says that its coordinates are no metres nothing is read.
 
     The store enters an epoch only when its stream has ended well, so nothing is kept of a questioned one.
     """
     boxes: list[Floats] = []  # of the scans that have been read
+    for stream in streams:
+        if stream.format not in DEFINED_IN_METRES:
+            question_system(stream.system, unit.was_stated, stream.name)
     for stream in streams:
         yield replace(stream, chunks=_questioned(stream, unit, boxes))
 

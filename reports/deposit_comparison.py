@@ -32,16 +32,15 @@ def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tup
     stem = deposit.folder_of(object_id, pair[1]).parent / "_".join(pair) / "_".join((object_id, *pair))
     stem.parent.mkdir()
     made: tuple[str, ...] = ()
-    for path in export_comparison(stem.parent, (object_id, *pair), comparison, step, ("ply",)):
+    for path in export_comparison(stem.parent, (object_id, *pair), comparison, step, ("ply",), crs=project.crs):
         made += deposit.add(path, MEANINGS[path.suffix])
     deposit.made_by[step.step_id] = made
     steps, followed = [step], series_resting_on(project, object_id, pair, step)
     if followed is not None:
         steps.append(followed)
         series = project.get(object_id, pair[1], followed.product, followed.step_id)
-        written = export_series(
-            stem.parent, object_id, series, comparison, ("ply",), bearing=project.object(object_id).front
-        )
+        front = project.object(object_id).front
+        written = export_series(stem.parent, object_id, series, comparison, ("ply",), bearing=front, crs=project.crs)
         told = "Change over all epochs: rates on the reference surface, regions and their course"
         deposit.made_by[followed.step_id] = deposit.add(written, told)
     written = write_report(stem.with_name(f"{stem.name}_report"), gather_facts(project, object_id, *pair))

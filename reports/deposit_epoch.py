@@ -129,7 +129,8 @@ def _add_made(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[dict[st
             path = _named(stem, "origmesh.obj")
             write_obj(path, mesh, comments=("metres",))
             meshes = deposit.add(path, "Mesh of the epoch; project frame, metres")
-        written = export_surface(stem.parent, epoch.record.object_id, epoch.record.epoch_id, mesh, ("ply",))
+        ids = epoch.record.object_id, epoch.record.epoch_id
+        written = export_surface(stem.parent, *ids, mesh, ("ply",), crs=epoch.project.crs)
         told = "Mesh with sigma and support of each vertex; project frame, metres"
         made["surface"] = (*meshes, *deposit.add(written, told))
         rows += mesh_rows(mesh, surface)

@@ -46,11 +46,11 @@ UNITS = {"distance": "m, positive = gained", "lod95": "m", "told_from": "m", "si
          "assessment": "0 unknown 1 unchanged 2 changed"}  # fmt: skip
 
 Properties = Mapping[str, NDArray[Any]]
-Writer = Callable[[Path, Surface, Properties], None]
+Writer = Callable[[Path, Surface, Properties, str], None]
 
 
 def export_comparison(
-    out: Path, ids: tuple[str, str, str], comparison: Comparison, step: Step, formats: Sequence[str]
+    out: Path, ids: tuple[str, str, str], comparison: Comparison, step: Step, formats: Sequence[str], *, crs: str = ""
 ) -> list[Path]:
     """Write both difference models, the table of regions and the summary; return the paths.
 
@@ -61,6 +61,7 @@ def export_comparison(
     comparison : in the reference epoch's coordinates, m.
     step : the comparison's record: its parameters, versions and inputs stand in the summary.
     formats : of `FORMATS`; the table and the summary are always written.
+    crs : reference system of the project, EPSG:n, which PLY, OBJ, LAZ and E57 name.
     """
     stem = "_".join(ids)
     limit = choose_limit(comparison)
@@ -69,21 +70,23 @@ def export_comparison(
         side = comparison.on_compared if name == "on-compared" else comparison.on_reference
         colours = vertex_colours(side, limit)
         surface = dataclasses.replace(side.surface, colors=colours)
-        written += _write_formats(out / f"{stem}_{name}", surface, side_properties(side, colours), formats)
+        written += _write_formats(out / f"{stem}_{name}", surface, side_properties(side, colours), formats, crs)
     table, summary = out / f"{stem}_regions.csv", out / f"{stem}_summary.json"
     write_csv(table, comparison.regions)
     write_json(summary, summarize(comparison, step))
     return [*written, table, summary]
 
 
-def export_surface(out: Path, object_id: str, epoch_id: str, surface: Surface, formats: Sequence[str]) -> list[Path]:
+def export_surface(
+    out: Path, object_id: str, epoch_id: str, surface: Surface, formats: Sequence[str], *, crs: str = ""
+) -> list[Path]:
     """Write an epoch's surface, in the epoch's own project coordinates; return the paths."""
-    return _write_formats(out / f"{object_id}_{epoch_id}_surface", surface, surface_columns(surface), formats)
+    return _write_formats(out / f"{object_id}_{epoch_id}_surface", surface, surface_columns(surface), formats, crs)
 
 
 def export_series(
     out: Path, object_id: str, series: Series, comparison: Comparison, formats: Sequence[str], *,
-    bearing: float | None = None,
+    bearing: float | None = None, crs: str = "",
 ) -> list[Path]:  # fmt: skip
     """Write the rates on the reference surface, where they are significant (`rate_assessment`: 0 not assessable, 1 not
     significant, 2 significant), from how large a rate on one is told, the followed regions and their history; return
@@ -94,6 +97,7 @@ def export_series(
     series : rates in m/year, positive = gained.
     comparison : of the reference epoch with the last of the series.
     bearing : rad, of the object's front, by which words of place go; None where nobody said.
+    crs : reference system of the project, EPSG:n.
     """
     surface = comparison.on_reference.surface
     stem = f"{object_id}_{series.reference_id}_series"
@@ -107,7 +111,7 @@ def export_series(
         properties["rate_assessment"] = series.rate_assessment.astype(np.uint8)
     if series.rate_told_from is not None:
         properties["rate_told_from"] = series.rate_told_from
-    written = _write_formats(out / stem, surface, properties, formats)
+    written = _write_formats(out / stem, surface, properties, formats, crs)
     tables = {name: getattr(series, name) for name in ("regions", "history", "forecast", "motions", "closures")}
     tables["regions"] = _place_regions(series, comparison, bearing)
     for name in tables:
@@ -203,7 +207,9 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _write_formats(stem: Path, surface: Surface, properties: Properties, formats: Sequence[str]) -> list[Path]:
+def _write_formats(
+    stem: Path, surface: Surface, properties: Properties, formats: Sequence[str], crs: str
+) -> list[Path]:
     """Write one surface in each format; return the paths."""
     written = []
     for name in formats:
@@ -213,53 +219,59 @@ def _write_formats(stem: Path, surface: Surface, properties: Properties, formats
             require_stl_holds(stem.parent / f"{stem.name}.stl", surface)
     for name in formats:
         path = stem.parent / f"{stem.name}.{name}"
-        _WRITERS[name](path, surface, properties)
+        _WRITERS[name](path, surface, properties, crs)
         written.append(path)
     return written
 
 
-def _write_ply(path: Path, surface: Surface, properties: Properties) -> None:
+def _write_ply(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
     """Write the surface with all properties."""
-    write_ply_mesh(path, surface, properties, comments=_notes_on(properties))
+    write_ply_mesh(path, surface, properties, comments=_notes_on(properties, crs))
 
 
-def _notes_on(properties: Properties) -> tuple[str, ...]:
+def _notes_on(properties: Properties, crs: str) -> tuple[str, ...]:
     """Return what a file says of its units, signs and numbers: of the properties that it has."""
     unit = UNIT_NOTE if "assessment" in properties else RATE_NOTE if "rate" in properties else "metres"
     more = {"told_from": TOLD_NOTE, "reason": REASON_NOTE}
-    return unit, *(note for name, note in more.items() if name in properties)
+    return unit, *_system_note(crs), *(note for name, note in more.items() if name in properties)
 
 
-def _write_obj(path: Path, surface: Surface, properties: Properties) -> None:
+def _system_note(crs: str) -> tuple[str, ...]:
+    """Return in which reference system coordinates are, where the project says so."""
+    return (f"coordinates in {crs}, x east, y north",) if crs else ()
+
+
+def _write_obj(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
     """Write the surface; OBJ holds no properties."""
-    write_obj(path, surface, comments=("metres",))
+    write_obj(path, surface, comments=("metres", *_system_note(crs)))
 
 
-def _write_stl(path: Path, surface: Surface, properties: Properties) -> None:
+def _write_stl(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
     """Write the triangles alone."""
     write_stl(path, surface)
 
 
-def _write_glb(path: Path, surface: Surface, properties: Properties) -> None:
+def _write_glb(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
     """Write the surface in its colours."""
     write_glb(path, surface)
 
 
-def _write_laz(path: Path, surface: Surface, properties: Properties) -> None:
+def _write_laz(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
     """Write the vertices as points, with what LAS does not hold by itself as extra dimensions."""
     plain = {name: values for name, values in properties.items() if name not in ("red", "green", "blue", "intensity")}
-    write_las(path, _vertex_cloud(surface), plain, {name: UNITS[name] for name in plain if name in UNITS})
+    write_las(path, _vertex_cloud(surface), plain, {name: UNITS[name] for name in plain if name in UNITS}, crs)
 
 
-def _write_csv(path: Path, surface: Surface, properties: Properties) -> None:
+def _write_csv(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
     """Write a row for each vertex."""
     places = {axis: surface.vertices[:, k] for k, axis in enumerate("xyz")}
     write_csv(path, pd.DataFrame({**places, **properties}))
 
 
-def _write_e57(path: Path, surface: Surface, properties: Properties) -> None:
+def _write_e57(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
     """Write the vertices as one scan."""
-    write_e57(path, [Scan(path.stem, _vertex_cloud(surface), np.eye(4))], description="vertices of a surface")
+    vertices = Scan(path.stem, _vertex_cloud(surface), np.eye(4))
+    write_e57(path, [vertices], description="vertices of a surface", crs=crs)
 
 
 def _vertex_cloud(surface: Surface) -> PointCloud:

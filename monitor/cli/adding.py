@@ -23,6 +23,7 @@ from projects.formats import PoseLine, ScanStream, metres_per_unit, question_uni
 from projects.identifiers import require_id
 from projects.model import ControlPoint, EpochRecord
 from projects.provenance import hash_file
+from projects.reference_systems import name_of_plane
 from projects.store import Project
 from reports.history import tell_blind
 
@@ -62,6 +63,7 @@ def add_epoch_to_project(path: Path, request: EpochRequest, as_json: bool) -> No
             else project.add_epoch(record, with_questioned_unit(streams, unit))
         )
     _warn_of_meshes(project, stored, [stream.name for stream in streams if stream.has_faces])
+    _warn_of_systems(project, stored, streams)
     _tell(project, stored, count_placed(streams), as_json)
 
 
@@ -192,6 +194,20 @@ def _warn_of_meshes(project: Project, record: EpochRecord, names: Sequence[str])
             f"mind: {_name_some(names)}: a mesh, of which the vertices were taken as the points of a scan; a "
             f"finished surface is taken as it is with --mesh: monitor remove-epoch {project.path} {record.object_id} "
             f"{record.epoch_id}, then add it again with that",
+            err=True,
+        )
+
+
+def _warn_of_systems(project: Project, record: EpochRecord, streams: Sequence[ScanStream]) -> None:
+    """Say of which files the coordinates are in another reference system than the project's, by what they say."""
+    own = name_of_plane(project.crs)
+    others = [s for s in streams if own and s.system is not None and s.system.name != own]
+    if others:
+        said = sorted({stream.system.name for stream in others if stream.system})
+        typer.echo(
+            f"mind: {_name_some([s.name for s in others])}: said to be in {', '.join(said)}, the project is in {own}; "
+            f"the coordinates were taken as they are. If they are not in {own}: monitor remove-epoch {project.path} "
+            f"{record.object_id} {record.epoch_id}, transform them, add the epoch again",
             err=True,
         )
 

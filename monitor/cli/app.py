@@ -57,7 +57,9 @@ def demo(out: OutOption = Path("monitor-demo")) -> None:
 def init(
     project: ProjectArgument,
     name: Annotated[str, typer.Option(help="Name of the project, free text.")] = "",
-    crs: Annotated[str, typer.Option(metavar="EPSG:n", help="Reference system of the project's coordinates.")] = "",
+    crs: Annotated[
+        str, typer.Option(metavar="EPSG:n", help="Reference system of the project's coordinates: plane, in metres.")
+    ] = "",
     description: Annotated[str, typer.Option(help="What the project is about, free text.")] = "",
 ) -> None:
     """Start a project in a new or empty folder."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,11 @@ from rich.text import Text
 
 from monitor.cli.units import bearing_from_direction, metres_from_millimetres
 from projects.bags import is_bag, verify_bag
-from projects.errors import ParameterError, StoreError
+from projects.errors import StoreError
 from projects.extent import read_extent
 from projects.index_file import INDEX_NAME
 from projects.model import EpochRecord, ObjectRecord
+from projects.reference_systems import require_projected_metres
 from projects.store import Project
 from projects.verify import verify_project
 from reports.quantities import tell_bearing
@@ -29,8 +29,8 @@ COMPARISON, SERIES = "comparison-", "series-"  # and the epoch that it goes out 
 
 def init_project(path: Path, name: str, crs: str, description: str) -> None:
     """Start a project."""
-    if crs and not re.fullmatch(r"EPSG:[0-9]+", crs, re.ASCII):
-        raise ParameterError(f"--crs {crs}: a number of the EPSG register is needed, like EPSG:31256")
+    if crs:
+        require_projected_metres(crs)
     project = Project.create(path, name=name, crs=crs, description=description)
     typer.echo(f"project {project.name or path.name} started in {path}")
 

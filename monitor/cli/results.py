@@ -39,7 +39,7 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
             notify(f"{epoch_id}: writing the surface")
             surface = project.get(object_id, epoch_id, "surface", made.step_id)
             plain = tuple(f for f in wanted if f != SCREEN)
-            written += export_surface(out, object_id, epoch_id, surface, plain)
+            written += export_surface(out, object_id, epoch_id, surface, plain, crs=project.crs)
             if SCREEN in wanted:
                 notify(f"{epoch_id}: making a light model for the screen")
                 written.append(_export_screen(out / f"{object_id}_{epoch_id}_screen.glb", surface))
@@ -50,7 +50,7 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
             comparison = project.get(object_id, compared_id, step.product, step.step_id)
             ids = (object_id, reference_id, compared_id)
             plain = tuple(f for f in wanted if f != SCREEN)
-            written += export_comparison(out, ids, comparison, step, plain)
+            written += export_comparison(out, ids, comparison, step, plain, crs=project.crs)
             written += _export_series(project, out, ids, (step, comparison), plain)
     for file in written:
         typer.echo(str(file))
@@ -90,7 +90,7 @@ def _export_series(
         return []
     series = project.get(object_id, compared_id, step.product, step.step_id)
     front = project.object(object_id).front
-    return export_series(out, object_id, series, made[1], formats, bearing=front)
+    return export_series(out, object_id, series, made[1], formats, bearing=front, crs=project.crs)
 
 
 def parse_formats(text: str) -> tuple[str, ...]:

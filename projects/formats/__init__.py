@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from projects.formats.sniffing import sniff_format as sniff_format
     from projects.formats.table_writer import write_csv as write_csv
     from projects.formats.units import metres_per_unit as metres_per_unit
+    from projects.formats.units import question_system as question_system
     from projects.formats.units import question_unit as question_unit
 
 _HOME = {
@@ -41,6 +42,7 @@ _HOME = {
     "doubt_places": "poses",
     "find_pose_line": "poses",
     "metres_per_unit": "units",
+    "question_system": "units",
     "question_unit": "units",
     "read_control": "control",
     "read_mesh": "meshes",

@@ -7,6 +7,7 @@ number of points that the file promises.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from pye57 import libe57
 
 from projects.errors import FormatError
 from projects.formats.rawscan import CHUNK, Columns, ScanHeader, as_bytes_of_colour, within_unit_range
+from projects.reference_systems import read_wkt
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -31,7 +33,8 @@ def list_scans(path: str) -> list[ScanHeader]:
     n_scans = len(root["data3D"]) if root.isDefined("data3D") else 0
     if not n_scans:
         raise FormatError("holds no scans (an E57 file may hold images alone); export the scans with their points")
-    return [_header(root["data3D"][k], k, n_scans) for k in range(n_scans)]
+    system = _system(root)
+    return [replace(_header(root["data3D"][k], k, n_scans), system=system) for k in range(n_scans)]
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
@@ -43,6 +46,13 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     limits = _limits(image, scan, kinds)
     for fields in _blocks(image, scan, names):
         yield _columns(fields, limits)
+
+
+def _system(root: Any) -> dict[str, Any] | None:
+    """Return the reference system that the file names, where it is understood."""
+    words = str(root["coordinateMetadata"].value()) if root.isDefined("coordinateMetadata") else ""
+    system = read_wkt(words)
+    return None if system is None else asdict(system)
 
 
 def _open(path: str) -> Any:

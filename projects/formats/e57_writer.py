@@ -24,6 +24,7 @@ from projects.formats.complete_file import complete_file
 from projects.formats.e57_bounds import Extremes, header_bounds
 from projects.formats.scan_blocks import ScanSource, in_blocks
 from projects.model import Scan
+from projects.reference_systems import wkt_of
 from projects.transforms import apply, require_rigid
 
 CHUNK = 1_000_000
@@ -42,6 +43,7 @@ def write_e57(
     fill_grid: bool = False,
     acquired: datetime.datetime | None = None,
     description: str = "",
+    crs: str = "",
 ) -> None:
     """Write scans, each in its own frame with its pose, to one E57 file.
 
@@ -56,6 +58,7 @@ def write_e57(
         scans with `rows` and `columns` that name every cell at most once.
     acquired : when the scans were made (with a time zone); left out where unknown.
     description : free text of every scan.
+    crs : reference system that the poses lead to, as EPSG:n.
 
     Raises
     ------
@@ -65,7 +68,7 @@ def write_e57(
     """
     path, n_scans = Path(path), 0
     about = {"acquired": acquired, "description": description}
-    with complete_file(path) as unfinished, _new_image(unfinished, acquired) as image:
+    with complete_file(path) as unfinished, _new_image(unfinished, acquired, wkt_of(crs)) as image:
         for source in scans:
             if fill_grid and not isinstance(source, Scan):
                 raise FormatError(f"{path}: fill_grid needs whole scans; this one comes in blocks")
@@ -95,7 +98,7 @@ class _Blocks:
 
 
 @contextlib.contextmanager
-def _new_image(path: Path, acquired: datetime.datetime | None) -> Iterator[Any]:
+def _new_image(path: Path, acquired: datetime.datetime | None, system: str) -> Iterator[Any]:
     """Yield a new file with its header, to be closed afterwards; created when acquired, not told where unknown."""
     from pye57 import libe57
 
@@ -108,7 +111,7 @@ def _new_image(path: Path, acquired: datetime.datetime | None) -> Iterator[Any]:
         root.set("versionMajor", libe57.IntegerNode(image, libe57.E57_FORMAT_MAJOR))
         root.set("versionMinor", libe57.IntegerNode(image, libe57.E57_FORMAT_MINOR))
         root.set("e57LibraryVersion", libe57.StringNode(image, libe57.E57_LIBRARY_ID))
-        root.set("coordinateMetadata", libe57.StringNode(image, ""))
+        root.set("coordinateMetadata", libe57.StringNode(image, system))
         if acquired is not None:
             root.set("creationDateTime", _structure(image, _moment(acquired)))
         root.set("data3D", libe57.VectorNode(image, True))

@@ -8,18 +8,22 @@ colours that are zero over the first million points are taken as absent. Withhel
 
 from __future__ import annotations
 
+import contextlib
 import os
 import struct
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import laspy
 import lazrs
 import numpy as np
+from pyproj.exceptions import CRSError
 
 from projects.errors import FormatError
 from projects.formats.rawscan import CHUNK, Columns, Scaling, ScanHeader, within_unit_range
+from projects.reference_systems import describe_system
 
 SHORTEST_HEADER, VLR_HEADER, EVLR_HEADER = 227, 54, 60
 RECORD_LENGTHS = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)  # of point formats 0 to 10, without extra bytes
@@ -28,10 +32,10 @@ RECORD_LENGTHS = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)  # of point format
 def list_scans(path: str) -> list[ScanHeader]:
     """Return the one scan of the file."""
     n, is_compressed = require_sound_header(path)
-    if n and is_compressed:
-        with laspy.open(path, read_evlrs=False) as reader:
-            n = reader.header.point_count
-    return [ScanHeader(n_declared=n)]
+    if not n:
+        return [ScanHeader(n_declared=n)]
+    with laspy.open(path, read_evlrs=False) as reader:
+        return [ScanHeader(n_declared=reader.header.point_count if is_compressed else n, system=_system(reader.header))]
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
@@ -116,6 +120,14 @@ def _require_scales(header: Any) -> None:
     scales, offsets = np.asarray(header.scales), np.asarray(header.offsets)
     if not (np.isfinite(scales).all() and np.isfinite(offsets).all() and (scales > 0).all()):
         raise FormatError(f"its header scales coordinates by {scales.tolist()}; positive numbers are needed")
+
+
+def _system(header: Any) -> dict[str, Any] | None:
+    """Return the reference system that the file's records name, in words or by keys, where they are understood."""
+    with contextlib.suppress(CRSError, ValueError, KeyError, IndexError, struct.error):
+        system = header.parse_crs()
+        return None if system is None else asdict(describe_system(system))
+    return None
 
 
 def _columns(points: Any, scaling: Scaling, kept: set[str] | None) -> Columns:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from projects.errors import FormatError, ShapeError
 from projects.formats.complete_file import complete_file
 from projects.model import Floats, PointCloud
+from projects.reference_systems import wkt_of
 
 CHUNK = 1_000_000
 SCALES = (1e-6, 1e-5, 1e-4, 1e-3)  # m, the first that reaches across the points is taken
@@ -21,7 +22,7 @@ EXTRA_KINDS = "iuf"
 
 
 def write_las(path: Path, cloud: PointCloud, extra: Mapping[str, NDArray[Any]] | None = None,
-              about: Mapping[str, str] | None = None) -> None:  # fmt: skip
+              about: Mapping[str, str] | None = None, crs: str = "") -> None:  # fmt: skip
     """Write points with intensity and colours where known, and extra dimensions such as `distance` and `lod95`.
 
     Parameters
@@ -31,6 +32,7 @@ def write_las(path: Path, cloud: PointCloud, extra: Mapping[str, NDArray[Any]] |
         0.01 mm where the points spread over more than 4 km). Unknown intensity becomes 0.
     extra : name (at most 32 letters) -> (n,) numbers; NaN stays NaN.
     about : name of an extra dimension -> what the file says of it (at most 32 letters), as its unit.
+    crs : reference system of the points, as EPSG:n.
 
     Raises
     ------
@@ -51,6 +53,10 @@ def write_las(path: Path, cloud: PointCloud, extra: Mapping[str, NDArray[Any]] |
     for name, values in extra.items():
         _require_fit(name, values, len(cloud))
         header.add_extra_dim(laspy.ExtraBytesParams(name, values.dtype, description=(about or {}).get(name, "")))
+    words = wkt_of(crs)
+    if words:
+        header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(words))
+        header.global_encoding.wkt = True
     with complete_file(path) as unfinished, laspy.open(unfinished, mode="w", header=header) as out:
         for start in range(0, len(cloud), CHUNK):
             which = slice(start, start + CHUNK)

@@ -33,7 +33,8 @@ class ScanHeader:
 
     `pose` is T_project_scanner in file units and `origin` the scanner's position in the scan's frame, each None where
     the file does not say. `is_centred`: the format puts the scanner at 0 0 0, so a point there has no range.
-    `has_faces`: the points are the vertices of a mesh. `place` is whatever the reader needs to find the scan again.
+    `has_faces`: the points are the vertices of a mesh. `system`: the fields of a `ReferenceSystem`, where the file
+    names one. `place` is whatever the reader needs to find the scan again.
     """
 
     label: str = ""
@@ -44,6 +45,7 @@ class ScanHeader:
     is_grid: bool = False
     is_centred: bool = False
     has_faces: bool = False
+    system: Mapping[str, Any] | None = None
     place: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:

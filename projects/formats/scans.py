@@ -20,6 +20,7 @@ from projects.formats.rawscan import Columns, ScanHeader
 from projects.formats.sniffing import sniff_format
 from projects.formats.units import require_unit
 from projects.model import Floats, PointCloud, Scan
+from projects.reference_systems import ReferenceSystem
 from projects.transforms import require_rigid
 
 BITS_PER_POINT = 1 / 8  # no honest file packs its points tighter than eight of them to a bit
@@ -46,6 +47,7 @@ class ScanStream:
         dropped since the chunk before. Raises `FormatError` where the file is broken or holds no measurement.
     placed_by : what the pose was found by where nobody stated it, in words; empty where it was stated.
     has_faces : whether the points are the vertices of a mesh.
+    system : reference system of the coordinates, where the file names one.
     """
 
     name: str
@@ -62,6 +64,7 @@ class ScanStream:
     chunks: Callable[[], Iterator[Scan]]
     placed_by: str = ""
     has_faces: bool = False
+    system: ReferenceSystem | None = None
 
 
 def read_scans(
@@ -141,6 +144,7 @@ def _stream(
     return ScanStream(
         name, index, path, pose, origin, stated, header.n_declared, header.scanner, header.is_grid, header.label,
         format_name, chunks, has_faces=header.has_faces,
+        system=None if header.system is None else ReferenceSystem(**header.system),
     )  # fmt: skip
 
 

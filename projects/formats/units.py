@@ -13,10 +13,12 @@ import numpy as np
 
 from projects.errors import ParameterError, UnitError
 from projects.model import Floats
+from projects.reference_systems import ReferenceSystem
 
 METRES = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
 SMALLEST, LARGEST, LARGEST_WHERE_METRES_ARE_DEFINED = 0.005, 100.0, 2000.0  # m
 DEFINED_IN_METRES = ("e57", "ptx", "glb")
+SAME_UNIT = 3e-6  # the foot of surveys in the United States is 2 millionths longer than the foot
 
 
 def metres_per_unit(name: str) -> float:
@@ -31,6 +33,27 @@ def require_unit(unit: float) -> float:
     if not (np.isfinite(unit) and unit > 0):
         raise ParameterError(f"unit = {unit!r}: metres per file unit, a positive number, is needed")
     return unit
+
+
+def question_system(system: ReferenceSystem | None, unit_stated: bool, name: str) -> None:
+    """Raise `UnitError` where a file says that its coordinates are no metres and nobody said what they are.
+
+    Parameters
+    ----------
+    system : what the file says, None where it says nothing or its format defines metres.
+    unit_stated : the user named the unit, which goes before what the file says.
+    name : of the file, for the message.
+    """
+    if unit_stated or system is None or system.metres == 1.0:
+        return
+    if system.metres is None:
+        raise UnitError(
+            f"{name} says that its coordinates are angles ({system.name}, {system.unit}); bring them into a plane "
+            "system in metres first, or say with --unit that they are none"
+        )
+    fitting = [unit for unit, metres in METRES.items() if abs(metres / system.metres - 1.0) < SAME_UNIT]
+    what = f"--unit {fitting[0]}" if fitting else "bring them into metres first, or say with --unit what they are"
+    raise UnitError(f"{name} says that its coordinates are in {system.unit} ({system.name}); state it: {what}")
 
 
 def question_unit(bounds: Floats, unit_stated: bool, format_name: str = "", name: str = "the scan") -> None:

@@ -11,6 +11,7 @@ from report_examples import example_comparison
 from small_comparison import make_comparison
 
 from projects.errors import FormatError
+from projects.formats import read_scans
 from projects.model import Step, Surface
 from reports.colours import choose_limit
 from reports.exports import SUMMARY_KEYS, export_comparison, export_surface, summarize
@@ -79,9 +80,24 @@ def test_a_difference_model_says_why_a_place_was_not_assessed_and_what_its_numbe
     head = ply.read_bytes().split(b"end_header")[0].decode()
     assert "comment reason: 0 assessed, 1 no_face, 2 free_edge" in head
     las = laspy.read(paths["ball_e1_e2_on-compared.laz"])
+    assert las.header.parse_crs() is None
     said = {d.name: d.description for d in las.point_format.extra_dimensions}
     assert said["distance"].rstrip("\0") == "m, positive = gained"
     assert said["assessment"].rstrip("\0") == "0 unknown 1 unchanged 2 changed"
     np.testing.assert_array_equal(las["reason"], comparison.on_compared.reasons)
     without = trimesh.load(paths["ball_e1_e2_on-reference.ply"], process=False).metadata["_ply_raw"]["vertex"]["data"]
     assert "told_from" not in without.dtype.names
+
+
+def test_files_name_the_reference_system_of_the_project(tmp_path):
+    comparison, step = make_comparison(n=30), Step("c" * 16, "comparison-e1")
+    figures = {**dict.fromkeys(SUMMARY_KEYS, 0.0), **comparison.statistics}
+    comparison = dataclasses.replace(comparison, statistics=figures)
+    ids, formats = ("ball", "e1", "e2"), ("ply", "obj", "laz", "e57")
+    paths = {p.name: p for p in export_comparison(tmp_path, ids, comparison, step, formats, crs="EPSG:31256")}
+    for suffix in ("ply", "obj"):
+        head = paths[f"ball_e1_e2_on-compared.{suffix}"].read_bytes()[:2000]
+        assert b"coordinates in EPSG:31256, x east, y north" in head
+    for suffix in ("laz", "e57"):
+        (stream,) = read_scans(paths[f"ball_e1_e2_on-compared.{suffix}"])
+        assert (stream.system.name, stream.system.metres) == ("EPSG:31256", 1.0)
