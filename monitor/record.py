@@ -21,6 +21,7 @@ from projects.store import Project
 METHOD = {
     "calibration": 5,
     "scan": 10,
+    "averaged": 11,  # repeated scans; until 10 a "scan" like others
     "targets": 2,
     "network": 16,
     "filtered": 11,

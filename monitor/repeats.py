@@ -57,7 +57,7 @@ def filter_repeats(
     extent = place.project.object(place.object_id).extent
     given = {"filter": as_mapping(settings), "extent": extent, "scan": 0, "name": names[0], "repeats": len(names)}
     inputs = (latest_step(place, "raw"), *(step for step in calibrations if step is not None))
-    return once_step(place, Asked("scan000", "scan", given, inputs), make)
+    return once_step(place, Asked("scan000", "averaged", given, inputs), make)
 
 
 def repeats_task(task: RepeatsTask) -> Made:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from monitor.declare import check_settings, given_or_default, setting
 from monitor.filtering.cells import Cells, gather_cells
@@ -24,6 +24,9 @@ from projects.model import Bools, Floats, Ints, Scan
 RUN = 32  # neighbouring cells whose noise is looked at together
 BLOCK = 65_536  # cells averaged at once; a multiple of RUN
 CUT = 3.0  # sigmas of the noise around: farther from the median is not averaged
+_LEFT = 2.0 * norm.cdf(CUT) - 1.0 - 2.0 * CUT * norm.pdf(CUT)  # of the variance of noise that is left within the cut
+WITHIN_CUT = float(np.sqrt(_LEFT / (2.0 * norm.cdf(CUT) - 1.0)))  # the spread there, of that of all noise: 0.987
+LOST_BY_CUT = float(1.0 / np.sqrt(_LEFT))  # the error of such a mean, of that of all ranges' (Huber 1964): 1.015
 SPLIT_SHARE = 0.2  # of the measurements on either side of a gap: a cell that saw two surfaces; fewer are no surface
 PRIOR = 10.0  # few measurements say little of their spread: the noise around counts as the spread of ten more
 FINEST = 1e-6  # m: no instrument has less noise, and nothing finer is a reason to leave a range out
@@ -115,7 +118,7 @@ def average_scans(scans: Sequence[Scan], settings: AveragingSettings | None = No
     cloud = replace(
         cells.cloud.take(keep),
         points=scans[0].origin + averages.ranges[keep, None] * cells.directions[keep],
-        n_merged=n_kept.astype(np.int32), spread=spread, sigma=np.hypot(spread / np.sqrt(n_kept), rounding),
+        n_merged=n_kept.astype(np.int32), spread=spread, sigma=np.hypot(error_of_mean(spread, n_kept), rounding),
     )  # fmt: skip
     at_cell = (cells.rows[keep], cells.columns[keep]) if cells.is_grid else (None, None)
     scan = replace(scans[0], cloud=cloud, rows=at_cell[0], columns=at_cell[1])
@@ -170,9 +173,14 @@ def average_ranges(ranges: Floats, is_levelled: bool = True, n_looked: Ints | in
     n_kept = keep.sum(axis=0)
     middle = median_known(ordered, axis=0)
     mean = np.where(keep, ordered - middle, 0.0).sum(axis=0) / np.maximum(n_kept, 1) + middle
-    own2 = np.where(keep, (ordered - mean) ** 2, 0.0).sum(axis=0)
+    own2 = np.where(keep, (ordered - mean) ** 2, 0.0).sum(axis=0) / WITHIN_CUT**2
     spread = np.sqrt((own2 + PRIOR * noise**2) / (np.maximum(n_kept - 1, 0) + PRIOR))
     return _Averages(mean, n_kept.astype(float), spread, _splits(ordered, n, noise))
+
+
+def error_of_mean(spread: Floats, n_kept: Floats) -> Floats:
+    """Return sigma (m,) [m] of the means of ranges of such a spread; a mean of one is that range."""
+    return spread / np.sqrt(n_kept) * np.where(n_kept > 1, LOST_BY_CUT, 1.0)
 
 
 def _near_median(ranges: Floats, noise: Floats) -> Bools:
@@ -256,6 +264,6 @@ def _describe(cells: Cells, averages: _Averages, drift: Drift, keep: Bools) -> d
         "by": "row and column" if cells.is_grid else "nearest direction",
         "n_averaged_median": float(np.median(n_kept)) if len(n_kept) else float("nan"),
         "noise_of_one_scan": float(np.median(spread)) if len(n_kept) else float("nan"),
-        "noise_of_the_mean": float(np.median(spread / np.sqrt(n_kept))) if len(n_kept) else float("nan"),
+        "noise_of_the_mean": float(np.median(error_of_mean(spread, n_kept))) if len(n_kept) else float("nan"),
         "drift": drift.as_mapping(),
     }
