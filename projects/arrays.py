@@ -45,6 +45,9 @@ def as_array(value: ArrayLike | None, name: str, shape: tuple[int | None, ...], 
 
 def numbers_of(value: ArrayLike, name: str, kind: np.dtype[Any]) -> Any:
     """Return `value` as an array of `kind`; raise `ShapeError` where it is no numbers or would not be the same ones."""
+    if np.ma.is_masked(value):
+        n = int(np.ma.count_masked(value))
+        raise ShapeError(f"{name} is masked in {n} places; fill unknown values with NaN, or leave their rows out")
     try:
         given = np.asarray(value)
         if given.dtype.kind not in "biuf" and given.size:

@@ -20,6 +20,7 @@ CORNERS = np.eye(3)
     ("points is not an array of numbers", {"points": CORNERS + 1j}),
     ("points is None", {"points": None}),
     ("points is not an array of numbers", {"points": [[None, 1, 2]]}),
+    ("points is masked in 3 places; fill unknown values with NaN", {"points": np.ma.masked_equal(CORNERS + 7.0, 8.0)}),
     (r"colors holds other than whole numbers from 0 to 255", {"points": CORNERS, "colors": 0.5 * np.ones((3, 3))}),
     (r"colors holds other than whole numbers from 0 to 255", {"points": CORNERS, "colors": 300.0 * np.ones((3, 3))}),
     (r"colors holds other than whole numbers from 0 to 255", {"points": CORNERS, "colors": -np.ones((3, 3), int)}),
