@@ -18,11 +18,13 @@ from projects.errors import StoreError
 from projects.extent import read_extent
 from projects.index_file import INDEX_NAME
 from projects.model import EpochRecord, ObjectRecord
+from projects.products import GIVEN
 from projects.reference_systems import require_projected_metres
 from projects.store import Project
 from projects.verify import verify_project
 from reports.quantities import tell_bearing
 
+LOST = "file missing"
 UNCUT = 1000  # characters a line
 COMPARISON, SERIES = "comparison-", "series-"  # and the epoch that it goes out from: names of products
 
@@ -122,6 +124,8 @@ def show_status(path: Path, as_json: bool) -> None:
         title = f"{fact['object']}  {fact['name']}" if fact["name"] else fact["object"]
         console.print(Text(title, style="bold"))  # not markup: brackets are the user's own
         console.print(_status_table(fact["epochs"]))
+    if any(epoch["without_file"] for fact in facts for epoch in fact["epochs"]):
+        typer.echo(f"mind: files are missing or cut off; monitor verify {shlex.quote(str(path))} names them", err=True)
 
 
 def _object_status(project: Project, record: ObjectRecord) -> dict[str, Any]:
@@ -134,6 +138,7 @@ def _epoch_status(project: Project, epoch: EpochRecord) -> dict[str, Any]:
     """Return one epoch's state as plain values."""
     headers = project.scan_headers(epoch.object_id, epoch.epoch_id)
     products = {step.product for step in project.steps(epoch.object_id, epoch.epoch_id)}
+    lost = sorted(p for p in products if project.latest(epoch.object_id, epoch.epoch_id, p) is None)
     return {
         "epoch": epoch.epoch_id,
         "date": epoch.date.isoformat(),
@@ -143,6 +148,7 @@ def _epoch_status(project: Project, epoch: EpochRecord) -> dict[str, Any]:
         "is_mesh": epoch.is_mesh,
         "processed": project.latest(epoch.object_id, epoch.epoch_id, "surface") is not None,
         "compared_with": sorted(p.removeprefix(COMPARISON) for p in products if p.startswith(COMPARISON)),
+        "without_file": lost,  # made, or given, but the file is missing or cut off
     }
 
 
@@ -158,7 +164,8 @@ def _status_table(epochs: list[dict[str, Any]]) -> Table:
     for e in epochs:
         scans = "mesh" if e["is_mesh"] else str(e["n_scans"])
         points = "" if e["is_mesh"] else f"{e['n_points']:,}".replace(",", " ")
-        surface = "made" if e["processed"] else "to do"
+        surface = "made" if e["processed"] else LOST if "surface" in e["without_file"] else "to do"
+        points = LOST if set(e["without_file"]) & set(GIVEN) else points
         cells = e["epoch"], e["date"], e["label"], scans, points, surface, ", ".join(e["compared_with"])
         table.add_row(*map(Text, cells))
     return table

@@ -1,5 +1,6 @@
 """The command line where objects and epochs are entered: what is kept, and what is said of it; nothing is computed."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -94,3 +95,25 @@ def test_an_epoch_that_is_entered_is_told_though_others_are_damaged(
     said = capsys.readouterr()
     assert "take the epoch out and add it again from its files" in said.err
     assert "monitor process" not in said.out + said.err
+
+
+def test_status_tells_a_file_that_is_missing_from_one_that_was_never_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, ball = tmp_path / "p", trimesh.creation.icosphere(subdivisions=3, radius=0.1)
+    np.savetxt(tmp_path / "points.xyz", ball.vertices, fmt="%.6f")
+    assert run(["init", str(path)]) == 0
+    assert run(["add-object", str(path), "ball"]) == 0
+    assert run(["add-epoch", str(path), "ball", "e1", "--date", "2026-05-01", str(tmp_path / "points.xyz")]) == 0
+    capsys.readouterr()
+    assert run(["status", str(path)]) == 0
+    told = capsys.readouterr()
+    assert "642 │ to do" in told.out
+    assert not told.err
+    next(path.glob("objects/ball/e1/raw-*.h5")).unlink()
+    assert run(["status", str(path)]) == 0
+    told = capsys.readouterr()
+    assert "file missing │ to do" in told.out
+    assert f"monitor verify {path} names them" in told.err
+    assert run(["status", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["objects"][0]["epochs"][0]["without_file"] == ["raw"]
