@@ -7,6 +7,7 @@ workers there are. Without workers the kernels of each piece use all cores by th
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Protocol, TypeVar
 
@@ -75,7 +76,9 @@ def _connect(workers: int | None, scheduler: str | None) -> Any:
     from distributed import Client
 
     if scheduler is None:
-        return Client(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+        return Client(
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=logging.ERROR
+        )  # that a worker was slow to end is not the user's concern
     try:
         return Client(scheduler, timeout="10s")
     except (OSError, ValueError) as error:

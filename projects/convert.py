@@ -92,6 +92,20 @@ def cloud_from_pandas(table: pd.DataFrame) -> PointCloud:
     return PointCloud(**known)
 
 
+def cloud_to_trimesh(cloud: PointCloud) -> trimesh.PointCloud:
+    """Return a `trimesh.PointCloud` with colours where known; it has no place for more."""
+    import trimesh
+
+    opaque = None if cloud.colors is None else np.c_[cloud.colors, np.full(len(cloud), 255, np.uint8)]
+    return trimesh.PointCloud(cloud.points.copy(), colors=opaque)
+
+
+def cloud_from_trimesh(converted: trimesh.PointCloud) -> PointCloud:
+    """Return a cloud from a `trimesh.PointCloud` (metres), with colours where it has them."""
+    colors = np.array(converted.colors)[:, :3] if len(converted.colors) else None
+    return PointCloud(points=np.array(converted.vertices), colors=colors)
+
+
 def surface_to_trimesh(surface: Surface) -> trimesh.Trimesh:
     """Return a `trimesh.Trimesh`, vertices in the same order; what else is known as `vertex_attributes`."""
     import trimesh
@@ -157,6 +171,15 @@ def surface_from_pyvista(mesh: pyvista.PolyData) -> Surface:
         vertices=np.array(triangles.points, dtype=np.float64), faces=np.array(triangles.regular_faces).reshape(-1, 3),
         **_point_data(triangles, Surface),
     )  # fmt: skip
+
+
+def compared_from_pyvista(mesh: pyvista.PolyData) -> ComparedSurface:
+    """Return one side of a comparison from triangles that `compared_to_pyvista` made."""
+    missing = [name for name in COMPARED if name != "told_from" and name not in mesh.point_data]
+    if missing:
+        raise ShapeError(f"the mesh lacks the point data {', '.join(missing)}, which every comparison has")
+    known: dict[str, Any] = {name: np.array(mesh.point_data[name]) for name in COMPARED if name in mesh.point_data}
+    return ComparedSurface(surface_from_pyvista(mesh), **known)
 
 
 def _point_data(mesh: pyvista.PolyData, noun: type) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import sys
+import traceback
 import warnings
 from collections.abc import Sequence
 from threading import Event
@@ -28,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def run(arguments: list[str], debug: bool = False) -> int:
-    """Run one command and return its exit code; with `debug`, errors come with their traceback."""
+    """Run one command and return its exit code; with `debug`, errors come with their traceback before their line."""
     warnings.filterwarnings("ignore", message="The TBB threading layer")  # numba has others; not the user's concern
     with notice_interrupts() as interrupted:
         return _run(arguments, debug, interrupted)
@@ -42,7 +43,7 @@ def _run(arguments: list[str], debug: bool, interrupted: Event) -> int:
         code = INTERRUPTED
     except MonitorError as error:
         if debug:
-            raise
+            traceback.print_exc()
         _complain(str(error))
         return 2
     except Exception as error:  # noqa: BLE001 - the last place that can turn it into one line
@@ -57,13 +58,14 @@ def _usage_or_ours(error: Exception, debug: bool) -> int:
     if type(error).__name__ == "Abort":
         return _interrupted()
     if type(error).__name__ == "NoArgsIsHelpError":
+        sys.stderr.write(f"{error}\n")  # what may be asked
         return 2
     if hasattr(error, "format_message"):
         command = getattr(getattr(error, "ctx", None), "command_path", "monitor")
         _complain(f"{error.format_message()} (see: {command} --help)")
         return 2
     if debug:
-        raise error
+        traceback.print_exception(error)
     if isinstance(error, OSError) and error.errno in FULL:
         _complain(f"{error.strerror}: make room on the disk; what was finished is kept, and the same command goes on")
         return 2

@@ -70,7 +70,9 @@ def _try_each(work: Sequence[Callable[[], Facts]]) -> tuple[list[Facts], list[Mo
 
 
 def _require_all(n_done: int, n: int, failed: Sequence[MonitorError], what: str) -> None:
-    """Say one by one what failed, and raise that `n` were asked for."""
+    """Say one by one what failed, and raise that `n` were asked for; one cause by itself why none is done is raised."""
+    if len(failed) == 1 and not n_done:
+        raise failed[0]
     for error in failed:
         typer.echo(f"monitor: {error}", err=True)
     if failed:

@@ -7,7 +7,7 @@ are `Scan`s of at most a million measured points in the scan's own frame.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -135,9 +135,12 @@ def _stream(
         origin = line.origin
     frame = {"name": name, "pose": np.eye(4) if pose is None else pose, "origin": origin, "scanner": header.scanner}
 
+    is_centred = header.is_centred or (line is not None and line.is_origin_stated and not origin.any())
+    asked = replace(header, is_centred=is_centred)  # a point where the scanner stood was never measured
+
     def chunks() -> Iterator[Scan]:
         """Yield the scan in pieces, as the child sends them."""
-        request = {"format": format_name, "job": "scan", "scan": header.to_json()}
+        request = {"format": format_name, "job": "scan", "scan": asked.to_json()}
         for message, columns in ask_child(path, request, limits):
             yield _scan(path, columns, message, unit, frame)
 

@@ -102,6 +102,21 @@ def test_comparison_keeps_unknown_distances_unknown(surface):
     mesh = convert.compared_to_pyvista(side)
     np.testing.assert_array_equal(mesh.point_data["distances"], distances)
     assert mesh.n_cells == len(surface.faces)
+    back = convert.compared_from_pyvista(mesh)
+    assert_same(back.surface, surface)
+    for name in ("distances", "lod95", "assessment", "region", "reasons"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(side, name))
+    assert back.told_from is None
+    with pytest.raises(ShapeError, match="lacks the point data distances, lod95"):
+        convert.compared_from_pyvista(convert.surface_to_pyvista(surface))
+
+
+def test_points_and_colours_of_a_cloud_survive_trimesh(cloud):
+    back = convert.cloud_from_trimesh(convert.cloud_to_trimesh(cloud))
+    np.testing.assert_array_equal(back.points, cloud.points)
+    np.testing.assert_array_equal(back.colors, cloud.colors)
+    bare = convert.cloud_from_trimesh(convert.cloud_to_trimesh(PointCloud(cloud.points)))
+    assert bare.colors is None
 
 
 def test_cloud_survives_open3d(cloud):

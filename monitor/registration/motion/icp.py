@@ -15,21 +15,20 @@ import numpy as np
 
 from monitor.declare import check_settings, given_or_default, setting
 from monitor.registration.motion.alignment import Alignment, AlignmentRules, align
-from monitor.registration.motion.covariance import estimate_covariance
-from monitor.registration.motion.degeneracy import find_free_motion, find_free_motions
-from monitor.registration.motion.held import Frames, FreeMotions, held_covariance, without_free_part
-from monitor.registration.motion.layer import Layered, find_layer
+from monitor.registration.motion.conclusion import Settled, conclude, failed
+from monitor.registration.motion.degeneracy import find_free_motions
+from monitor.registration.motion.held import Frames, FreeMotions, without_free_part
+from monitor.registration.motion.layer import find_layer
 from monitor.registration.motion.layer_on_most import find_layer_on_most
 from monitor.registration.motion.matching import Samples, make_samples, with_relief
 from monitor.registration.motion.partners import Partners
-from monitor.registration.motion.patches import PatchGrid, cut_patches
+from monitor.registration.motion.patches import cut_patches
 from monitor.registration.motion.rivals import judge_rivals
 from monitor.registration.motion.sampling import sample_source
-from monitor.registration.motion.scale import Scale, find_scale
+from monitor.registration.motion.scale import find_scale
 from monitor.registration.motion.self_likeness import Fit
 from monitor.registration.motion.sides import Side, prepare_side
-from monitor.registration.motion.source_vertices import patches_of, spread_to_vertices, spread_weights
-from monitor.registration.motion.stable_areas import StableSamples, doubt_stable, find_stable, keep_stable
+from monitor.registration.motion.stable_areas import StableSamples, find_stable, keep_stable
 from monitor.threads import with_one_blas_thread
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface, require_noun
@@ -40,7 +39,6 @@ N_FOR_CENTRE = 10_000
 N_COARSE = 5_000  # samples suffice to come near
 N_PER_PATCH = 25  # samples: small enough to follow a change, large enough for a mean
 SEARCH_SHARE = 0.1  # of the smaller object's diagonal: what is farther off is not "near"
-MAJORITY = 0.5  # of the surface that finds partners: with less the areas that move alike may be any of several
 SEARCH_MEDIANS = 4.0  # the search reaches so many median distances between the two as given
 
 Within = Callable[[Floats], Bools]
@@ -152,35 +150,34 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
     grid = cut_patches(samples.points, samples.normals if source.is_oriented else None, N_PER_PATCH)
     numbers = grid.numbers(samples.points, samples.normals)
     found, stable, n_iterations = align_stable(samples, target, found, rules, numbers, rng, both_oriented, partners)
-    is_kept = stable.is_kept
-    free = None if frames is None else free_motions(found, is_kept, numbers)
+    free = None if frames is None else free_motions(found, stable.is_kept, numbers)
     if free is None or frames is None:
         layered = find_layer_on_most(samples, target, found, rules, numbers, rng.spawn(1)[0], both_oriented)
         if layered is None:
             layered = find_layer(samples, target, found, rules, numbers, rng, both_oriented)
         if layered is not None:
-            samples, found, stable, is_kept = layered.samples, layered.found, layered.stable, layered.stable.is_kept
+            samples, found, stable = layered.samples, layered.found, layered.stable
             n_iterations += layered.n_iterations
         scale = None if layered is not None else find_scale(samples, target, found, rules, numbers, both_oriented)
-        concluded = conclude(source, target, grid, samples, numbers, found, stable, n_iterations, n_source,
-                             layered=layered, scale=scale)  # fmt: skip
-        return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
+        settled = Settled(source, target, grid, samples, numbers, found, stable, n_iterations)
+        concluded = conclude(settled, n_source, layered=layered, scale=scale)
+        return beside_rivals(concluded, settled, rules, both_oriented, (T_start, frames))
     T = without_free_part(found.T_target_source, np.eye(4), free)
-    found = align(samples, target, T, replace(rules, locked=free), is_kept=is_kept, fine=True,
+    found = align(samples, target, T, replace(rules, locked=free), is_kept=stable.is_kept, fine=True,
                   both_oriented=both_oriented, partners=partners, shared=stable.shared)  # fmt: skip
-    n_iterations += found.n_iterations
-    concluded = conclude(source, target, grid, samples, numbers, found, stable, n_iterations, n_source, (free, frames))
-    return beside_rivals(concluded, samples, target, found, is_kept, rules, both_oriented, (T_start, frames))
+    settled = Settled(source, target, grid, samples, numbers, found, stable, n_iterations + found.n_iterations)
+    concluded = conclude(settled, n_source, held=(free, frames))
+    return beside_rivals(concluded, settled, rules, both_oriented, (T_start, frames))
 
 
-def beside_rivals(concluded: Registration, samples: Samples, target: Side, found: Alignment, is_kept: Bools,
-                  rules: AlignmentRules, both_oriented: bool, given: tuple[Floats, Frames | None],
-                  ) -> Registration:  # fmt: skip
+def beside_rivals(concluded: Registration, settled: Settled, rules: AlignmentRules, both_oriented: bool,
+                  given: tuple[Floats, Frames | None]) -> Registration:  # fmt: skip
     """Return a registration that settled, judged by whether it fits as well elsewhere than found from what is given."""
     if not concluded.converged:
         return concluded
-    sigma = float(np.median(found.sigma[is_kept[found.matches.source]]))
-    fit = Fit(samples, target, found.T_target_source, found.matches, sigma, rules, both_oriented)
+    found = settled.found
+    sigma = float(np.median(found.sigma[settled.stable.is_kept[found.matches.source]]))
+    fit = Fit(settled.samples, settled.target, found.T_target_source, found.matches, sigma, rules, both_oriented)
     return judge_rivals(concluded, fit, *given)
 
 
@@ -247,67 +244,3 @@ def free_motions(found: Alignment, is_kept: Bools, numbers: Ints) -> FreeMotions
     if not found.weights.any():
         return None
     return find_free_motions(stable, stable.points.mean(axis=0), numbers[stable.source])
-
-
-def conclude(source: Side, target: Side, grid: PatchGrid, samples: Samples, numbers: Ints, found: Alignment,
-             areas: StableSamples, n_iterations: int, n_source: int, held: tuple[FreeMotions, Frames] | None = None,
-             layered: Layered | None = None, scale: Scale | None = None) -> Registration:  # fmt: skip
-    """Return the registration with its covariance, its stable areas and its doubts."""
-    pairs = found.matches
-    if not found.weights.any():
-        return failed(found.T_target_source, found.reason, n_source, found, len(samples.points))
-    kept = areas.is_kept[pairs.source]
-    stable, sigma = pairs.take(kept), found.sigma[kept]
-    shared = areas.shared[pairs.source][kept]
-    centre = stable.points.mean(axis=0)
-    free = "" if held is not None else find_free_motion(stable, centre, numbers[stable.source])
-    reason = free or found.reason or doubt_majority(float(kept.mean()))
-    covariance = np.full((6, 6), np.nan)
-    if not reason and held is not None:
-        covariance = held_covariance(stable, sigma, centre, *held, shared)
-    elif not reason and layered is not None:
-        covariance = layered.covariance
-    elif not reason:
-        covariance = estimate_covariance(stable, sigma, centre, shared=shared)
-    inlier = (found.weights > 0) & kept
-    of_source = patches_of(source, grid)
-    still = kept if layered is None or layered.is_still is None else layered.is_still[pairs.source]
-    on_faces = (source.index[samples.index][stable.source] < 0) | (target.index[stable.target] < 0)
-    return Registration(
-        T_target_source=found.T_target_source, covariance=covariance, centre=centre,
-        converged=not reason, reason=reason,
-        n_inliers=int(inlier.sum()), n_correspondences=len(pairs), n_iterations=n_iterations,
-        rmse=float(np.sqrt(np.mean(pairs.residuals[inlier] ** 2))),
-        sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
-        overlap=len(pairs) / len(samples.points), stable_share=float(still.mean()),
-        is_stable=spread_to_vertices(source, of_source, np.unique(numbers[pairs.source[still]]), n_source),
-        weights=spread_weights(source, of_source, numbers[pairs.source], found.weights / found.sigma**2, n_source),
-        held_by_frames="" if held is None else held[0].words,
-        doubt=scale.words if scale is not None else layered.doubt if layered is not None
-        else doubt_stable(stable, numbers[stable.source], on_faces),
-        layer=math.nan if layered is None else layered.thickness,
-        sigma_layer=math.nan if layered is None else layered.sigma,
-        stable_is_rest=layered is not None and layered.is_still is not None,
-        scale=math.nan if scale is None else scale.ratio,
-        sigma_scale=math.nan if scale is None else scale.sigma,
-    )  # fmt: skip
-
-
-def doubt_majority(stable_share: float) -> str:
-    """Return why a motion that so small a share of the surface follows is not that of the stable areas, else ""."""
-    if stable_share >= MAJORITY:
-        return ""
-    return (
-        f"only {100 * stable_share:.0f} % of the surface follows one motion, so that none is the majority's; say where "
-        "nothing moved, or give control points"
-    )
-
-
-def failed(T: Floats, reason: str, n_source: int, found: Alignment | None = None, n_samples: int = 1) -> Registration:
-    """Return a registration on which nothing may be built, with its reason."""
-    n_pairs = 0 if found is None else len(found.matches)
-    return Registration(
-        T_target_source=T, covariance=np.full((6, 6), np.nan), centre=T[:3, 3] * 0.0, converged=False, reason=reason,
-        n_correspondences=n_pairs, n_iterations=0 if found is None else found.n_iterations,
-        overlap=n_pairs / n_samples, stable_share=0.0, is_stable=np.zeros(n_source, dtype=bool),
-    )  # fmt: skip

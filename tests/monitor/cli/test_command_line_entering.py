@@ -117,3 +117,50 @@ def test_status_tells_a_file_that_is_missing_from_one_that_was_never_made(
     assert f"monitor verify {path} names them" in told.err
     assert run(["status", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["objects"][0]["epochs"][0]["without_file"] == ["raw"]
+
+
+def test_without_a_command_what_may_be_asked_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("Usage: monitor [OPTIONS] COMMAND")
+    assert "add-epoch" in told
+
+
+def test_debug_shows_where_an_error_came_from_and_changes_no_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["status", str(tmp_path / "nowhere")], debug=True) == 2
+    told = capsys.readouterr().err
+    assert "Traceback" in told
+    assert told.splitlines()[-1].startswith("monitor: ")
+
+
+def test_epochs_without_surfaces_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, points = str(tmp_path / "p"), trimesh.creation.icosphere(subdivisions=3, radius=0.1).vertices
+    assert run(["init", path]) == 0
+    assert run(["add-object", path, "ball"]) == 0
+    for k in range(3):
+        np.savetxt(tmp_path / f"{k}.xyz", points + 1e-4 * k, fmt="%.6f")
+        added = ["add-epoch", path, "ball", f"e{k}", "--date", f"202{k}-05-01", str(tmp_path / f"{k}.xyz")]
+        assert run(added) == 0
+    capsys.readouterr()
+    assert run(["compare", path, "ball"]) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("monitor: ")]
+    assert len(said) == 1
+    assert "epochs e0, e1 and e2 of object ball have no surface yet; run: monitor process" in said[0]
+
+
+@pytest.mark.parametrize(("place", "dropped"), [("0 0 0", {"no return": 1}), ("0 0 1", {})])
+def test_a_point_where_the_scanner_is_said_to_have_stood_is_no_measurement(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str, dropped: dict[str, int]
+) -> None:
+    path, points = str(tmp_path / "p"), trimesh.creation.icosphere(subdivisions=3, radius=0.1).vertices
+    np.savetxt(tmp_path / "a.xyz", np.r_[points + 1.0, np.zeros((1, 3))], fmt="%.6f")
+    (tmp_path / "poses.txt").write_text(f"a.xyz 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1 {place}\n", encoding="utf-8")
+    assert run(["init", path]) == 0
+    assert run(["add-object", path, "ball"]) == 0
+    capsys.readouterr()
+    added = ["add-epoch", path, "ball", "e1", "--date", "2026-05-01", "--poses", str(tmp_path / "poses.txt")]
+    assert run([*added, "--json", str(tmp_path / "a.xyz")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["n_points"], told["dropped"]) == (len(points) + 1 - len(dropped), dropped)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from wall_of_pieces import PIECE, move_pieces, scan_stove
 
 from monitor.registration import register
-from monitor.registration.motion.icp import doubt_majority
+from monitor.registration.motion.conclusion import doubt_majority
 from monitor.registration.parts import MovedParts, find_parts
 from projects.model import Floats, Ints, PointCloud
 from projects.transforms import apply, perturb
