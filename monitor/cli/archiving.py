@@ -26,4 +26,7 @@ def archive_project(path: Path, object_id: str | None, out: Path) -> None:
         facts = write_archive(out, project, known, notify)
     for mind in facts.minds:
         typer.echo(f"mind: {mind}", err=True)
-    typer.echo(f"{out}: {facts.n_files} files, {facts.n_bytes / MEBIBYTE:.1f} MiB; check it with: monitor verify {out}")
+    typer.echo(
+        f"{out}: {facts.n_files} files of data in a bag, {facts.n_bytes / MEBIBYTE:.1f} MiB; check it with: "
+        f"monitor verify {out}"
+    )
