@@ -210,7 +210,7 @@ def holds_whole(comparison: Comparison) -> bool:
 def _tell(region: RegionFacts) -> Told:
     """Return where a region lies, how large it is and by how much it changed."""
     peak = {"lost": "at its deepest", "gained": "at its highest"}.get(region.side, "at most")
-    size = f"{region.area.text}, {peak} {region.extreme.text}, volume {region.volume.text}"
+    size = f"{region.area.text}, {peak} {region.extreme.text}, volume{NBSP}{region.volume.text}"
     return Told(f"Region {region.number}", f"({region.where}): {size}.")
 
 
