@@ -18,7 +18,9 @@ Result = TypeVar("Result")
 
 
 class Engine(Protocol):
-    """Runs a function over pieces."""
+    """Runs a function over pieces; `is_here`: in this process, where what a function holds need not be sent."""
+
+    is_here: bool
 
     def map(self, function: Callable[[Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
         """Yield `function(piece)` for each piece, in order."""
@@ -28,6 +30,8 @@ class Engine(Protocol):
 class _Inline:
     """One piece after another in this process."""
 
+    is_here = True
+
     def map(self, function: Callable[[Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
         """Yield the results in the order of the pieces, one made after the other."""
         return map(function, pieces)
@@ -35,6 +39,8 @@ class _Inline:
 
 class _Cluster:
     """The pieces on the workers of a Dask client, at most twice as many at a time as there are workers."""
+
+    is_here = False
 
     def __init__(self, client: Any) -> None:
         self._client = client
@@ -51,19 +57,25 @@ class _Cluster:
             yield future.result()
 
 
+def require_where(workers: int | None, scheduler: str | None) -> None:
+    """Raise `ParameterError` for fewer than one worker, or for workers and a scheduler at once."""
+    if workers is not None and scheduler is not None:
+        raise ParameterError("--workers and --scheduler were both given; a cluster brings its own workers: give one")
+    if workers is not None and workers < 1:
+        raise ParameterError(f"--workers {workers}: at least 1 worker is needed")
+
+
 @contextlib.contextmanager
 def open_engine(workers: int | None = None, scheduler: str | None = None) -> Iterator[Engine]:
-    """Give an engine: inline by default, `workers` local processes, or an existing cluster at `scheduler`.
+    """Give an engine: this process by default and for one worker, `workers` local processes, or an existing cluster at
+    `scheduler`.
 
     Raises
     ------
     ParameterError
         For fewer than one worker, both at once, or a scheduler that does not answer.
     """
-    if workers is not None and scheduler is not None:
-        raise ParameterError("--workers and --scheduler were both given; a cluster brings its own workers: give one")
-    if workers is not None and workers < 1:
-        raise ParameterError(f"--workers {workers}: at least 1 worker is needed")
+    require_where(workers, scheduler)
     if scheduler is None and workers in (None, 1):
         yield _Inline()
         return

@@ -32,13 +32,13 @@ def use_own_folder(package: Path) -> None:
     if VARIABLE in os.environ:
         return
     name = f"kernels-{digest_of(package)}"
-    for parent in (package / "__pycache__", user_folder()):
+    for parent in (lambda: package / "__pycache__", user_folder):
         try:
-            folder = parent / name
+            folder = parent() / name
             folder.mkdir(parents=True, exist_ok=True)
             os.utime(folder)
             remove_unused(folder)
-        except OSError:
+        except (OSError, RuntimeError):  # no such folder can be made; no home is known
             continue
         if os.access(folder, os.W_OK):
             os.environ[VARIABLE] = str(folder)

@@ -25,7 +25,7 @@ METHOD = {
     "targets": 2,
     "network": 16,
     "filtered": 11,
-    "surface": 25,
+    "surface": 26,
     "mesh": 8,
     "quality": 3,
     "comparison": 55,
@@ -82,13 +82,13 @@ def latest_step(place: Place, product: str) -> Step:
     if step is None and product in GIVEN:
         raise StoreError(
             f"what was added as epoch {place.epoch_id} of object {place.object_id} is missing or was cut off; "
-            f"monitor verify {place.project.path} names the file: restore it from a copy, or remove the epoch and add "
-            "it again from its files"
+            f"monitor verify {place.project.quoted} names the file: restore it from a copy, or remove the epoch and "
+            "add it again from its files"
         )
     if step is None:
         raise StoreError(
             f"epoch {place.epoch_id} of object {place.object_id} has no {product} yet; run: "
-            f"monitor process {place.project.path} {place.object_id} {place.epoch_id}"
+            f"monitor process {place.project.quoted} {place.object_id} {place.epoch_id}"
         )
     return step
 

@@ -35,7 +35,7 @@ def require_own_scans(reference: Place, compared: Place) -> None:
         f"epochs {reference.epoch_id} and {compared.epoch_id} of object {compared.object_id} hold the same "
         f"measurements ({names}{more}): what was measured once can show no change, and its level of detection is not "
         f"known; take the epoch with the wrong files out and add it again with those of its own survey: "
-        f"monitor remove-epoch {compared.project.path} {compared.object_id} {compared.epoch_id}"
+        f"monitor remove-epoch {compared.project.quoted} {compared.object_id} {compared.epoch_id}"
     )
 
 

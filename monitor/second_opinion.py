@@ -110,13 +110,13 @@ def _figures(found: M3C2Result, distances: Floats, states: Any) -> dict[str, flo
         """Return the share that is significant of the core points in a mask (n,); NaN without any."""
         return float(np.mean(significant[which])) if which.any() else float("nan")
 
+    off = (found.distances - distances)[known]
     return {
         "known_share": float(known.mean()),
         "share_significant": share(np.ones(len(significant), dtype=np.bool_)),
         "share_significant_of_changed": share(changed),
         "share_significant_of_unchanged": share(~changed),
         "lod95_median_m": float(np.median(found.lod95[known])) if known.any() else float("nan"),
-        "difference_nmad_m": float(1.4826 * np.median(np.abs(found.distances - distances)[known]))
-        if known.any()
-        else float("nan"),
+        "difference_median_m": float(np.median(off)) if len(off) else float("nan"),
+        "difference_scatter_m": float(1.4826 * np.median(np.abs(off - np.median(off)))) if len(off) else float("nan"),
     }

@@ -60,7 +60,7 @@ def compared_to_pandas(compared: ComparedSurface) -> pd.DataFrame:
 
 def _changes(compared: ComparedSurface) -> dict[str, Any]:
     """Return the arrays of a compared surface that are known, by name."""
-    return {name: values for name in COMPARED if (values := getattr(compared, name)) is not None}
+    return {name: values.copy() for name in COMPARED if (values := getattr(compared, name)) is not None}
 
 
 def _table(known: dict[str, Any]) -> pd.DataFrame:

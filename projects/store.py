@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from shlex import quote
 from typing import Any
 
 import h5py
@@ -77,7 +78,7 @@ class Project:
         """Open a project; raise `StoreError` where the folder is not one."""
         path = Path(path)
         if not _exists(path):
-            raise StoreError(f"{path} does not exist; make a project with: monitor init {path}")
+            raise StoreError(f"{path} does not exist; make a project with: monitor init {quote(str(path))}")
         if not path.is_dir():
             raise StoreError(f"{path} is a file; a project is a folder that holds {INDEX_NAME}")
         if not (path / INDEX_NAME).is_file():
@@ -90,6 +91,11 @@ class Project:
     def name(self) -> str:
         """The project's name as the user wrote it."""
         return self.index().name
+
+    @property
+    def quoted(self) -> str:
+        """The folder as a shell takes it, in commands that are suggested."""
+        return quote(str(self.path))
 
     @property
     def crs(self) -> str:

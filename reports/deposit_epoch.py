@@ -21,7 +21,7 @@ from projects.store import Project
 from reports.crate import Action
 from reports.deposit import Deposit
 from reports.document import gather_history
-from reports.exports import export_surface
+from reports.exports import export_surface, system_note
 from reports.history import EpochHistory
 from reports.survey_tables import (
     Rows,
@@ -98,8 +98,8 @@ def _add_given(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[str, .
                                columns=["name", "x", "y", "z", "sigma"])  # fmt: skip
         deposit.add_table(_named(stem, "control.csv"), control, "Control points; project frame, metres")
     if record.is_mesh:
-        path = _named(stem, "origmesh.obj")
-        write_obj(path, epoch.project.get(record.object_id, record.epoch_id, "mesh"), comments=("metres",))
+        path, notes = _named(stem, "origmesh.obj"), ("metres", *system_note(epoch.project.crs))
+        write_obj(path, epoch.project.get(record.object_id, record.epoch_id, "mesh"), comments=notes)
         return deposit.add(path, "Finished mesh as it was given; project frame, metres")
 
     def blocks(k: int) -> Iterator[Scan]:
@@ -127,7 +127,7 @@ def _add_made(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[dict[st
         mesh, meshes = epoch.get(surface), tuple[str, ...]()
         if not epoch.record.is_mesh:
             path = _named(stem, "origmesh.obj")
-            write_obj(path, mesh, comments=("metres",))
+            write_obj(path, mesh, comments=("metres", *system_note(epoch.project.crs)))
             meshes = deposit.add(path, "Mesh of the epoch; project frame, metres")
         ids = epoch.record.object_id, epoch.record.epoch_id
         written = export_surface(stem.parent, *ids, mesh, ("ply",), crs=epoch.project.crs)

@@ -82,7 +82,7 @@ def require_comparison(project: Project, object_id: str, reference_id: str, comp
     if step is None:
         raise StoreError(
             f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
-            f"monitor compare {project.path} {object_id} {reference_id} {compared_id}"
+            f"monitor compare {project.quoted} {object_id} {reference_id} {compared_id}"
         )
     return step
 

@@ -233,17 +233,17 @@ def _notes_on(properties: Properties, crs: str) -> tuple[str, ...]:
     """Return what a file says of its units, signs and numbers: of the properties that it has."""
     unit = UNIT_NOTE if "assessment" in properties else RATE_NOTE if "rate" in properties else "metres"
     more = {"told_from": TOLD_NOTE, "reason": REASON_NOTE}
-    return unit, *_system_note(crs), *(note for name, note in more.items() if name in properties)
+    return unit, *system_note(crs), *(note for name, note in more.items() if name in properties)
 
 
-def _system_note(crs: str) -> tuple[str, ...]:
+def system_note(crs: str) -> tuple[str, ...]:
     """Return in which reference system coordinates are, where the project says so."""
     return (f"coordinates in {crs}, x east, y north",) if crs else ()
 
 
 def _write_obj(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
     """Write the surface; OBJ holds no properties."""
-    write_obj(path, surface, comments=("metres", *_system_note(crs)))
+    write_obj(path, surface, comments=("metres", *system_note(crs)))
 
 
 def _write_stl(path: Path, surface: Surface, properties: Properties, crs: str) -> None:

@@ -16,7 +16,7 @@ from reports.quantities import NOT_KNOWN, coordinates, count, day, height, liste
 
 STEP_TITLES = {
     "raw": "Reading", "calibration": "Range calibration of each scan", "scan": "Filtering each scan",
-    "network": "Fitting the scans onto each other",
+    "targets": "Survey targets of each scan", "network": "Fitting the scans onto each other",
     "filtered": "Merging the scans", "surface": "Surface", "quality": "Surface against its scans",
     "mesh": "Finished mesh", "comparison": "Registration and comparison of the epochs",
 }  # fmt: skip
@@ -115,12 +115,12 @@ def _scans(n: int) -> str:
 
 
 def kind_of(step: Step) -> str:
-    """Return what a step is: "scan" for scan000 and on, "calibration" for calibration000 and on, "comparison" for
+    """Return what a step is: "scan" for scan000 and on, "calibration" and "targets" alike, "comparison" for
     comparison-REFERENCE and "series" for series-REFERENCE, else its product."""
     kind, dash, _ = step.product.partition("-")
     if dash:
         return kind
-    numbered = (kind for kind in ("scan", "calibration") if step.product.startswith(kind))
+    numbered = (kind for kind in ("scan", "calibration", "targets") if step.product.startswith(kind))
     return next(numbered, step.product)
 
 

@@ -37,7 +37,11 @@ def opinion_tables(made: Step | None) -> tuple[Table, ...]:
         ("level of detection (95\u00a0%), median", length("lod95_median_m")),
         ("significant by M3C2, where this comparison says changed", share("share_significant_of_changed")),
         ("significant by M3C2, where it says unchanged", share("share_significant_of_unchanged")),
-        ("what both measure differs by (robust sigma, NMAD)", length("difference_nmad_m")),
+        (
+            "what M3C2 measures less what this does, median",
+            millimetres(float(found.get("difference_median_m", NAN)), signed=True),
+        ),
+        ("how that scatters (robust sigma, NMAD)", length("difference_scatter_m")),
     )
     note = (
         "M3C2 (Lague, Brodu and Leroux 2013) compares the means of the points of both epochs in cylinders along the "

@@ -23,7 +23,7 @@ from projects.model import EpochRecord
 from projects.store import Project
 from reports.cameras import choose_one
 from reports.colours import choose_limit
-from reports.document import gather_facts, kept_comparisons, outdated_epochs, require_comparison
+from reports.document import gather_facts, kept_comparisons, require_comparison
 from reports.facts import Answer
 from reports.history import describe_object
 from reports.quantities import count, day
@@ -158,14 +158,12 @@ class Site:
 
     def _facts(self, project: Project, object_id: str, pair: tuple[str, str]) -> tuple[Answer, str, tuple[str, ...]]:
         """Return the answer of a comparison, what was compared, and what its reader must know first."""
-        step = require_comparison(project, object_id, *pair)
 
         def gather() -> tuple[Answer, str, tuple[str, ...]]:
             facts = gather_facts(project, object_id, *pair)
             return facts.answer, facts.subtitle, facts.remarks
 
-        outdated = outdated_epochs(project, object_id, pair, step)  # which a remark tells
-        key = ("answer", object_id, *pair, step.step_id, project.object(object_id).front, *outdated)
+        key = ("answer", *_state_of(project, object_id, pair))
         return self._keep(key, gather)
 
     def _epoch_picture(self, project: Project, object_id: str, epoch_id: str) -> bytes:
@@ -187,7 +185,8 @@ class Site:
         bearing = project.object(object_id).front
         key = (object_id, *pair, step.step_id, bearing)
         if kind != "jpg":
-            page, document = self._draw(("report", *key), lambda: self._report(project, object_id, pair))
+            state = _state_of(project, object_id, pair)
+            page, document = self._draw(("report", *state), lambda: self._report(project, object_id, pair))
             return Reply(page, HTML) if kind == "html" else Reply(document, PDF)
 
         def draw() -> bytes:
@@ -234,3 +233,10 @@ class Site:
     def _say(self, status: str, text: str) -> Reply:
         """Return a line of text for what cannot be shown."""
         return Reply(text.encode("utf-8"), "text/plain; charset=utf-8", status)
+
+
+def _state_of(project: Project, object_id: str, pair: tuple[str, str]) -> Key:
+    """Return what a report of two epochs depends on: all that is kept of both, and where the object's front is."""
+    require_comparison(project, object_id, *pair)
+    made = (step.step_id for epoch_id in pair for step in project.steps(object_id, epoch_id))
+    return (object_id, *pair, project.object(object_id).front, *made)

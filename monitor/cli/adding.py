@@ -74,7 +74,7 @@ def _require_new(project: Project, request: EpochRequest) -> None:
     if request.epoch_id in known:
         raise StoreError(
             f"object {request.object_id} has an epoch {request.epoch_id} already; take another id or remove it first: "
-            f"monitor remove-epoch {project.path} {request.object_id} {request.epoch_id}"
+            f"monitor remove-epoch {project.quoted} {request.object_id} {request.epoch_id}"
         )
 
 
@@ -192,7 +192,7 @@ def _warn_of_meshes(project: Project, record: EpochRecord, names: Sequence[str])
     if names:
         typer.echo(
             f"mind: {_name_some(names)}: a mesh, of which the vertices were taken as the points of a scan; a "
-            f"finished surface is taken as it is with --mesh: monitor remove-epoch {project.path} {record.object_id} "
+            f"finished surface is taken as it is with --mesh: monitor remove-epoch {project.quoted} {record.object_id} "
             f"{record.epoch_id}, then add it again with that",
             err=True,
         )
@@ -206,7 +206,7 @@ def _warn_of_systems(project: Project, record: EpochRecord, streams: Sequence[Sc
         said = sorted({stream.system.name for stream in others if stream.system})
         typer.echo(
             f"mind: {_name_some([s.name for s in others])}: said to be in {', '.join(said)}, the project is in {own}; "
-            f"the coordinates were taken as they are. If they are not in {own}: monitor remove-epoch {project.path} "
+            f"the coordinates were taken as they are. If they are not in {own}: monitor remove-epoch {project.quoted} "
             f"{record.object_id} {record.epoch_id}, transform them, add the epoch again",
             err=True,
         )
@@ -226,14 +226,14 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
     if doubt:
         typer.echo(
             f"mind: {record.date} {doubt}; was epoch {record.epoch_id} surveyed then? Rates rest on dates. "
-            f"If not: monitor remove-epoch {project.path} {record.object_id} {record.epoch_id}, then add it again",
+            f"If not: monitor remove-epoch {project.quoted} {record.object_id} {record.epoch_id}, then add it again",
             err=True,
         )
     doubles = describe_doubles(Place(project, record.object_id, record.epoch_id))
     if doubles:
         typer.echo(
             f"mind: {', '.join(doubles[:3])}: measured once, it counts as scans that agree perfectly; take the epoch "
-            f"out (monitor remove-epoch {project.path} {record.object_id} {record.epoch_id}) and add each scan once",
+            f"out (monitor remove-epoch {project.quoted} {record.object_id} {record.epoch_id}) and add each scan once",
             err=True,
         )
     n_blind = sum(not np.isfinite(header.origin).all() for header in headers)

@@ -38,7 +38,9 @@ SettingsOption = Annotated[
         "--settings", metavar="FILE.toml", help="Settings that differ from the defaults; see: monitor settings."
     ),
 ]
-WorkersOption = Annotated[int | None, typer.Option("--workers", metavar="N", help="Use N local worker processes.")]
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", metavar="N", help="Use N local worker processes; 1 is this one.")
+]
 SchedulerOption = Annotated[
     str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Use the Dask cluster at this address.")
 ]

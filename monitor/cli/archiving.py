@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 
 import typer
 
@@ -28,5 +29,5 @@ def archive_project(path: Path, object_id: str | None, out: Path) -> None:
         typer.echo(f"mind: {mind}", err=True)
     typer.echo(
         f"{out}: {facts.n_files} files of data in a bag, {facts.n_bytes / MEBIBYTE:.1f} MiB; check it with: "
-        f"monitor verify {out}"
+        f"monitor verify {quote(str(out))}"
     )

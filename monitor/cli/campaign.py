@@ -42,9 +42,10 @@ def run_campaign(path: Path, settings_file: Path | None = None, where: Where = H
     if campaign.archive is not None and not failed:
         _archive(campaign, campaign.archive)
     if failed:
+        others = "none is done" if len(failed) == len(campaign.objects) else "the others are done"
         raise StoreError(
             f"{len(failed)} of {len(campaign.objects)} objects failed ({', '.join(failed)}), for what is said above; "
-            "the others are done, and the same command goes on"
+            f"{others}, and the same command goes on"
         )
 
 

@@ -247,9 +247,11 @@ class _Table:
             raise ParameterError(f'{self.at(key)}: a list of files is needed, like ["after-*.ply"]')
         found: list[Path] = []
         for name in listed:
-            path = self.path_of_file.parent / name
+            folder = self.path_of_file.parent
+            path = folder / name
             wild = any(c in name for c in WILD) and not path.exists()
-            some = [Path(p) for p in sorted(glob.glob(str(path))) if Path(p).is_file()] if wild else [path]
+            matching = sorted(glob.glob(name, root_dir=folder)) if wild else [name]
+            some = [folder / match for match in matching if not wild or (folder / match).is_file()]
             if not some or not all(p.is_file() for p in some):
                 raise ParameterError(f"{self.at(key)}: there is no file {path}")
             found += [p for p in some if p not in found]

@@ -103,7 +103,7 @@ def _require_same_epoch(project: Project, kept: EpochRecord, request: EpochReque
         if differs:
             raise StoreError(
                 f"epoch {kept.epoch_id} of object {kept.object_id} is in the project with {what}; take another id or "
-                f"remove it first: monitor remove-epoch {project.path} {kept.object_id} {kept.epoch_id}"
+                f"remove it first: monitor remove-epoch {project.quoted} {kept.object_id} {kept.epoch_id}"
             )
 
 

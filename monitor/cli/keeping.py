@@ -53,7 +53,7 @@ def add_object_to_project(
 def set_front_of_object(path: Path, object_id: str, direction: str) -> None:
     """Take over to which side the front of an object that is kept faces."""
     turn_to_front(Project.open(path), object_id, bearing_from_direction(direction, "DIRECTION"))
-    typer.echo(f"monitor report {path} {object_id} draws its reports so")
+    typer.echo(f"monitor report {shlex.quote(str(path))} {object_id} draws its reports so")
 
 
 def turn_to_front(project: Project, object_id: str, front: float | None) -> None:

@@ -62,7 +62,7 @@ def _mind_outdated(project: Project, object_id: str, pair: tuple[str, str], step
     for epoch_id in outdated_epochs(project, object_id, pair, step):
         typer.echo(
             f"mind: {epoch_id} was processed again after {pair[0]} and {pair[1]} were compared, and the files of the "
-            f"comparison are of before; bring it up to date: monitor compare {project.path} {object_id} {pair[0]} "
+            f"comparison are of before; bring it up to date: monitor compare {project.quoted} {object_id} {pair[0]} "
             f"{pair[1]}", err=True,
         )  # fmt: skip
 
@@ -85,7 +85,7 @@ def _export_series(
     if made[0].step_id not in step.inputs:
         typer.echo(
             f"mind: {reference_id} and {compared_id} were compared anew since change was followed over the epochs, so "
-            f"the series is left out; bring it up to date: monitor compare {project.path} {object_id}", err=True,
+            f"the series is left out; bring it up to date: monitor compare {project.quoted} {object_id}", err=True,
         )  # fmt: skip
         return []
     series = project.get(object_id, compared_id, step.product, step.step_id)
@@ -114,7 +114,7 @@ def _what_to_export(project: Project, object_id: str, pair: Pair) -> tuple[list[
     epochs = [e for e in known if "surface" in {step.product for step in project.steps(object_id, e)}]
     if not epochs:
         raise StoreError(
-            f"object {object_id} has nothing to export yet; run: monitor process {project.path} {object_id}"
+            f"object {object_id} has nothing to export yet; run: monitor process {project.quoted} {object_id}"
         )
     return epochs, kept_comparisons(project, object_id)
 
@@ -170,7 +170,7 @@ def _what_to_report(project: Project, object_id: str, pair: Pair) -> list[tuple[
         return [named]
     pairs = kept_comparisons(project, object_id)
     if not pairs:
-        raise StoreError(f"object {object_id} has no comparison yet; run: monitor compare {project.path} {object_id}")
+        raise StoreError(f"object {object_id} has no comparison yet; run: monitor compare {project.quoted} {object_id}")
     return pairs
 
 

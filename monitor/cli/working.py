@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from shlex import quote
 from typing import Any
 
 import typer
 
-from monitor.chain import compare_epochs, pairs_to_compare, process_epoch
+from monitor.chain import Notify, compare_epochs, pairs_to_compare, process_epoch
 from monitor.cli.pairs import Pair, named_pair
 from monitor.cli.progress import show_progress
 from monitor.comparison.comparable import MODES
-from monitor.engine import open_engine
+from monitor.engine import open_engine, require_where
 from monitor.record import Place
-from monitor.settings import read_settings
+from monitor.settings import Settings, read_settings
 from monitor.through_time import epochs_of_one_date, follow_epochs
 from projects.errors import MonitorError, ParameterError, StoreError
-from projects.extent import read_extent
+from projects.extent import Extent, read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
 from reports.answer import differs_as_a_whole, is_beside_layer, shares_not_assessed, told_by_width
@@ -84,16 +84,14 @@ def epochs_to_process(project: Project, object_id: str | None, epoch_id: str | N
     """Return the epochs named, or all; none at all is an error that says what to add."""
     objects = [project.object(object_id)] if object_id else project.objects()
     if not objects:
-        raise StoreError(
-            f"{project.path} has no object yet; add one: monitor add-object {quote(str(project.path))} OBJECT"
-        )
+        raise StoreError(f"{project.path} has no object yet; add one: monitor add-object {project.quoted} OBJECT")
     if object_id and epoch_id:
         return [Place(project, object_id, project.epoch(object_id, epoch_id).epoch_id)]
     places = [Place(project, o.object_id, e.epoch_id) for o in objects for e in project.epochs(o.object_id)]
     if not places:
         name = objects[0].object_id
         raise StoreError(
-            f"object {name} has no epoch yet; add one: monitor add-epoch {quote(str(project.path))} {name} EPOCH ..."
+            f"object {name} has no epoch yet; add one: monitor add-epoch {project.quoted} {name} EPOCH ..."
         )
     return places
 
@@ -129,18 +127,18 @@ def compare_object(
         raise ParameterError(f"--mode {mode}: allowed are {', '.join(MODES)}")
     project = Project.open(path)
     settings = read_settings(settings_file)
+    require_where(*where)
     pairs = resolve_pairs(project, object_id, pair)
-    with show_progress() as notify, open_engine(*where):
-
-        def compare_pair(reference: str, compared: str) -> Facts:
-            """Compare two epochs and return what was found."""
-            place = Place(project, object_id, compared)
-            step = compare_epochs(place, reference, settings, notify, mode, stable)
-            return _compared(place, reference, step)
-
-        ready, bare = _without_bare(project, object_id, pairs)
-        facts, failed = _try_each([partial(compare_pair, *pair) for pair in ready])
-        failed = [*bare, *failed]
+    ready, bare = _without_bare(project, object_id, pairs)
+    with show_progress() as notify, open_engine(*(where if len(ready) > 1 else HERE)) as engine:
+        if not engine.is_here:
+            notify(f"comparing {len(ready)} pairs of epochs on the workers")
+        work = [_PairWork(path, object_id, pair, settings, mode, stable) for pair in ready]
+        told = list(engine.map(partial(_compare_pair, here=(project, notify) if engine.is_here else None), work))
+        facts = [found for found in told if not isinstance(found, MonitorError)]
+        failed = [*bare, *(error for error in told if isinstance(error, MonitorError))]
+        if len(pairs) == 1 and failed:
+            raise failed[0]
         whole = not pair[0] and not failed  # a pair that failed may have an older comparison, made otherwise
         followed = follow_epochs(project, object_id, notify) if whole else None
         alike = epochs_of_one_date(project, object_id) if whole and len(pairs) > 1 else []
@@ -157,6 +155,37 @@ def compare_object(
     _require_all(len(facts), len(pairs), failed, what)
 
 
+@dataclass(frozen=True)
+class _PairWork:
+    """Two epochs to be compared, the reference first, as a worker process is told of them."""
+
+    path: Path
+    object_id: str
+    pair: tuple[str, str]
+    settings: Settings
+    mode: str | None
+    stable: Extent | None
+
+
+def _compare_pair(work: _PairWork, here: tuple[Project, Notify] | None) -> Facts | MonitorError:
+    """Compare two epochs and return what was found, or why they could not be: the others are compared all the same.
+
+    `here` is the project and what is told of the work, where that is not sent to a worker process.
+    """
+    reference, compared = work.pair
+    try:
+        project, notify = here or (Project.open(work.path), _say_nothing)
+        place = Place(project, work.object_id, compared)
+        step = compare_epochs(place, reference, work.settings, notify, work.mode, work.stable)
+        return _compared(place, reference, step)
+    except MonitorError as error:
+        return error
+
+
+def _say_nothing(_text: str) -> None:
+    """Say nothing of what is being done: a worker has no terminal."""
+
+
 def _without_bare(
     project: Project, object_id: str, pairs: list[tuple[str, str]]
 ) -> tuple[list[tuple[str, str]], list[MonitorError]]:
@@ -169,7 +198,7 @@ def _without_bare(
     names = f"epoch {bare[0]}" if len(bare) == 1 else f"epochs {', '.join(bare[:-1])} and {bare[-1]}"
     only = f" {bare[0]}" if len(bare) == 1 else ""
     said = f"{names} of object {object_id} {'has' if only else 'have'} no surface yet; "
-    error = StoreError(f"{said}run: monitor process {project.path} {object_id}{only}")
+    error = StoreError(f"{said}run: monitor process {project.quoted} {object_id}{only}")
     return [pair for pair in pairs if not set(pair) & set(bare)], [error]
 
 

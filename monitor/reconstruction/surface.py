@@ -218,10 +218,15 @@ def mark(surface: Surface, settled: Settled, n_invented: int) -> Surface:
 
 
 def vertex_sigma(projection: Projection, cloud: PointCloud, index: Ints) -> Floats:
-    """Return the standard error of each vertex (m): the scatter seen, or the noise stated where that is larger."""
+    """Return the standard error of each vertex (m): the scatter seen, or the noise stated where that is larger.
+
+    What is stated is the mean over the samples around that state anything; around others it is the scatter alone.
+    """
     if cloud.sigma is None:
         return projection.sigma
-    stated = np.sqrt(np.nanmean(np.nan_to_num(cloud.sigma)[index] ** 2, axis=1))
+    around2 = cloud.sigma[index] ** 2
+    n_known = np.isfinite(around2).sum(axis=1)
+    stated = np.sqrt(np.nansum(around2, axis=1) / np.maximum(n_known, 1))
     is_shown = projection.scatter > LEAST_SHOWN * stated
     larger = np.maximum(1.0, stated / np.where(is_shown, np.maximum(projection.scatter, 1e-12), np.inf))
     of_fit = stated * np.sqrt(np.minimum(1.0, OF_FIT / np.maximum(projection.n_support, 1)))

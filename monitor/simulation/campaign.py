@@ -50,9 +50,14 @@ def stream_stations(
     for k, s in enumerate(stations):
         window = window_around(box, s.T_project_scanner, margin=0.01)
         yield stream_scan(
-            target, instrument, s.T_project_scanner, window, step=s.step, seed=seed * 100 + k, n_subrays=n_subrays,
+            target, instrument, s.T_project_scanner, window, step=s.step, seed=_seed_of(seed, k), n_subrays=n_subrays,
             registered=s.registered, name=s.name,
         )  # fmt: skip
+
+
+def _seed_of(seed: int, station: int) -> int | tuple[int, int]:
+    """Return the seed of an epoch's station that no station of another epoch has."""
+    return seed * 100 + station if station < 100 else (seed, station)
 
 
 def scan_stations(

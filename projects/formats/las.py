@@ -3,7 +3,7 @@
 Runs in the child process. The header is checked against the file before laspy sees it: a header can promise points
 and records that are not there, and laspy would allocate them. LAZ is decoded by lazrs, whose panics the child reports.
 Intensity is 0-65535 by the standard. Colours are 16 bits by the standard and 8 bits in many files; intensity and
-colours that are zero over the first million points are taken as absent. Withheld points count as flagged invalid.
+colours that are zero throughout are taken as absent. Withheld points count as flagged invalid.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,13 @@ import numpy as np
 from pyproj.exceptions import CRSError
 
 from projects.errors import FormatError
-from projects.formats.rawscan import CHUNK, Columns, Scaling, ScanHeader, within_unit_range
+from projects.formats.rawscan import CHUNK, Columns, ScanHeader, as_bytes_of_colour, within_unit_range
 from projects.reference_systems import describe_system
 
 SHORTEST_HEADER, VLR_HEADER, EVLR_HEADER = 227, 54, 60
+COLOURS = ("red", "green", "blue")
+EIGHT_BITS = 255
+BROKEN = (laspy.LaspyException, lazrs.LazrsError, struct.error, EOFError, OSError, ValueError)  # what a bad file raises
 RECORD_LENGTHS = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)  # of point formats 0 to 10, without extra bytes
 
 
@@ -35,23 +38,37 @@ def list_scans(path: str) -> list[ScanHeader]:
     if not n:
         return [ScanHeader(n_declared=n)]
     with laspy.open(path, read_evlrs=False) as reader:
-        return [ScanHeader(n_declared=reader.header.point_count if is_compressed else n, system=_system(reader.header))]
+        n = reader.header.point_count if is_compressed else n
+        return [ScanHeader(n_declared=n, system=_system(reader.header), place=_filled(reader))]
+
+
+def _filled(reader: Any) -> dict[str, Any]:
+    """Return whether any point has an intensity, and what turns colours into 0-255, 0 where all are zero; looked for as
+    far as the file is whole and no further than needed. That a file is broken is said when it is read."""
+    has_intensity, highest = False, 0
+    has_colours = set(COLOURS) <= set(reader.header.point_format.dimension_names)
+    with contextlib.suppress(*BROKEN):
+        for points in reader.chunk_iterator(CHUNK):
+            has_intensity = has_intensity or bool(np.asarray(points.intensity).any())
+            if has_colours:
+                highest = max(highest, *(int(np.asarray(points[name]).max(initial=0)) for name in COLOURS))
+            if has_intensity and (not has_colours or highest > EIGHT_BITS):
+                break
+    factor = 1.0 / 256.0 if highest > EIGHT_BITS else float(highest > 0)
+    return {"has_intensity": has_intensity, "colour_factor": factor}
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the points; fewer than promised is an error."""
     require_sound_header(path)
-    scaling, n_read = Scaling(), 0
-    kept: set[str] | None = None
+    n_read = 0
     try:
         with laspy.open(path, read_evlrs=False) as reader:
             _require_scales(reader.header)
             for points in reader.chunk_iterator(CHUNK):
                 n_read += len(points)
-                columns = _columns(points, scaling, kept)
-                kept = kept or set(columns)
-                yield columns
-    except (laspy.LaspyException, lazrs.LazrsError, struct.error, EOFError, OSError, ValueError) as problem:
+                yield _columns(points, header.place)
+    except BROKEN as problem:
         reason = (str(problem).splitlines() or [type(problem).__name__])[0]
         raise FormatError(f"broken after {n_read} of {header.n_declared} points: {reason}") from problem
     if n_read != header.n_declared:
@@ -130,16 +147,13 @@ def _system(header: Any) -> dict[str, Any] | None:
     return None
 
 
-def _columns(points: Any, scaling: Scaling, kept: set[str] | None) -> Columns:
+def _columns(points: Any, filled: Mapping[str, Any]) -> Columns:
     """Return the points as the columns that every format gives."""
     columns: Columns = {"points": np.column_stack([np.asarray(getattr(points, axis)) for axis in "xyz"])}
     columns["invalid"] = np.asarray(points.withheld).astype(bool)
-    names = set(points.point_format.dimension_names)
-    intensity = np.asarray(points.intensity)
-    if "intensity" in kept if kept else intensity.any():
-        columns["intensity"] = within_unit_range(intensity, 0.0, 65535.0)
-    if {"red", "green", "blue"} <= names:
-        colours = np.column_stack([np.asarray(points[name]) for name in ("red", "green", "blue")])
-        if "colors" in kept if kept else colours.any():
-            columns["colors"] = scaling.colours(colours)
+    if filled["has_intensity"]:
+        columns["intensity"] = within_unit_range(np.asarray(points.intensity), 0.0, 65535.0)
+    if filled["colour_factor"]:
+        colours = np.column_stack([np.asarray(points[name]) for name in COLOURS])
+        columns["colors"] = as_bytes_of_colour(colours, filled["colour_factor"])
     return columns

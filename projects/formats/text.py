@@ -22,6 +22,7 @@ from projects.errors import FormatError
 BLOCK = 8 * 2**20  # bytes
 LONGEST_LINE = 2**20
 SLOWLY_PARSED = 4 * 2**20  # bytes
+NOT_A_NUMBER = [sign + word for sign in ("", "-", "+") for word in ("nan", "NaN", "NAN", "Nan")]  # as numpy reads them
 NEWLINE, SPACE = 10, 32
 _SIGNS = tuple(bytes([c]) for c in b"-+.0123456789")
 SHORTEST_ROW = len("0 0 0\n")
@@ -157,7 +158,8 @@ def _parsed(plain: bytes) -> NDArray[np.float64]:
         return np.loadtxt(io.BytesIO(plain), dtype=np.float64, comments=None, ndmin=2)
     import pandas as pd
 
-    table = pd.read_csv(io.BytesIO(plain), sep=r"\s+", header=None, dtype=np.float64, quoting=3, engine="c")
+    table = pd.read_csv(io.BytesIO(plain), sep=r"\s+", header=None, dtype=np.float64, quoting=3, engine="c",
+                        keep_default_na=False, na_values=NOT_A_NUMBER)  # fmt: skip
     return table.to_numpy()
 
 

@@ -84,6 +84,18 @@ def test_where_nothing_can_be_written_beside_the_sources_it_is_the_users_cache_o
     assert Path(os.environ[VARIABLE]) == tmp_path / "cache" / "heritage-monitor" / f"kernels-{digest_of(package)}"
 
 
+def test_where_no_home_is_known_either_it_is_numbas_own_rule(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless(_path: Path) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in (VARIABLE, "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    (package / "__pycache__").write_text("a file: nothing can be made in it, whoever asks")
+    monkeypatch.setattr(Path, "expanduser", homeless)
+    use_own_folder(package)
+    assert VARIABLE not in os.environ
+
+
 def test_a_folder_that_is_set_stays(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, "/somewhere")
     use_own_folder(package)

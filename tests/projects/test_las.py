@@ -139,3 +139,21 @@ def test_every_way_in_which_the_decoder_fails_is_a_format_error(tmp_path, cloud)
         (tmp_path / f"{k}.laz").write_bytes(whole[:at] + new + whole[at + len(new) :])
         with pytest.raises(FormatError, match=rf"{k}\.laz: "):
             [list(stream.chunks()) for stream in read_scans(tmp_path / f"{k}.laz")]
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_intensity_and_colours_that_begin_late_in_the_file_are_read(tmp_path, rng, read_whole, suffix):
+    """Of a scan whose first million points were black all lost their colours and intensities."""
+    n, late = 1_000_200, slice(1_000_100, None)
+    header = laspy.LasHeader(version="1.4", point_format=7)
+    header.scales = np.full(3, 1e-4)
+    made = laspy.LasData(header)
+    made.x, made.y, made.z = rng.random((3, n))
+    values = np.zeros(n, np.uint16)
+    values[late] = 25_700
+    made.intensity = made.red = made.green = made.blue = values
+    made.write(tmp_path / f"a{suffix}")
+    (got,) = read_whole(tmp_path / f"a{suffix}")
+    assert got.cloud.colors[late].tolist() == [[100, 100, 100]] * 100
+    assert not got.cloud.colors[:1_000_100].any()
+    np.testing.assert_allclose(got.cloud.intensity[late], 25_700 / 65_535, rtol=1e-6)

@@ -154,3 +154,14 @@ def test_any_points_come_back_as_they_were_written(tmp_path, points, separator, 
     origin = [p for p in points if not any(p)]
     expected = [p for p in points if any(p)] + origin  # a point at 0 0 0 comes last
     np.testing.assert_allclose(got, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [10, 200_000])  # parsed in two ways
+def test_words_that_are_no_numbers_are_refused_in_large_files_as_in_small_ones(tmp_path, n):
+    rows = [f"{k}.125 {k}.250 1.500" for k in range(n)]
+    rows[5] = "nan NaN -nan"
+    saved(tmp_path, "\n".join(rows) + "\n")
+    assert read(tmp_path / "a.txt")["points"].shape == (n - 1, 3)
+    rows[7] = "7.125 NA 1.500"
+    with pytest.raises(FormatError, match="line 8 has 'NA', which is no number"):
+        read(saved(tmp_path, "\n".join(rows) + "\n"))

@@ -123,7 +123,7 @@ def test_the_second_opinion_is_told_in_words_where_one_was_asked():
     before, after = example_epochs()
     found = {"n_core_points": 4870, "known_share": 0.981, "cylinder_radius_m": 0.0061, "registration_error_m": 1.2e-4,
              "lod95_median_m": 4.1e-4, "share_significant_of_changed": 0.94, "share_significant_of_unchanged": 0.021,
-             "difference_nmad_m": NAN}  # fmt: skip
+             "difference_median_m": 4e-5, "difference_scatter_m": NAN}  # fmt: skip
     asked = dataclasses.replace(after.steps[-1], automatic={"m3c2": found})
     after = dataclasses.replace(after, steps=(*after.steps[:-1], asked))
     table = facts_of(epochs=(before, after)).certainty[-1]
@@ -135,7 +135,8 @@ def test_the_second_opinion_is_told_in_words_where_one_was_asked():
     assert told["registration error added"] == "0.12 mm"
     assert told["significant by M3C2, where this comparison says changed"] == "94.0 %"
     assert told["significant by M3C2, where it says unchanged"] == "2.1 %"
-    assert told["what both measure differs by (robust sigma, NMAD)"] == "not known"
+    assert told["what M3C2 measures less what this does, median"] == "+0.040 mm"
+    assert told["how that scatters (robust sigma, NMAD)"] == "not known"
     assert not any("second opinion" in t.title for t in facts_of().certainty)
 
 

@@ -125,8 +125,10 @@ def test_a_page_shows_what_was_made_since(tmp_path: Path) -> None:
     project = fill(tmp_path)
     site = Site(project.path)
     assert "processed again" not in page(site, "/column")
+    assert "processed again" not in page(site, "/column/e1_e2.html")
     project.put("column", "e2", step("surface", "6"), example_comparison().on_compared.surface)
     assert "Epoch e2 was processed again after this comparison" in page(site, "/column")
+    assert "Epoch e2 was processed again after this comparison" in page(site, "/column/e1_e2.html")
     project.put("column", "e2", step("comparison-e1", "7", inputs=("3" * 16, "6" * 16)),
                 example_comparison(rows=(), n_not_assessable=0, n_unchanged=1, n_changed=0))  # fmt: skip
     text = page(site, "/column")

@@ -136,7 +136,7 @@ def test_debug_shows_where_an_error_came_from_and_changes_no_exit_code(
 
 
 def test_epochs_without_surfaces_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, points = str(tmp_path / "p"), trimesh.creation.icosphere(subdivisions=3, radius=0.1).vertices
+    path, points = str(tmp_path / "my project"), trimesh.creation.icosphere(subdivisions=3, radius=0.1).vertices
     assert run(["init", path]) == 0
     assert run(["add-object", path, "ball"]) == 0
     for k in range(3):
@@ -147,7 +147,8 @@ def test_epochs_without_surfaces_are_one_line(tmp_path: Path, capsys: pytest.Cap
     assert run(["compare", path, "ball"]) == 2
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("monitor: ")]
     assert len(said) == 1
-    assert "epochs e0, e1 and e2 of object ball have no surface yet; run: monitor process" in said[0]
+    assert "epochs e0, e1 and e2 of object ball have no surface yet" in said[0]
+    assert said[0].endswith(f"run: monitor process '{path}' ball")  # as a shell takes it
 
 
 @pytest.mark.parametrize(("place", "dropped"), [("0 0 0", {"no return": 1}), ("0 0 1", {})])

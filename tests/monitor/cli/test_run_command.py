@@ -289,6 +289,12 @@ def test_the_guide_s_example_is_a_campaign(tmp_path: Path) -> None:
     anywhere = (tmp_path / "campaign.toml").read_text().replace('"after-*.ply"', f'"{tmp_path.as_posix()}/after-?.ply"')
     (tmp_path / "campaign.toml").write_text(anywhere)
     assert read_campaign(tmp_path / "campaign.toml").objects[0].epochs[1].files == minerva.epochs[1].files
+    elsewhere = tmp_path / "survey [2024] *"  # what a pattern would match is a folder's name
+    elsewhere.mkdir()
+    for path in [p for p in tmp_path.iterdir() if p.is_file()]:
+        shutil.copy(path, elsewhere)
+    again = read_campaign(elsewhere / "campaign.toml").objects[0].epochs[1].files
+    assert [p.name for p in again] == ["after-1.ply", "after-2.ply"]
     assert (minerva.epochs[0].scanner, minerva.epochs[0].date) == ("phase-2020", "2025-05-12")
     (pair,) = minerva.pairs
     assert (pair.mode, pair.stable) == ("relative", tmp_path / "pedestal.json")
