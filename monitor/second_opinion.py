@@ -69,8 +69,9 @@ def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud
     """Return what M3C2 says of the filtered points of both epochs, each in its own coordinates, at some vertices.
 
     The cylinder holds about 30 points of the sparser cloud (Lague et al. 2013); the registration error is what the
-    comparison knows of its own: motion and disagreement of the scans, added linearly. Where no scans overlap their
-    disagreement is not known (NaN) and the error that of the motion alone. Lengths in metres.
+    comparison knows of its own: that of the motion and, in squares, what scans disagree by, in both epochs as in the
+    compared one. Where no scans overlap that is not known (NaN) and the error that of the motion alone. Lengths in
+    metres.
     """
     side, registration = comparison.on_compared, comparison.registration
     assessed = np.flatnonzero(side.reasons == NotAssessed.ASSESSED)

@@ -136,7 +136,7 @@ class Project:
         return find_epoch(self.index(), object_id, epoch_id).record
 
     def steps(self, object_id: str, epoch_id: str) -> list[Step]:
-        """Return the steps of all products of an epoch, in the order of their making."""
+        """Return the steps of all products of an epoch, in the order of their making, of one second by their names."""
         products = find_epoch(self.index(), object_id, epoch_id).products.values()
         return sorted((p.step for p in products), key=lambda s: (s.created, s.product))
 

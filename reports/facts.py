@@ -48,12 +48,6 @@ class Answer:
     figures: tuple[KeyFigure, ...]
     sure: tuple[Told, ...]
 
-    @property
-    def in_sentences(self) -> str:
-        """The answer without its figures, as running text."""
-        largest = (f"{told.subject} {told.text}" for told in self.largest)
-        return " ".join((self.headline, *self.changed, *largest, *(told.text for told in self.sure)))
-
 
 @dataclass(frozen=True)
 class RegionFacts:

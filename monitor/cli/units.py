@@ -1,4 +1,4 @@
-"""Where millimetres and degrees of the command line become metres and radians, and nowhere else."""
+"""Where millimetres and degrees of the command line become metres and radians (those of `plan` in `planning`)."""
 
 from __future__ import annotations
 

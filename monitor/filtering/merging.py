@@ -35,7 +35,8 @@ def merge_scans(
 
     Parameters
     ----------
-    clouds : as of `filter_scan`, in the project's frame and registered; `scan_index` is set to their place here.
+    clouds : as of `filter_scan`, in the project's frame and registered; a `scan_index` is kept, else it is their
+        place here.
     settings : found from the merged cloud where not given.
     slack : m, by which the scans may still lie off each other (`find_seen_through`).
     doubtful : for each cloud what its scan left out as doubtful (`FilterResult.doubtful`), likewise in the project's

@@ -108,7 +108,8 @@ def find_parts(source: Surface | PointCloud, target: Surface | PointCloud, regis
     Returns
     -------
     MovedParts
-        None where nothing moved. A part whose shape does not hold all six parameters is not told from wear.
+        Its `parts` are empty where nothing moved. A part whose shape does not hold all six parameters is not told from
+        wear.
 
     Raises
     ------

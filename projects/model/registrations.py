@@ -24,7 +24,8 @@ class Registration:
     n_inliers : pairs of points that were held to be unmoved.
     n_correspondences : pairs of points that look the same way near each other.
     n_iterations : steps taken.
-    rmse : m, root mean square of the inliers' residuals, the signed distances of a pair along the target's normal.
+    rmse : m, root mean square of the inliers' residuals, the signed distances of a pair along the mean of
+        both normals.
     sigma : m, 1.4826 times the median size of the residuals of the stable pairs.
     overlap : share of the samples of the source that found a partner.
     stable_share : share of these that was held to be unmoved.

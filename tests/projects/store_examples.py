@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -125,3 +126,22 @@ def snapshot(folder: Path) -> dict[str, bytes]:
 def findings(project: Project) -> list[tuple[str, str]]:
     """Return the severity and the words of all that a check of the project finds."""
     return [(f.severity, f.message) for f in project.verify().findings]
+
+
+def assert_same(one: object, other: object) -> None:
+    """Assert equality of nouns, with dtypes and with NaN equal to NaN."""
+    assert type(one) is type(other)
+    if dataclasses.is_dataclass(one):
+        for f in dataclasses.fields(one):
+            assert_same(getattr(one, f.name), getattr(other, f.name))
+    elif isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+    elif isinstance(one, pd.DataFrame):
+        pd.testing.assert_frame_equal(one, other)
+    elif isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key in one:
+            assert_same(one[key], other[key])
+    else:
+        assert one == other or (one != one and other != other)

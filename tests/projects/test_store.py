@@ -6,9 +6,9 @@ import dataclasses
 import datetime
 
 import numpy as np
-import pandas as pd
 import pytest
 from store_examples import (
+    assert_same,
     example_comparison,
     example_project,
     example_registration,
@@ -21,25 +21,6 @@ from store_examples import (
 from projects.errors import ParameterError, StoreError
 from projects.model import ControlPoint, EpochRecord, ObjectRecord, PointCloud
 from projects.store import Project
-
-
-def assert_same(one: object, other: object) -> None:
-    """Assert equality of nouns, with dtypes and with NaN equal to NaN."""
-    assert type(one) is type(other)
-    if dataclasses.is_dataclass(one):
-        for f in dataclasses.fields(one):
-            assert_same(getattr(one, f.name), getattr(other, f.name))
-    elif isinstance(one, np.ndarray):
-        assert one.dtype == other.dtype
-        np.testing.assert_array_equal(one, other)
-    elif isinstance(one, pd.DataFrame):
-        pd.testing.assert_frame_equal(one, other)
-    elif isinstance(one, dict):
-        assert one.keys() == other.keys()
-        for key in one:
-            assert_same(one[key], other[key])
-    else:
-        assert one == other or (one != one and other != other)
 
 
 def test_scan_comes_back_point_for_point(tmp_path, rng):

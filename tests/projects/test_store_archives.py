@@ -20,7 +20,7 @@ ARCHIVES = Path(__file__).parents[1] / "archives"
 sys.path.insert(0, str(ARCHIVES))
 
 import make_archive  # noqa: E402
-from test_store import assert_same  # noqa: E402
+from store_examples import assert_same  # noqa: E402
 
 
 @pytest.fixture

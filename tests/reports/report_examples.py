@@ -122,10 +122,10 @@ def _steps(n_outliers):
     )  # fmt: skip
 
 
-def facts_of(comparison=None, record=None, epochs=None):
-    """Return the facts of the example, or of a changed one."""
+def facts_of(comparison=None, record=None, epochs=None, **texts):
+    """Return the facts of the example, or of a changed one; `texts` are of its object."""
     comparison = example_comparison() if comparison is None else comparison
-    return make_facts(comparison, record or example_object(), *(epochs or example_epochs()))
+    return make_facts(comparison, record or example_object(**texts), *(epochs or example_epochs()))
 
 
 def plain(text):
@@ -135,7 +135,9 @@ def plain(text):
 
 def said(facts):
     """Return the answer as one text."""
-    return plain(facts.answer.in_sentences)
+    answer = facts.answer
+    largest = (f"{told.subject} {told.text}" for told in answer.largest)
+    return plain(" ".join((answer.headline, *answer.changed, *largest, *(told.text for told in answer.sure))))
 
 
 def rows_of(facts, title):

@@ -16,8 +16,7 @@ import pandas as pd
 import pytest
 from example_project import MOTION, TURN, fill, measured, step
 from report_examples import example_comparison, example_epochs, example_object
-from test_courses import series_of
-from test_followed import followed
+from series_examples import followed, series_of
 
 from monitor.cli import run
 from monitor.scans import open_scans

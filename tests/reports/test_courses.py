@@ -2,30 +2,11 @@
 
 from dataclasses import replace
 
-import numpy as np
-import pandas as pd
+from series_examples import series_of
 
-from projects.model import FORECAST_COLUMNS, HISTORY_COLUMNS, SERIES_COLUMNS, Series
 from reports.courses import tell_series
 
 NAN = float("nan")
-
-
-def series_of(model: str, means: tuple[float, float]) -> Series:
-    """Return three epochs, a to c, and one region that lost material; `means` [m] are of b and c."""
-    row = dict.fromkeys(SERIES_COLUMNS, 0.0) | {"identity": 1, "first_seen": "b", "last_seen": "b", "area_m2": 0.002,
-                                                "model": model, "rate_m_per_year": -1e-4, "onset_to_years": 1.0,
-                                                "sigma_rate_m_per_year": 1e-6}  # fmt: skip
-    history = [
-        [1, epoch, years, 1, "", mean, 1e-5 if np.isfinite(mean) else NAN, NAN, NAN]
-        for epoch, years, mean in zip("bc", (1.0, 4.0), means, strict=True)
-    ]
-    empty = np.empty(0)
-    return Series(
-        "a", "2020-01-15", ("b", "c"), ("2021-01-15", "2024-01-15"), np.array([1.0, 4.0]), empty, empty, empty, empty,
-        np.empty(0, dtype=np.int32), pd.DataFrame([row]), pd.DataFrame(history, columns=list(HISTORY_COLUMNS)),
-        pd.DataFrame(columns=list(FORECAST_COLUMNS)),
-    )  # fmt: skip
 
 
 def test_a_region_that_one_epoch_shows_goes_on_at_no_rate_and_says_when_it_was_measured() -> None:

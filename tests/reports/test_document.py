@@ -17,7 +17,7 @@ from report_examples import (
     rows_of,
     said,
 )
-from test_stability import share
+from shown_examples import share
 
 from projects.errors import StoreError
 from projects.model import Step

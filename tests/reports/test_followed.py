@@ -4,12 +4,10 @@ import dataclasses
 
 import numpy as np
 import pandas as pd
-from report_examples import DENT, PATCH, column, example_comparison, facts_of
-from test_courses import series_of
-from test_page import DOT
-from test_pdf import pictures_of, text_of
+from report_examples import column, example_comparison, facts_of
+from series_examples import followed
+from shown_examples import DOT, pictures_of, text_of
 
-from projects.model import HISTORY_COLUMNS, Series
 from reports.courses import tell_series
 from reports.exports import export_series
 from reports.followed import place_courses
@@ -18,25 +16,6 @@ from reports.pdf import set_document
 from reports.quantities import NBSP
 
 BEHIND = 9  # a followed region on the back that is none of the comparison
-
-
-def followed(numbers: dict[int, int]) -> Series:
-    """Return a series of the column whose regions, by their numbers, are these of the comparison (0: on the back)."""
-    on_reference = example_comparison().on_reference
-    angle, up, _ = column()
-    behind = (np.abs(angle - np.pi / 2) < 0.2) & (np.abs(up - 0.5) < 0.05)
-    identity = np.zeros(len(angle), np.int32)
-    for number, region in numbers.items():
-        identity[behind if region == 0 else (on_reference.region == region) & (identity == 0)] = number
-    series = series_of("jump", (-3e-4, -4e-4))
-    (row,), places = series.regions.to_dict("records"), {0: (0.0, 0.2, 0.5), 1: DENT[-3:], 2: PATCH[-3:]}
-    rows = [row | {"identity": k} | dict(zip("xyz", places[r], strict=True)) for k, r in numbers.items()]
-    history = [[k, "c", 4.0, r, "", -4e-4, 1e-5, np.nan, np.nan] for k, r in numbers.items()]
-    return dataclasses.replace(
-        series, identity=identity, rate=np.zeros(len(angle)), sigma_rate=np.ones(len(angle)),
-        acceleration=np.zeros(len(angle)), sigma_acceleration=np.ones(len(angle)), regions=pd.DataFrame(rows),
-        history=pd.DataFrame(history, columns=list(HISTORY_COLUMNS)),
-    )  # fmt: skip
 
 
 def test_a_followed_region_lies_where_the_table_of_regions_says_and_has_its_number_there() -> None:

@@ -4,21 +4,15 @@ import dataclasses
 from pathlib import Path
 
 import pytest
-from report_examples import DENT, example_comparison, example_epochs, example_object
-from test_pdf import pictures_of
+from report_examples import DENT, example_comparison, example_epochs, example_object, facts_of
+from shown_examples import pictures_of
 
 from reports import making
 from reports.document import make_facts
-from reports.facts import ReportFacts
 from reports.html import write_page
 from reports.making import mark_of
 from reports.pdf import write_document
 from reports.report import is_current
-
-
-def facts_of(**texts: str) -> ReportFacts:
-    """Return the facts of the example with other texts of its object."""
-    return make_facts(example_comparison(), example_object(**texts), *example_epochs())
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ import re
 from pathlib import Path
 
 import pytest
-from report_examples import DENT, example_comparison, example_epochs, example_object
+from report_examples import DENT, example_comparison, facts_of
+from shown_examples import DOT
 
 from projects.errors import ParameterError
 from reports import pictures
-from reports.document import make_facts
 from reports.html import fill_page, write_page, write_whole
 from reports.pictures import Pictures, Shown, ShownView, choose_size, draw_pictures, fit_row, fit_rows, fit_strip
 from reports.views import choose_views, frame_views
@@ -18,13 +18,6 @@ from reports.views import choose_views, frame_views
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
          "--ignore-gpu-blocklist"]  # fmt: skip
-DOT = Shown(b"<svg xmlns='http://www.w3.org/2000/svg'/>", "image/svg+xml", 0, 0, "a dot")
-
-
-def facts_of(comparison=None, **texts):
-    """Return the facts of the example with other texts of its object."""
-    comparison = example_comparison() if comparison is None else comparison
-    return make_facts(comparison, example_object(**texts), *example_epochs())
 
 
 def page_of(facts):

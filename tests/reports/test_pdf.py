@@ -8,23 +8,16 @@ import numpy as np
 import pytest
 from pdf_oxide import PdfDocument
 from PIL import Image
-from report_examples import DENT, example_comparison, example_epochs, example_object
+from report_examples import DENT, facts_of
 from scipy.spatial import cKDTree
+from shown_examples import DOT, pictures_of, text_of
 
 from projects.errors import ParameterError
-from reports.document import make_facts
 from reports.facts import Table
 from reports.pdf import MOST_COLUMNS, fit_columns, has_letters, set_beside, set_document, split_table, write_document
-from reports.pictures import Pictures, Shown, ShownSingle, ShownView
+from reports.pictures import Shown, ShownSingle, ShownView
 
 LOST = (0xB8, 0x3F, 0x1B)  # of the page: material lost
-BAR = Shown(b"<svg xmlns='http://www.w3.org/2000/svg' width='400' height='60'/>", "image/svg+xml", 0, 0, "a bar")
-DOT = Shown(b"<svg xmlns='http://www.w3.org/2000/svg' width='40' height='30'/>", "image/svg+xml", 0, 0, "a dot")
-
-
-def facts_of(**texts):
-    """Return the facts of the example with other texts of its object."""
-    return make_facts(example_comparison(), example_object(**texts), *example_epochs())
 
 
 def plain_picture(colour):
@@ -32,19 +25,6 @@ def plain_picture(colour):
     stream = io.BytesIO()
     Image.new("RGB", (60, 40), colour).save(stream, "PNG")
     return Shown(stream.getvalue(), "image/png", 60, 40, "one colour")
-
-
-def pictures_of(facts, difference=DOT):
-    """Return dots for pictures, and one view whose difference is given."""
-    regions = {r.number: (DOT, DOT) for r in facts.regions}
-    views = (ShownView("Front", DOT, DOT, difference, 40.0, 30.0),)
-    return Pictures(views, BAR, BAR, regions, stable=(ShownSingle("Front", DOT, 20.0),))
-
-
-def text_of(document):
-    """Return the text of all pages, white space as single spaces."""
-    read = PdfDocument.from_bytes(document)
-    return " ".join(" ".join(read.extract_text(k) for k in range(read.page_count())).replace("\u00a0", " ").split())
 
 
 def test_the_document_is_made_for_the_long_term_and_the_same_every_time():

@@ -1,33 +1,20 @@
 """The picture of what held two epochs together: green where stable, sand where changed, pale where nobody asked."""
 
 from dataclasses import replace
-from io import BytesIO
 
 import numpy as np
-from PIL import Image
 from report_examples import example_comparison
+from shown_examples import share
 
 from projects.extent import Extent
 from projects.model import Assessment, Comparison
 from reports.colours import LEFT_OUT, OUTSIDE, SET_ASIDE, STABLE
 from reports.stability import draw_stable
-from reports.views import Picture
 
 
 def held(is_stable: np.ndarray | None) -> Comparison:
     comparison = example_comparison()
     return replace(comparison, registration=replace(comparison.registration, is_stable=is_stable))
-
-
-def share(picture: Picture, colour: tuple[int, int, int]) -> float:
-    """Return the share of the object's pixels whose hue is that of `colour`, whatever light falls on them."""
-    pixels = np.asarray(Image.open(BytesIO(picture.image))).reshape(-1, 3).astype(float)
-    body = pixels[pixels.min(axis=1) < 250]
-    hues = np.array([STABLE, SET_ASIDE, LEFT_OUT, OUTSIDE], dtype=float)
-    hues /= hues.mean(axis=1, keepdims=True)
-    nearest = np.argmin(np.abs(body[:, None] / body.mean(axis=1)[:, None, None] - hues).sum(axis=2), axis=1)
-    grey = (STABLE, SET_ASIDE, LEFT_OUT, OUTSIDE).index(colour)
-    return float(np.mean(np.isin(nearest, (2, 3) if grey >= 2 else (grey,))))
 
 
 def test_all_is_green_but_what_changed() -> None:

@@ -18,8 +18,7 @@ from monitor.comparison.sight.directions import MIDDLE, SUB_CELLS, Bits, face_an
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats
 
-N_WINDOW = 9  # cells about a point, row by row
-MIDMOST = (4, 1, 3, 5, 7, 0, 2, 6, 8)  # of them, the nearest first
+MIDMOST = (4, 1, 3, 5, 7, 0, 2, 6, 8)  # of nine cells about a point, row by row: the nearest first
 
 
 def find_pierced(origin: Floats, cell: float, tree: MeshTree, points: Floats, margins: Floats, bits: Bits) -> Bools:

@@ -45,7 +45,6 @@ class CoarseAlignment:
     score : share of the places of the smaller shape that the pose explains, less those that it contradicts.
     ambiguity : score of the best other pose over this score; near 1 where the shapes do not tell which is right.
     is_unique : whether the pose may be built upon; else `reason` says why not.
-    n_guesses : distinct poses tried.
     """
 
     T_target_source: Floats
@@ -53,7 +52,6 @@ class CoarseAlignment:
     ambiguity: float
     is_unique: bool
     reason: str
-    n_guesses: int
 
 
 @dataclass(frozen=True)
@@ -200,7 +198,7 @@ def judge_guesses(shapes: tuple[Shape, Shape], guesses: list[Floats], cell: floa
     refined = keep_distinct([refine(source, target, T, cell) for T in guesses], source.places.points, cell)
     scored = sorted(((score_pose(source, target, T, sigma, cell), k) for k, T in enumerate(refined)), reverse=True)
     if not scored:
-        return CoarseAlignment(np.eye(4), 0.0, float("nan"), False, "no places of the two shapes look alike", 0)
+        return CoarseAlignment(np.eye(4), 0.0, float("nan"), False, "no places of the two shapes look alike")
     best, k = scored[0]
     other, j = scored[1] if len(scored) > 1 else (0.0, k)
     ambiguity = max(other, 0.0) / best if best > 0.0 else 1.0
@@ -211,7 +209,7 @@ def judge_guesses(shapes: tuple[Shape, Shape], guesses: list[Floats], cell: floa
         )
     elif ambiguity > MOST_AMBIGUOUS:
         reason = f"the shapes fit as well {describe_turn(refined[k], refined[j])}; mark the true pose with targets"
-    return CoarseAlignment(refined[k], best, ambiguity, not reason, reason, len(guesses))
+    return CoarseAlignment(refined[k], best, ambiguity, not reason, reason)
 
 
 def describe_turn(one: Floats, other: Floats) -> str:

@@ -117,13 +117,14 @@ def standardize(matches: Matches, sigma: Floats, centre: Floats, shared: Floats 
 
 
 def naive_covariance(adjusted: Adjusted) -> Floats:
-    """Return the covariance (6, 6) of the M-estimate as if all residuals were independent."""
+    """Return the covariance of the M-estimate as if all residuals were independent, as large as the information."""
     factor = max(float(np.mean(adjusted.psi**2)), LEAST_SCATTER) / adjusted.slope**2  # a copy of itself fits exactly
     return factor * np.linalg.pinv(adjusted.information, hermitian=True)
 
 
 def score_covariance(adjusted: Adjusted) -> Floats:
-    """Return B (6, 6) = sum over all pairs of J_i J_j' c(d_ij), averaged over the models of correlation."""
+    """Return B = sum over all pairs of J_i J_j' c(d_ij), as large as the information, averaged over the models of
+    correlation."""
     grid = cut_patches(adjusted.points, adjusted.normals, len(adjusted.points) / N_PATCHES)
     field = lay_field(adjusted.points, adjusted.normals, grid)
     member, rows = field.member, sum_by(field.part, adjusted.rows)

@@ -29,14 +29,12 @@ class SixParameters:
     covariance : (6, 6) of (w, t) in x -> c + exp([w]) (x - c) + t about `centre` (target frame), rad and m.
     centre : (3,) m, weighted mean of the target points.
     residuals : (n, 3) m, moved source less target.
-    sigma0 : residuals against what the covariances state, 1 where they agree; NaN without redundancy.
     """
 
     T_target_source: Floats
     covariance: Floats
     centre: Floats
     residuals: Floats
-    sigma0: float
 
 
 def six_parameters(
@@ -58,7 +56,7 @@ def six_parameters(
     Notes
     -----
     Minimizes sum v' (C_target + R C_source R')^-1 v by Gauss-Newton. The covariance is that of the stated ones, raised
-    by sigma0^2 where the residuals are larger than stated.
+    by as much as the squares of the residuals are larger than stated.
     """
     source, target = np.asarray(source, dtype=float), np.asarray(target, dtype=float)
     if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3:
@@ -93,7 +91,7 @@ def _conclude(
     freedom = 3 * len(source) - 6
     sigma2 = float(np.einsum("ni,nij,nj->", residuals, weights, residuals)) / freedom
     covariance = np.linalg.inv(normal) * (max(1.0, sigma2) if stated else sigma2)
-    return SixParameters(T, covariance, centre, residuals, float(np.sqrt(sigma2)))
+    return SixParameters(T, covariance, centre, residuals)
 
 
 def point_rows(points: Floats, centre: Floats) -> Floats:

@@ -20,7 +20,6 @@ from projects.transforms import apply, invert, perturb
 
 N_ITERATIONS = 10
 STEP = 1e-6  # rad and m, of the derivatives by differences
-BLUNDER = 3.3  # a link whose misfit exceeds so many sigmas, at 0.1 %, is named
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from monitor.registration.motion.held import Frames
-from monitor.registration.network.epoch_network import BLUNDER, EpochLink, adjust_network
+from monitor.registration.network.epoch_network import EpochLink, adjust_network
 from monitor.through_time import tell_network, without_frames
 from projects.errors import RegistrationError
 from projects.model import EpochRecord, Floats, Registration
@@ -96,7 +96,7 @@ def test_wrong_link_is_the_one_that_does_not_close(rng: np.random.Generator) -> 
     network = adjust_network(links, 5)
     assert network.probability < 1e-6
     assert int(np.argmax(network.misfit)) == 4
-    assert network.misfit[4] > BLUNDER
+    assert network.misfit[4] > 3.3  # sigmas: 0.1 % by chance
 
 
 def test_epochs_without_links_or_motions_are_refused(rng: np.random.Generator) -> None:
