@@ -50,11 +50,18 @@ def into_project_frame(found: Assembly, known: Sequence[Floats | None]) -> Float
     return poses
 
 
+def _draw(points: Floats, share: float) -> Floats:
+    """Return about a share of points, the same ones wherever they stand."""
+    return points[hash_points(points, 0) <= min(1.0, share) * float(2**64 - 1)]
+
+
 def read_oriented(stream: ScanStream) -> PointCloud:
     """Return about `N_POINTS` points of a scan, drawn evenly whatever their order, with oriented normals."""
-    points = np.concatenate([chunk.cloud.points for chunk in stream.chunks()])
-    share = min(1.0, N_POINTS / max(len(points), 1))
-    some = points[hash_points(points, 0) <= share * float(2**64 - 1)]
+    some: Floats = np.empty((0, 3))
+    n = 0
+    for chunk in stream.chunks():  # never all of them: those that a smaller share leaves are among those before
+        n += len(chunk.cloud)
+        some = _draw(np.concatenate([some, chunk.cloud.points]), N_POINTS / max(n, 1))
     some = some[np.isfinite(some).all(axis=1)]
     if len(some) < MIN_POINTS:
         raise ParameterError(

@@ -6,6 +6,7 @@ In come paths and options of `monitor add-epoch`, or a project and a scan's numb
 from __future__ import annotations
 
 import filecmp
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,7 @@ from projects.model import ControlPoint, Floats, PointCloud, Scan
 from projects.store import Project
 from projects.transforms import apply
 
+MOST_SEARCHED = 12_000_000  # points of one scan: every other row and column of a larger one is searched; two gigabytes
 BY_TARGETS = "survey targets"
 BY_SHAPE = "shape alone"
 
@@ -108,7 +110,7 @@ def _complete(stream: ScanStream) -> ScanStream:
 
 def _place(streams: list[ScanStream], control: Sequence[ControlPoint]) -> list[ScanStream]:
     """Return the scans with the poses that their survey targets give, else their shapes, or raise."""
-    targets = [find_targets(join_chunks(list(stream.chunks()))) for stream in streams]
+    targets = [find_targets(join_thinned(stream.chunks(), stream.n_declared or 0)) for stream in streams]
     placed = place_scans(targets, [stream.pose for stream in streams], control)
     poses, lost, found_by = placed.poses, _without_pose(placed.poses), BY_TARGETS
     if lost and not control:
@@ -186,6 +188,23 @@ def sample_stored(project: Project, object_id: str, epoch_id: str, index: int, n
     share = min(1.0, n_points / max(header.n_points, 1))
     chunks = project.iterate_scan(object_id, epoch_id, index)
     return join_chunks([c.take(hash_points(c.cloud.points, 0) <= share * float(2**64 - 1)) for c in chunks])
+
+
+def join_thinned(chunks: Iterable[Scan], n_points: int) -> Scan:
+    """Return a scan of `n_points` from its chunks, of one that is too large to be searched whole every n-th row and
+    column; all of it where it is no grid."""
+    every = math.ceil(math.sqrt(n_points / MOST_SEARCHED)) if n_points > MOST_SEARCHED else 1
+
+    def thinned(chunk: Scan) -> Scan:
+        """Return every so many rows and columns of a chunk; all of it where it is no grid."""
+        if every == 1 or chunk.rows is None or chunk.columns is None:
+            return chunk
+        return chunk.take((chunk.rows % every == 0) & (chunk.columns % every == 0))
+
+    scan = join_chunks([thinned(chunk) for chunk in chunks])
+    if every == 1 or scan.rows is None or scan.columns is None:
+        return scan
+    return replace(scan, rows=scan.rows // every, columns=scan.columns // every)
 
 
 def join_chunks(chunks: list[Scan]) -> Scan:

@@ -6,7 +6,6 @@ calibration. Out: one step a scan, and its `SurveyTarget`s.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,11 +18,9 @@ from monitor.filtering.calibration import correct_range
 from monitor.range_calibration import calibration_of
 from monitor.record import Asked, Made, Place, find_step, latest_step, put_step
 from monitor.registration.targets.finding import TargetSettings, find_targets
-from monitor.scans import join_chunks
+from monitor.scans import join_thinned
 from monitor.settings import as_mapping
 from projects.model import Scan, Step, SurveyTarget
-
-MOST_POINTS = 12_000_000  # of one scan: every other row and column of a larger one is read; two gigabytes
 
 
 @dataclass(frozen=True)
@@ -83,18 +80,7 @@ def target_task(task: TargetTask) -> Made:
 def read_thinned(place: Place, index: int) -> Scan:
     """Return a whole stored scan; of one that is too large, every n-th row and column."""
     n_points = place.project.scan_headers(place.object_id, place.epoch_id)[index].n_points
-    every = math.ceil(math.sqrt(n_points / MOST_POINTS)) if n_points > MOST_POINTS else 1
-
-    def thinned(chunk: Scan) -> Scan:
-        """Return every so many rows and columns of a chunk; all of it where it is no grid."""
-        if every == 1 or chunk.rows is None or chunk.columns is None:
-            return chunk
-        return chunk.take((chunk.rows % every == 0) & (chunk.columns % every == 0))
-
-    scan = join_chunks([thinned(c) for c in place.project.iterate_scan(place.object_id, place.epoch_id, index)])
-    if every == 1 or scan.rows is None or scan.columns is None:
-        return scan
-    return Scan(scan.name, scan.cloud, scan.pose, scan.origin, scan.rows // every, scan.columns // every)
+    return join_thinned(place.project.iterate_scan(place.object_id, place.epoch_id, index), n_points)
 
 
 def as_arrays(targets: Sequence[SurveyTarget]) -> dict[str, np.ndarray]:
