@@ -34,7 +34,7 @@ from monitor.quality import (
 )
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
-from monitor.record import Asked, Made, Place, comparison_product, latest_step, once_step
+from monitor.record import Asked, Made, Place, latest_step, once_step
 from monitor.registration.epochs import held_by_frames, register_epochs
 from monitor.registration.network.placement import placement_sigma
 from monitor.registration.parts import find_parts
@@ -48,6 +48,7 @@ from monitor.target_search import search_targets
 from monitor.winding import wind_outward
 from projects.errors import ParameterError
 from projects.extent import Extent, inside, require_part
+from projects.identifiers import comparison_product, scan_product
 from projects.model import Floats, PointCloud, Step, Surface
 from projects.store import Project
 
@@ -238,7 +239,7 @@ def _assess_quality(place: Place, parts: tuple[Step, ...], surface: Step, notify
         """Return the distances (n,) [m] of the points of each scan from the surface, and their figures."""
         notify(f"{place.epoch_id}: checking the surface against its scans")
         clouds = adjusted_clouds(place, parts[:-1], parts[-1])
-        names = [f"scan{int(c.scan_index[0]):03d}" for c in clouds if c.scan_index is not None]
+        names = [scan_product(int(c.scan_index[0])) for c in clouds if c.scan_index is not None]
         distances = distances_to_surface(place.get(surface), clouds)
         arrays = dict(zip(names, distances, strict=True))
         figures = {name: describe_distances(d) for name, d in arrays.items()}

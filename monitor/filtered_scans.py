@@ -20,6 +20,7 @@ from monitor.record import Asked, Made, Place, find_step, latest_step, put_step
 from monitor.repeats import filter_repeats, is_averaged
 from monitor.scans import read_within
 from monitor.settings import Settings, as_mapping
+from projects.identifiers import scan_product
 from projects.model import PointCloud, Scan, Step
 
 
@@ -83,7 +84,7 @@ def _ask_scans(
     asked = []
     for k, (name, step) in enumerate(zip(names, calibrations, strict=True)):
         parameters, inputs = {**given, "scan": k, "name": name}, (raw,) if step is None else (raw, step)
-        asked.append((Asked(f"scan{k:03d}", "scan", parameters, inputs),
+        asked.append((Asked(scan_product(k), "scan", parameters, inputs),
                       Asked(f"doubtful{k:03d}", "scan", parameters, inputs)))  # fmt: skip
     return asked
 

@@ -19,6 +19,7 @@ from monitor.quality import placement_of
 from monitor.reconstruction.mesh import face_areas_and_normals
 from monitor.record import Place
 from monitor.registration.network.placement import Placement, placement_sigma
+from projects.identifiers import scan_product
 from projects.model import Floats, Registration, Surface
 from projects.transforms import apply
 
@@ -69,7 +70,7 @@ def _placement(place: Place) -> Placement | None:
     if network is None:
         return None
     found = place.get(network)
-    scans = [place.project.latest(place.object_id, place.epoch_id, f"scan{k:03d}")
+    scans = [place.project.latest(place.object_id, place.epoch_id, scan_product(k))
              for k in range(len(found["T_project_given"]))]  # fmt: skip
     kept = [step for step in scans if step is not None]
     return placement_of(adjusted_clouds(place, kept, network), found) if len(kept) == len(scans) else None

@@ -16,6 +16,7 @@ from monitor.range_calibration import calibration_of
 from monitor.record import Place
 from monitor.scans import iterate_within
 from monitor.second_opinion import filtered
+from projects.identifiers import scan_product
 from projects.model import Floats, Step
 from projects.transforms import apply
 
@@ -88,7 +89,7 @@ def join_evenly(pieces: Iterable[Floats], most: int) -> Floats:
 def _steps_of_scans(place: Place) -> list[Step]:
     """Return the steps that filtered each scan of an epoch; none where one is missing."""
     n_scans = len(place.project.scan_headers(place.object_id, place.epoch_id))
-    steps = [place.project.latest(place.object_id, place.epoch_id, f"scan{k:03d}") for k in range(n_scans)]
+    steps = [place.project.latest(place.object_id, place.epoch_id, scan_product(k)) for k in range(n_scans)]
     return [step for step in steps if step is not None] if None not in steps else []
 
 

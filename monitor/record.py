@@ -5,7 +5,6 @@ In come the epoch, what is asked, and a function that makes it; out comes the st
 
 from __future__ import annotations
 
-import datetime
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from typing import Any
 from projects.errors import MonitorError, StoreError
 from projects.model import Step
 from projects.products import GIVEN
-from projects.provenance import step_id, versions
+from projects.provenance import now, step_id, versions
 from projects.store import Project
 
 # Raised when a step's method changes, so that what an older version made is made anew.
@@ -70,11 +69,6 @@ class Made:
     counts: Mapping[str, Any] = field(default_factory=dict)
 
 
-def comparison_product(reference_id: str) -> str:
-    """Return the product name, under the compared epoch, of the comparison with a reference epoch."""
-    return f"comparison-{reference_id}"
-
-
 def latest_step(place: Place, product: str) -> Step:
     """Return the present step of a product, or say what to do."""
     place.project.epoch(place.object_id, place.epoch_id)
@@ -108,7 +102,7 @@ def put_step(place: Place, asked: Asked, made: Made, seconds: float) -> Step:
         automatic=made.automatic,
         counts=made.counts,
         versions=versions(),
-        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        created=now(),
         seconds=seconds,
     )
     return place.project.put(place.object_id, place.epoch_id, step, made.noun)

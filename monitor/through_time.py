@@ -14,11 +14,12 @@ import pandas as pd
 
 from monitor.comparison import EpochChange, follow
 from monitor.comparison.series.follow import DAYS_PER_YEAR
-from monitor.record import Asked, Made, Place, comparison_product, once_step
+from monitor.record import Asked, Made, Place, once_step
 from monitor.registration import motion_significance
 from monitor.registration.motion.held import Frames
 from monitor.registration.network.epoch_network import EpochLink, EpochNetwork, adjust_network
 from monitor.scan_network import frames_of
+from projects.identifiers import comparison_product, series_product
 from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
 from projects.store import Project
 
@@ -59,7 +60,7 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
         counts = {"regions": len(series.regions), "regions_by_trend": by_trend, "epochs": len(epochs) + 1}
         return Made(replace(series, motions=motions, closures=closures), figures, counts)
 
-    asked = Asked(f"series-{first.epoch_id}", "series", {}, (*direct, *(s for _, s in between)))
+    asked = Asked(series_product(first.epoch_id), "series", {}, (*direct, *(s for _, s in between)))
     return once_step(places[-1], asked, make)
 
 

@@ -23,6 +23,21 @@ TRANSLITERATED = str.maketrans(
 )  # fmt: skip
 
 
+def comparison_product(reference_id: str) -> str:
+    """Return the name under which an epoch keeps its comparison with an earlier one."""
+    return f"comparison-{reference_id}"
+
+
+def series_product(first_id: str) -> str:
+    """Return the name under which an epoch keeps the series that begins with an earlier one."""
+    return f"series-{first_id}"
+
+
+def scan_product(number: int) -> str:
+    """Return the name under which an epoch keeps a filtered scan, the first being 0."""
+    return f"scan{number:03d}"
+
+
 def require_id(text: str, what: str) -> str:
     """Return `text` if it is an id of an object or epoch; raise `ParameterError` with a suggestion otherwise.
 

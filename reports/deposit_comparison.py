@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from projects.identifiers import series_product
 from projects.store import Project
 from reports.crate import Action
 from reports.deposit import Deposit
@@ -60,7 +61,7 @@ def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tup
 def add_series_actions(deposit: Deposit, project: Project, object_id: str) -> None:
     """Enter of which comparisons each series came; the deposit holds all comparisons of the object already."""
     for reference_id, compared_id in kept_comparisons(project, object_id):
-        followed = project.latest(object_id, compared_id, f"series-{reference_id}")
+        followed = project.latest(object_id, compared_id, series_product(reference_id))
         if followed is None or followed.step_id not in deposit.made_by:
             continue
         of = tuple(name for step_id in followed.inputs for name in deposit.made_by.get(step_id, ()))

@@ -13,6 +13,7 @@ import pandas as pd
 
 from projects.errors import StoreError
 from projects.extent import Extent
+from projects.identifiers import comparison_product, series_product
 from projects.model import Comparison, EpochRecord, ObjectRecord, Step
 from projects.store import Project
 from reports.answer import MOVED_OR_WHOLE, holds_whole, state_answer
@@ -78,7 +79,7 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
 
 def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
     """Return the step of a comparison that the project holds; raise `StoreError` that says how to make it."""
-    step = project.latest(object_id, compared_id, f"comparison-{reference_id}")
+    step = project.latest(object_id, compared_id, comparison_product(reference_id))
     if step is None:
         raise StoreError(
             f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
@@ -94,7 +95,7 @@ def kept_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
         (before, after)
         for after in ids
         for before in ids
-        if before != after and project.latest(object_id, after, f"comparison-{before}") is not None
+        if before != after and project.latest(object_id, after, comparison_product(before)) is not None
     ]
 
 
@@ -106,13 +107,13 @@ def outdated_epochs(project: Project, object_id: str, pair: tuple[str, str], ste
 
 def series_resting_on(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> Step | None:
     """Return the series that the compared epoch ends, where there is one that rests on the comparison of `step`."""
-    followed = project.latest(object_id, pair[1], f"series-{pair[0]}")
+    followed = project.latest(object_id, pair[1], series_product(pair[0]))
     return followed if followed is not None and step.step_id in followed.inputs else None
 
 
 def gather_history(project: Project, object_id: str, epoch_id: str, reference_id: str) -> EpochHistory:
     """Return an epoch with its steps, without its comparisons with other epochs than the reference."""
-    wanted = f"comparison-{reference_id}"
+    wanted = comparison_product(reference_id)
     of_pair = ("comparison", "series")
     steps = [s for s in project.steps(object_id, epoch_id) if kind_of(s) not in of_pair or s.product == wanted]
     headers = project.scan_headers(object_id, epoch_id)
@@ -133,7 +134,7 @@ def make_facts(
     before, after : the epochs with the steps that made their surfaces; `after` also with the comparison's.
     project_name, crs : as the object block names the project and its reference system.
     """
-    made = after.step(f"comparison-{before.record.epoch_id}")
+    made = after.step(comparison_product(before.record.epoch_id))
     if _without_control(before) or _without_control(after):
         comparison = without_significance(comparison)
     first, second = name_epochs(before.record, after.record)

@@ -16,6 +16,7 @@ from monitor.cli.units import bearing_from_direction, metres_from_millimetres
 from projects.bags import is_bag, verify_bag
 from projects.errors import StoreError
 from projects.extent import read_extent
+from projects.identifiers import comparison_product, series_product
 from projects.index_file import INDEX_NAME
 from projects.model import EpochRecord, ObjectRecord
 from projects.products import GIVEN
@@ -26,7 +27,7 @@ from reports.quantities import tell_bearing
 
 LOST = "file missing"
 UNCUT = 1000  # characters a line
-COMPARISON, SERIES = "comparison-", "series-"  # and the epoch that it goes out from: names of products
+COMPARISON, SERIES = comparison_product(""), series_product("")  # and the epoch that it goes out from
 
 
 def init_project(path: Path, name: str, crs: str, description: str) -> None:

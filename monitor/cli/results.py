@@ -12,6 +12,7 @@ from monitor.reconstruction.screen import decimate_for_screen
 from monitor.record import Place, latest_step
 from projects.errors import ParameterError, StoreError
 from projects.formats import write_screen_glb
+from projects.identifiers import series_product
 from projects.model import Comparison, Step, Surface
 from projects.store import Project
 from reports.document import gather_facts, kept_comparisons, outdated_epochs, require_comparison
@@ -79,7 +80,7 @@ def _export_series(
 ) -> list[Path]:
     """Write the series that the compared epoch ends, where there is one that rests on the comparison `made`."""
     object_id, reference_id, compared_id = ids
-    step = project.latest(object_id, compared_id, f"series-{reference_id}")
+    step = project.latest(object_id, compared_id, series_product(reference_id))
     if step is None:
         return []
     if made[0].step_id not in step.inputs:
