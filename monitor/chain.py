@@ -22,7 +22,7 @@ from monitor.engine import Engine
 from monitor.filtered_scans import FilteredScans, filter_scans
 from monitor.filtering import estimate_normals, merge_scans
 from monitor.held_placement import place_against_held
-from monitor.measured import measured_points, raw_scans
+from monitor.measured import filtered, measured_points, raw_scans
 from monitor.mesh_extent import cut_to_extent
 from monitor.quality import (
     assess_rounding,
@@ -41,8 +41,9 @@ from monitor.registration.parts import find_parts
 from monitor.repeats import is_averaged
 from monitor.same_survey import require_own_scans
 from monitor.scan_network import adjust_epoch, frames_of
-from monitor.second_opinion import ask_m3c2, filtered, gather_sights
+from monitor.second_opinion import ask_m3c2
 from monitor.settings import Settings, as_mapping
+from monitor.sights import gather_sights
 from monitor.strays import share_of_strays
 from monitor.target_search import search_targets
 from monitor.winding import wind_outward

@@ -15,9 +15,8 @@ from monitor.filtering import Calibration, correct_range
 from monitor.range_calibration import calibration_of
 from monitor.record import Place
 from monitor.scans import iterate_within
-from monitor.second_opinion import filtered
 from projects.identifiers import scan_product
-from projects.model import Floats, Step
+from projects.model import Floats, PointCloud, Step
 from projects.transforms import apply
 
 MOST_POINTS = 8_000_000  # at a time in memory, of one epoch
@@ -29,6 +28,12 @@ class RawScan(NamedTuple):
 
     sigma: float
     pieces: Iterable[Floats]
+
+
+def filtered(place: Place) -> PointCloud | None:
+    """Return the points that an epoch's surface was made of, in the epoch's coordinates; None for a finished mesh."""
+    step = place.project.latest(place.object_id, place.epoch_id, "filtered")
+    return None if step is None else place.get(step)
 
 
 def raw_scans(

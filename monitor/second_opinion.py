@@ -1,68 +1,22 @@
-"""What else is known of a comparison than its two surfaces: what the stations saw, and what M3C2 says of the points.
+"""A second opinion of a comparison: what M3C2 says of the points of both epochs.
 
-In come the epochs as the store keeps them; out come the ways of sight that tell removed from not seen, and the figures
-of the second opinion, which the comparison's record keeps beside its own.
+In come a comparison and the filtered points; out come the figures that the comparison's record keeps beside its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from monitor.comparison.distances.stars import make_mesh, vertex_areas
 from monitor.comparison.m3c2 import M3C2Result, m3c2
-from monitor.comparison.sight.beam_grid import GridBuilder
-from monitor.comparison.sight.stations import StationSight, gather_sight
-from monitor.record import Place
 from monitor.registration.motion.propagation import propagate
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
-from projects.raw import ScanHeader
 from projects.transforms import apply
 
 MOST_CORES = 5000  # core points, evenly drawn: shares are known to 1 %
 PER_CYLINDER = 30.0  # points of the sparser cloud: fewer, and a level of detection is not to be trusted (Lague et al.)
-
-
-def gather_sights(place: Place) -> list[StationSight]:
-    """Return what each station of an epoch saw, in the epoch's coordinates; none where nobody says where it stood."""
-    network = place.project.latest(place.object_id, place.epoch_id, "network")
-    if network is None:
-        return []
-    motions = place.get(network)["T_project_given"]
-    found = []
-    headers = place.project.scan_headers(place.object_id, place.epoch_id)
-    for header, motion in zip(
-        headers[: len(motions)], motions, strict=True
-    ):  # repeated scans have one motion and sight
-        pose = motion @ header.pose
-        if np.isfinite(header.origin).all():
-            found.append(_gather_sight(place, header, pose))
-    return [sight for sight in found if sight is not None]
-
-
-def _gather_sight(place: Place, header: ScanHeader, pose: Floats) -> StationSight | None:
-    """Return what a station saw whose scan stands at `pose` (4, 4) in the epoch's coordinates, and, of a grid, where
-    its beams met nothing."""
-    builder = GridBuilder(header.n_points + sum(header.dropped.values()))
-    sight = gather_sight(apply(pose, header.origin[None])[0], _points(place, header, pose, builder))
-    return None if sight is None else replace(sight, grid=builder.finish(pose[:3, :3]))
-
-
-def _points(place: Place, header: ScanHeader, pose: Floats, builder: GridBuilder) -> Iterator[Floats]:
-    """Yield the points of a raw scan, all of them, in the epoch's coordinates, and count them as what its grid met."""
-    for chunk in place.project.iterate_scan(place.object_id, place.epoch_id, header.index):
-        if header.is_grid and chunk.rows is not None and chunk.columns is not None:
-            builder.add(chunk.rows, chunk.columns, chunk.cloud.points - header.origin)
-        yield apply(pose, chunk.cloud.points)
-
-
-def filtered(place: Place) -> PointCloud | None:
-    """Return the points that an epoch's surface was made of, in the epoch's coordinates; None for a finished mesh."""
-    step = place.project.latest(place.object_id, place.epoch_id, "filtered")
-    return None if step is None else place.get(step)
 
 
 def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from numba import njit
 
-from monitor.selection import select
+from monitor.filtering.selection import select
 
 # Sums over a neighbourhood may be taken in vector order: it is fixed when compiling, hence the same for any threads.
 ORDER_FREE = {"reassoc", "contract", "nsz"}

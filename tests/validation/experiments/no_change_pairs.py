@@ -29,8 +29,8 @@ from monitor.chain import compare_epochs, process_epoch
 from monitor.comparison.regions.evidence import Sights
 from monitor.engine import open_engine
 from monitor.record import Place
-from monitor.second_opinion import gather_sights
 from monitor.settings import Settings
+from monitor.sights import gather_sights
 from monitor.simulation import INSTRUMENTS, Body, Scene, misregister, simulate_scan, stand_at, window_around
 from projects import Project
 from projects.errors import RegistrationError

@@ -11,7 +11,7 @@ import pytest
 
 from monitor.comparison.sight.beam_grid import BeamGrid, GridBuilder, angles_of, directions_of, part_of_turn, step_of
 from monitor.comparison.sight.stations import Sighted, StationSight, gather_sight, look_at, unit
-from monitor.second_opinion import _gather_sight
+from monitor.sights import _gather_sight
 from projects.formats import read_scans
 from projects.model import Bools, Floats
 
