@@ -211,7 +211,7 @@ def scan_groups(file: h5py.File) -> list[h5py.Group]:
     content = hdf5.child(file, "content")
     if read_mark(content)[0] != "scans":
         raise StoreError(f"{file.filename} does not hold scans")
-    return [hdf5.child(content, name) for name in sorted(content, key=int)]
+    return [hdf5.child(content, name) for name in sorted(content, key=lambda name: (len(name), name))]  # 9999, 10000
 
 
 def read_header(group: h5py.Group) -> ScanHeader:

@@ -70,9 +70,7 @@ def _try_each(work: Sequence[Callable[[], Facts]]) -> tuple[list[Facts], list[Mo
 
 
 def _require_all(n_done: int, n: int, failed: Sequence[MonitorError], what: str) -> None:
-    """Say one by one what failed, and raise that `n` were asked for; one cause by itself why none is done is raised."""
-    if len(failed) == 1 and not n_done:
-        raise failed[0]
+    """Say one by one what failed, and raise that `n` were asked for."""
     for error in failed:
         typer.echo(f"monitor: {error}", err=True)
     if failed:
@@ -137,7 +135,7 @@ def compare_object(
         told = list(engine.map(partial(_compare_pair, here=(project, notify) if engine.is_here else None), work))
         facts = [found for found in told if not isinstance(found, MonitorError)]
         failed = [*bare, *(error for error in told if isinstance(error, MonitorError))]
-        if len(pairs) == 1 and failed:
+        if len(failed) == 1 and not facts:  # one cause why none is compared is said by itself
             raise failed[0]
         whole = not pair[0] and not failed  # a pair that failed may have an older comparison, made otherwise
         followed = follow_epochs(project, object_id, notify) if whole else None

@@ -28,9 +28,11 @@ def cloud(rng):
     return PointCloud(rng.normal((2_000.0, 341_000.0, 170.0), 1.0, (500, 3)))
 
 
-@pytest.mark.parametrize("code", [AUSTRIA, UTM, "EPSG:5834"])
-def test_projected_systems_in_metres_are_taken_with_heights_or_without(code):
-    require_projected_metres(code)
+@pytest.mark.parametrize(("code", "plane"), [(AUSTRIA, AUSTRIA), (UTM, UTM), ("EPSG:5834", "EPSG:5684")])
+def test_projected_systems_in_metres_are_taken_with_heights_or_without(tmp_path, code, plane):
+    assert run(["init", str(tmp_path / "p"), "--crs", code]) == 0
+    assert Project.open(tmp_path / "p").crs == code
+    assert name_of_plane(code) == plane
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from store_examples import (
     full_surface,
 )
 
+from projects import raw
 from projects.errors import ParameterError, StoreError
 from projects.model import ControlPoint, EpochRecord, ObjectRecord, PointCloud
 from projects.store import Project
@@ -152,3 +153,10 @@ def test_unknown_names_are_answered_with_what_exists(tmp_path, rng):
         project.epoch("stove", "E9")
     with pytest.raises(StoreError, match=r"no 'surface'; it has raw"):
         project.get("stove", "E1", "surface")
+
+
+def test_scans_beyond_four_digits_come_in_their_order(monkeypatch):
+    monkeypatch.setattr(raw, "read_mark", lambda _group: ("scans", 1))
+    monkeypatch.setattr(raw.hdf5, "child", lambda parent, name: parent[name])
+    content = {name: name for name in ("10000", "0002", "9999", "1001")}
+    assert raw.scan_groups({"content": content}) == ["0002", "1001", "9999", "10000"]

@@ -47,7 +47,9 @@ def test_ten_scans_of_the_bunny_come_back_from_5_degrees_and_10_mm(placed: Place
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="by a thousandth: 0.1537 mm, 0.1536 as in bun.conf; `registration_real` in VALIDATION.md")
+@pytest.mark.xfail(
+    strict=False, reason="by a thousandth: 0.1537 mm, 0.1536 as in bun.conf; `registration_real` in VALIDATION.md"
+)
 def test_pairs_of_them_lie_on_each_other_as_well_as_in_bun_conf(placed: Placed) -> None:
     ours, as_given = np.median(placed.ours), np.median(placed.as_given)
     print(f"\nmedian pair sigma {1e3 * ours:.4f} mm, with bun.conf {1e3 * as_given:.4f} mm")
