@@ -42,4 +42,4 @@ bench: $(VENV)/.installed-dev
 	for file in tests/benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
 
 clean:
-	rm -rf $(VENV) $(OUT) .numba_cache
+	rm -rf $(VENV) $(OUT)

@@ -1,4 +1,4 @@
-"""Fixtures that every test may use, and what two processes that test side by side must not share."""
+"""Fixtures that every test may use, and how two processes that test side by side share the work."""
 
 import os
 from pathlib import Path
@@ -6,21 +6,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.kernel_cache import digest_of
-
 ROOT = Path(__file__).resolve().parents[1]
 REAL_DATA = ROOT / ".." / "shared" / "data"
 
-if WORKER := os.environ.get("PYTEST_XDIST_WORKER"):
-    # Numba's cache has no lock: of two processes that compile one kernel for two kinds of arguments at one time, each
-    # may take the other's code for its own. Read when numba is imported, which nothing has done yet.
-    os.environ["NUMBA_CACHE_DIR"] = str(ROOT / ".numba_cache" / f"{digest_of(ROOT / 'monitor')}-{WORKER}")
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Read when numba is imported, which nothing has done yet.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # threads that wait leave the processor to the other process
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put short files last: at the end neither of two processes waits long for the other."""
-    items.sort(key=lambda item: item.path.parent.name in ("projects", "reports"))
+    """Have two processes compile other kernels at first, and short files last: neither waits long for the other."""
+    items.sort(key=_rank)
+
+
+def _rank(item: pytest.Item) -> int:
+    """Return when a file's turn comes: the whole job from its begin, and beside it what stands at the job's end."""
+    if item.path.name == "test_demo.py":
+        return 0
+    if "comparison" in item.path.parts:
+        return 1
+    return 3 if item.path.parent.name in ("projects", "reports") else 2
 
 
 @pytest.fixture
