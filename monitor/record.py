@@ -28,7 +28,7 @@ METHOD = {
     "mesh": 8,
     "quality": 3,
     "comparison": 55,
-    "series": 13,
+    "series": 14,
 }
 
 

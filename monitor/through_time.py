@@ -8,16 +8,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby, pairwise
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.linalg import block_diag
 
 from monitor.comparison import EpochChange, follow
 from monitor.comparison.series.follow import DAYS_PER_YEAR
 from monitor.record import Asked, Made, Place, once_step
-from monitor.registration import motion_significance
+from monitor.registration import MotionSignificance, motion_significance
 from monitor.registration.motion.held import Frames
 from monitor.registration.network.epoch_network import EpochLink, EpochNetwork, adjust_network
+from monitor.registration.network.steady_motion import fit_steady_motion
 from monitor.scan_network import frames_of
 from projects.identifiers import comparison_product, series_product
 from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
@@ -54,11 +57,13 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
         network = adjust_network(own, len(stood))
         frames = [frames_of((before, place)) for place in places]
         motions, closures = tell_network(network, own, [first, *epochs], frames)
+        steady = tell_steady_motion(network, [first, *epochs], [frames_of((place,)) for place in stood])
         figures = {"closure_chi2": network.chi2, "closure_freedom": network.freedom,
                    "closure_probability": network.probability}  # fmt: skip
         by_trend = int((series.regions["found_by"] == "trend").sum())
         counts = {"regions": len(series.regions), "regions_by_trend": by_trend, "epochs": len(epochs) + 1}
-        return Made(replace(series, motions=motions, closures=closures), figures, counts)
+        told = {**series.statistics, **steady}
+        return Made(replace(series, motions=motions, closures=closures, statistics=told), figures, counts)
 
     asked = Asked(series_product(first.epoch_id), "series", {}, (*direct, *(s for _, s in between)))
     return once_step(places[-1], asked, make)
@@ -104,20 +109,50 @@ def tell_network(network: EpochNetwork, links: Sequence[EpochLink], epochs: Sequ
             pd.DataFrame(closures, columns=list(CLOSURE_COLUMNS)))  # fmt: skip
 
 
+def tell_steady_motion(network: EpochNetwork, epochs: Sequence[EpochRecord], frames: Sequence[Frames | None],
+                       ) -> dict[str, Any]:  # fmt: skip
+    """Return how the object moves on as a whole, as the `statistics` of a series hold it: the member `steady_motion`.
+
+    `frames` say of each epoch how far its own may be off. Nothing is told of epochs where that is not known, and
+    without the first and two others nothing at all: whatever the frames differ by would pass for a motion.
+    """
+    known = [k for k in range(1, len(epochs)) if frames[k] is not None]
+    if frames[0] is None or len(known) < 2:
+        return {}
+    moved = [_motion_of(network, k, 0.0) for k in known]
+    rows = np.concatenate([np.arange(6 * k - 6, 6 * k) for k in known])
+    of_first = np.kron(np.ones((len(known), len(known))), frames[0].about(network.centre))
+    of_each = block_diag(*(of_frame.about(network.centre) for of_frame in frames[1:] if of_frame is not None))
+    steady = fit_steady_motion(
+        np.array([_years_since(epochs, k) for k in known]), np.array([[*m.rotation, *m.translation] for m in moved]),
+        network.joint[np.ix_(rows, rows)] + of_first + of_each,
+    )  # fmt: skip
+    return {"steady_motion": {"centre": network.centre, "epochs": len(known) + 1, **vars(steady)}}
+
+
 def _motion_row(network: EpochNetwork, k: int, epochs: Sequence[EpochRecord], frames: Frames | None) -> list[object]:
     """Return the object's motion from the first epoch to epoch k, the inverse of what undoes it; whether it is one is
     known only with the `frames`."""
     of_frames = 0.0 if frames is None else frames.about(network.centre)
-    undo = Registration(network.T_first_epoch[k], network.covariance[k] + of_frames, network.centre, True)
-    motion = motion_significance(undo)
+    motion, covariance = _motion_of(network, k, of_frames), network.covariance[k] + of_frames
     unmoved = motion.probability_unmoved if frames is not None else float("nan")
     sigma_shift, sigma_turn = (
-        along(motion.translation, undo.covariance[3:, 3:]),
-        along(motion.rotation, undo.covariance[:3, :3]),
+        along(motion.translation, covariance[3:, 3:]),
+        along(motion.rotation, covariance[:3, :3]),
     )
-    years = (epochs[k].date - epochs[0].date).days / DAYS_PER_YEAR
-    return [epochs[k].epoch_id, years, motion.displacement, sigma_shift, motion.angle, sigma_turn,
+    return [epochs[k].epoch_id, _years_since(epochs, k), motion.displacement, sigma_shift, motion.angle, sigma_turn,
             unmoved, *motion.translation, *motion.sigma_translation]  # fmt: skip
+
+
+def _motion_of(network: EpochNetwork, k: int, of_frames: Floats | float) -> MotionSignificance:
+    """Return the motion of the object since the first epoch: the inverse of what undoes it."""
+    undo = Registration(network.T_first_epoch[k], network.covariance[k] + of_frames, network.centre, True)
+    return motion_significance(undo)
+
+
+def _years_since(epochs: Sequence[EpochRecord], k: int) -> float:
+    """Return how long after the first an epoch is."""
+    return (epochs[k].date - epochs[0].date).days / DAYS_PER_YEAR
 
 
 def along(vector: Floats, covariance: Floats) -> float:

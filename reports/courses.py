@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateFormatter, AutoDateLocator, date2num
 
 from projects.model import Floats, Series
-from reports.answer import AGREEMENT_UNKNOWN, LEAST_COARSE, NOT_ASSESSABLE
+from reports.answer import LEAST_COARSE
 from reports.colours import change_ramp
 from reports.drawing import INK, SOFT, drawing, plain_number, write_svg
-from reports.facts import CourseFacts, SeriesFacts, Table
+from reports.facts import CourseFacts, SeriesFacts
+from reports.motions import say_steady_motion, tell_motions
 from reports.quantities import (
-    DEGREES,
     MM,
     Estimate,
     Measures,
@@ -33,7 +34,9 @@ from reports.quantities import (
 
 CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
-Z95, SIGNIFICANT = 1.96, 0.05
+BESIDE = 0.04  # of the time drawn, left free at both ends
+DATES = {365.0: "%Y", 31.0: "%b %Y", 1.0: "%d %b"}  # how ticks so many days apart are written
+Z95 = 1.96
 GOES_ON = ("steady", "accelerating")  # at a rate
 ALL_GO_ON = {*GOES_ON, "bending", "onset", "jump and rate"}
 OPEN = "the epochs do not tell which"
@@ -59,41 +62,15 @@ def tell_series(series: Series) -> SeriesFacts:
     n = len(series.epoch_ids) + 1
     first, last = (day(datetime.date.fromisoformat(d)) for d in (series.reference_date, series.dates[-1]))
     lead = f"{in_words(n).capitalize()} epochs from {first} to {last}. "
+    whole = say_steady_motion(series)
     if not courses:
-        told = f"{lead}No region changed in any of them.{_how_small(series, 'would have been')}"
+        told = f"{lead}No region changed in any of them.{_how_small(series, 'would have been')}{whole}"
         return SeriesFacts(told, (), series, measures, tell_motions(series))
     going = sum(set(str(model).split(" or ")) <= ALL_GO_ON for model in rows["model"])
     alone = sum(_is_by_trend(row) for _, row in rows.iterrows())
     told = f"{lead}{_say_followed(len(courses), going)}{_say_by_trend(alone, len(courses))}{_how_small(series, 'is')}"
+    told += whole
     return SeriesFacts(told, courses, series, measures, tell_motions(series))
-
-
-def tell_motions(series: Series) -> Table | None:
-    """Return how the object stood as a whole in each epoch against the first; None without a network."""
-    if not len(series.motions):
-        return None
-    rows = []
-    for _, m in series.motions.iterrows():
-        shift = estimate(float(m["shift_m"]), float(m["sigma_shift_m"]), MM, "mm")
-        turn = estimate(float(m["turn_rad"]), float(m["sigma_turn_rad"]), DEGREES, "°")
-        rows.append((str(m["epoch"]), shift.text, turn.text, _moved(float(m["probability_unmoved"]))))
-    worst = series.closures.sort_values("misfit_sigma").iloc[-1]
-    note = (
-        f"All registrations adjusted together, against epoch {series.reference_id}. The one that fits the others "
-        f"least, {worst['reference']} to {worst['compared']}, is off by {float(worst['misfit_sigma']):.1f} sigma."
-    )
-    unknown = series.motions["probability_unmoved"].isna()
-    if unknown.any():
-        note += f" Of motions that are {NOT_ASSESSABLE}, {AGREEMENT_UNKNOWN}: control points in both would tell."
-    differ = "coordinates differ by" if unknown.all() else "displaced by"
-    return Table("The object as a whole", ("epoch", differ, "turned by", "motion"), tuple(rows), note)
-
-
-def _moved(probability_unmoved: float) -> str:
-    """Return whether the object moved, as far as that is known."""
-    if math.isnan(probability_unmoved):
-        return NOT_ASSESSABLE
-    return "significant" if probability_unmoved < SIGNIFICANT else "not significant"
 
 
 def _say_followed(n: int, going: int) -> str:
@@ -236,43 +213,53 @@ def draw_courses(series: Series) -> bytes:
             axes = figure.add_axes(box)
             draw_course(axes, series, row)
             axes.set_ylabel("mean change [mm]" if left == 0 else "")
-            axes.set_xlabel("year" if k + n_columns >= len(rows) else "")
+            draw_dates(axes, series)
         return write_svg(figure)
+
+
+def draw_dates(axes: Axes, series: Series) -> None:
+    """Set the dates of a chart: the same in all of a series, whichever of its epochs a region was measured in."""
+    ahead = series.forecast["years"].max() if len(series.forecast) else 0.0
+    first, last = _dates(series, np.array([0.0, max(float(series.years[-1]), float(ahead))]))
+    beside = BESIDE * (last - first)
+    axes.set_xlim(first - beside, last + beside)
+    locator = AutoDateLocator(minticks=2, maxticks=6)  # so that each length of time has one
+    axes.xaxis.set_major_locator(locator)
+    formatter = AutoDateFormatter(locator)
+    formatter.scaled = DATES
+    axes.xaxis.set_major_formatter(formatter)
 
 
 def draw_course(axes: Axes, series: Series, row: pd.Series) -> None:
     """Draw one region: points with 95 % bars, the forecast's line and band where there is one."""
-    start = _year(series.reference_date)
     history = series.history[series.history["identity"] == row["identity"]]
-    years, means = start + history["years"].to_numpy(float), history["mean_m"].to_numpy(float) * MM
+    dates, means = _dates(series, history["years"].to_numpy(float)), history["mean_m"].to_numpy(float) * MM
     bars = Z95 * history["sigma_mean_m"].to_numpy(float) * MM
     found = history["region"].to_numpy(int) > 0
     forecast: Any = series.forecast[series.forecast["identity"] == row["identity"]]
     axes.axhline(0.0, color=SOFT, lw=0.5)
     colour = _colour(means)
     if len(forecast):
-        at, mid = start + forecast["years"].to_numpy(float), forecast["mean_m"].to_numpy(float) * MM
+        at, mid = _dates(series, forecast["years"].to_numpy(float)), forecast["mean_m"].to_numpy(float) * MM
         band = Z95 * forecast["sigma_m"].to_numpy(float) * MM
         axes.fill_between(at, mid - band, mid + band, color=colour, alpha=0.16, lw=0)
         axes.plot(at, mid, color=colour, lw=0.9)
-    axes.errorbar(years, means, bars, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2.0, capthick=0.8)
-    axes.plot(years[found], means[found], "o", color=colour, mec=INK, mew=0.6, ms=4.5)
-    axes.plot(years[~found], means[~found], "o", color="white", mec=INK, mew=0.6, ms=4.5)
-    axes.plot([start], [0.0], "D", color=INK, ms=3.2)
+    axes.errorbar(dates, means, bars, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2.0, capthick=0.8)
+    axes.plot(dates[found], means[found], "o", color=colour, mec=INK, mew=0.6, ms=4.5)
+    axes.plot(dates[~found], means[~found], "o", color="white", mec=INK, mew=0.6, ms=4.5)
+    axes.plot(_dates(series, np.zeros(1)), [0.0], "D", color=INK, ms=3.2)
     short = say_course(series, row).replace(";", ",").partition(",")[0]
     axes.set_title(f"region {int(row['identity'])}: {short}", loc="left", fontsize=8.0, pad=4.0)
     axes.yaxis.set_major_formatter(plain_number)
     axes.locator_params(axis="y", nbins=5)
-    axes.locator_params(axis="x", nbins=6, integer=True)
-    axes.xaxis.set_major_formatter("{x:.0f}")
     for edge in ("top", "right"):
         axes.spines[edge].set_visible(False)
 
 
-def _year(iso: str) -> float:
-    """Return an ISO date as a decimal year."""
-    date = datetime.date.fromisoformat(iso)
-    return date.year + (date.timetuple().tm_yday - 1) / 365.25
+def _dates(series: Series, years: Floats) -> Floats:
+    """Return times since the first epoch as matplotlib's dates."""
+    first = datetime.date.fromisoformat(series.reference_date)
+    return np.asarray(date2num(first) + 365.25 * years, dtype=float)
 
 
 def _colour(means: Floats) -> Any:

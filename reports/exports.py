@@ -31,6 +31,7 @@ from projects.formats.complete_file import complete_file
 from projects.model import ComparedSurface, Comparison, NotAssessed, PointCloud, Scan, Series, Step, Surface
 from reports.colours import choose_limit, vertex_colours
 from reports.followed import find_footprints
+from reports.motions import steady_motion_table
 from reports.quantities import NBSP
 
 SUMMARY_KEYS = ("stable_share", "bias_m", "nmad_m", "rmse_m", "lod95_median_m", "n_vertices", "n_not_assessable",
@@ -114,6 +115,9 @@ def export_series(
     written = _write_formats(out / stem, surface, properties, formats, crs)
     tables = {name: getattr(series, name) for name in ("regions", "history", "forecast", "motions", "closures")}
     tables["regions"] = _place_regions(series, comparison, bearing)
+    steady = steady_motion_table(series)
+    if steady is not None:
+        tables["steady_motion"] = steady
     for name in tables:
         path = out / f"{stem}_{name}.csv"
         write_csv(path, tables[name])

@@ -78,10 +78,10 @@ def knows_motion(comparison: Comparison) -> bool:
 
 def _length(vector: Floats, covariance: Floats, scale: float, unit: str) -> Estimate:
     """Return the length of a vector with its sigma along it."""
-    return estimate(float(np.linalg.norm(vector)), _sigma_along(vector, covariance), scale, unit)
+    return estimate(float(np.linalg.norm(vector)), sigma_along(vector, covariance), scale, unit)
 
 
-def _sigma_along(vector: Floats, covariance: Floats) -> float:
+def sigma_along(vector: Floats, covariance: Floats) -> float:
     """Return one sigma of a vector along itself; along its most uncertain axis where it is zero."""
     length = float(np.linalg.norm(vector))
     if not np.isfinite(covariance).all():
@@ -92,7 +92,7 @@ def _sigma_along(vector: Floats, covariance: Floats) -> float:
 
 def _is_told(vector: Floats, covariance: Floats) -> bool:
     """Return whether a vector is longer than its margin."""
-    return bool(np.linalg.norm(vector) > Z95 * _sigma_along(vector, covariance))
+    return bool(np.linalg.norm(vector) > Z95 * sigma_along(vector, covariance))
 
 
 def object_size(comparison: Comparison) -> float:

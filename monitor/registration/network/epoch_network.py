@@ -40,6 +40,7 @@ class EpochNetwork:
     T_first_epoch : (n, 4, 4), epoch coordinates to those of the first; where the object's own frame is concerned, its
         motion since the first epoch is the inverse.
     covariance : (n, 6, 6) of (w, t) about `centre` (3,) in the first epoch's frame, rad and m; zero for the first.
+    joint : (6 (n - 1), 6 (n - 1)), the same of all but the first together.
     misfit : (links,), by how much each link departs from the adjusted poses, in sigmas (square root of its chi-square
         over six).
     chi2, freedom, probability : of all misfits; NaN without loops. Where chi2 exceeds the freedom, the covariance is
@@ -48,6 +49,7 @@ class EpochNetwork:
 
     T_first_epoch: Floats
     covariance: Floats
+    joint: Floats
     centre: Floats
     misfit: Floats
     chi2: float
@@ -77,12 +79,12 @@ def adjust_network(links: Sequence[EpochLink], n_epochs: int) -> EpochNetwork:
     squares = np.array([r @ w @ r for r, w in zip(misfits(links, poses), weights, strict=True)])
     freedom = 6 * (len(links) - (n_epochs - 1))
     factor = max(1.0, float(squares.sum()) / freedom) if freedom else 1.0
-    inverse = factor * np.linalg.inv(normal)
+    joint = factor * np.linalg.inv(normal)
     covariance = np.zeros((n_epochs, 6, 6))
     for k in range(1, n_epochs):
-        covariance[k] = inverse[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k]
+        covariance[k] = joint[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k]
     return EpochNetwork(
-        poses, covariance, centre, np.sqrt(squares / 6.0), float(squares.sum()), freedom,
+        poses, covariance, joint, centre, np.sqrt(squares / 6.0), float(squares.sum()), freedom,
         float(chi2.sf(squares.sum(), freedom)) if freedom else float("nan"),
     )  # fmt: skip
 
