@@ -16,14 +16,16 @@ import numpy as np
 
 from monitor.comparison.noise.asked_scale import believe
 from monitor.comparison.noise.correlation import Correlation, draw_pairs, longest_lag
-from projects.model import Floats, Ints
+from projects.model import Bools, Floats, Ints
 
 N_CLASSES = 5  # of vertices, as many in each, from the surest on
 N_BINS = 16  # of lags
 FEWEST_PLACES = 1000  # calm vertices, of which fewer tell nothing of classes
 FEWEST_PAIRS = 2000  # of a class, that its stretch is asked of
 LEAST_MEAN = 0.02  # a correlation as small as this is none
-HELD_BY = 8.0  # witnesses that no stretch counts for: it may be one of 1.4, one sigma
+HELD_BY = 64.0  # witnesses that no stretch counts for: it may be one of 1.13, one sigma
+CHANCE = 0.95  # one sigma of a factor's logarithm, of one witness: 12 draws of an even wall show 0.7 to 1.4 of that
+CHANCE_OF_PAIRS = 4.7  # the same of one pair: other 6000 pairs of the same errors move it by 0.06
 TRIED = np.geomspace(0.4, 2.5, 61)  # factors
 OUTLIER = 3.0  # robust sigmas, beyond which a change speaks
 
@@ -65,8 +67,9 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
     Notes
     -----
     Vertices fall in classes of equal number by their sigma. Of the pairs that lie in one class the mean products are
-    held against the correlation of all, its distances stretched: the factor that fits best counts as far as the
-    class's witnesses go.
+    held against the correlation of all, its distances stretched: the factor that fits best counts by what lies beyond
+    chance, one sigma of its witnesses. (Of classes that reach equally far chance makes 1.1 in the mean otherwise, as
+    those below 1 do not count, and that hid a quarter of faint steps.)
     """
     if not correlation.area > 0.0 or len(places) < FEWEST_PLACES:
         return EVEN
@@ -78,31 +81,50 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
     errors = np.where(np.abs(errors) <= OUTLIER * size, errors, np.nan)
     edges = np.quantile(sigmas, np.linspace(0.0, 1.0, N_CLASSES + 1)[1:-1])
     in_class = np.searchsorted(edges, sigmas, side="right")
-    first, second = back[: len(pairs.first)], back[len(pairs.first) :]
+    standard = errors / _size_by_class(errors, in_class)[in_class]
+    products = standard[back[: len(pairs.first)]] * standard[back[len(pairs.first) :]]
+    ends = in_class[back[: len(pairs.first)]], in_class[back[len(pairs.first) :]]
+    alike = np.isfinite(products) & (ends[0] == ends[1])
+    found = [_reach_of(pairs.lags, products, alike & (ends[0] == k), correlation) for k in range(N_CLASSES)]
     area = float(areas[places].sum()) / N_CLASSES
-    found = [_stretch_of(k, (first, second), pairs.lags, errors, in_class, correlation, area) for k in range(N_CLASSES)]
+    held = [_believed(factor, area / (correlation.area * factor**2), n_pairs) for factor, n_pairs in found]
     middles = [float(np.median(sigmas[in_class == k])) if (in_class == k).any() else np.nan for k in range(N_CLASSES)]
-    return _rising(np.array(middles), np.array(found))
+    return _rising(np.array(middles), np.maximum(held, 1.0))
 
 
-def _stretch_of(number: int, ends: tuple[Ints, Ints], lags: Floats, errors: Floats, in_class: Ints,
-                correlation: Correlation, area: float) -> float:  # fmt: skip
-    """Return the factor of a class, NaN where too few pairs lie in it."""
-    products = errors[ends[0]] * errors[ends[1]]
-    own = (in_class[ends[0]] == number) & (in_class[ends[1]] == number) & np.isfinite(products)
+def _believed(factor: float, n_witnesses: float, n_pairs: int) -> float:
+    """Return what is believed of a factor of so many witnesses, asked of so many of their pairs: one sigma less than
+    they say, and held as a rule to be near 1.
+
+    A change that is no region yet teaches its class, too, and of a small object a class is not much more.
+    """
+    chance = np.hypot(CHANCE / np.sqrt(n_witnesses), CHANCE_OF_PAIRS / np.sqrt(n_pairs))
+    return believe(factor * float(np.exp(-chance)), n_witnesses, HELD_BY)
+
+
+def _size_by_class(errors: Floats, in_class: Ints) -> Floats:
+    """Return the root mean square (`N_CLASSES`,) of the errors of each class, NaN of none."""
+    known = np.isfinite(errors)
+    count = np.bincount(in_class[known], minlength=N_CLASSES)
+    total = np.bincount(in_class[known], errors[known] ** 2, minlength=N_CLASSES)
+    return np.sqrt(np.divide(total, count, out=np.full(N_CLASSES, np.nan), where=count > 0))
+
+
+def _reach_of(lags: Floats, products: Floats, which: Bools, correlation: Correlation) -> tuple[float, int]:
+    """Return how many times as far as the correlation says the errors of some pairs agree, NaN of too few pairs, and
+    how many of them lie near enough to say so."""
     reach = TRIED[-1] * float(correlation.ranges[correlation.sills > LEAST_MEAN].max(initial=0.0))
-    own &= lags <= reach
-    if own.sum() < FEWEST_PAIRS:
-        return np.nan
-    lags, products = lags[own], products[own] / float(np.nanmean(errors[in_class == number] ** 2))
+    own = which & (lags <= reach)
+    n_pairs = int(own.sum())
+    if n_pairs < FEWEST_PAIRS:
+        return np.nan, n_pairs
+    lags, products = lags[own], products[own]
     edges = np.quantile(lags, np.linspace(0.0, 1.0, N_BINS + 1))
-    which = np.clip(np.searchsorted(edges, lags, side="right") - 1, 0, N_BINS - 1)
-    count = np.maximum(np.bincount(which, minlength=N_BINS), 1)
-    lag, rho = (np.bincount(which, v, N_BINS) / count for v in (lags, products))
+    in_bin = np.clip(np.searchsorted(edges, lags, side="right") - 1, 0, N_BINS - 1)
+    count = np.maximum(np.bincount(in_bin, minlength=N_BINS), 1)
+    lag, rho = (np.bincount(in_bin, v, N_BINS) / count for v in (lags, products))
     misfit = [float(count @ (rho - correlation.at(lag / s)) ** 2) for s in TRIED]
-    best = float(TRIED[int(np.argmin(misfit))])
-    n_witnesses = area / (correlation.area * best**2)
-    return max(believe(best, n_witnesses, HELD_BY), 1.0)
+    return float(TRIED[int(np.argmin(misfit))]), n_pairs
 
 
 def _rising(sigmas: Floats, factors: Floats) -> Stretch:

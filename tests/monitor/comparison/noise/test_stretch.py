@@ -8,7 +8,7 @@ from monitor.comparison.noise.correlation import Correlation, estimate_correlati
 from monitor.comparison.noise.stretch import EVEN, Stretch, learn_stretch
 from projects.model import Floats, Ints
 
-SPACING, SIDE = 0.01, 1.6  # m
+SPACING, SIDE = 0.01, 4.0  # m
 NARROW, WIDE = 0.03, 0.06  # m, radii over which errors are averaged, and range of what comes out
 
 
@@ -19,12 +19,12 @@ def smoothed(points: Floats, radii: Floats, rng: np.random.Generator) -> Floats:
     return np.array([white[k].sum() / np.sqrt(len(k)) for k in near]) * (1e-4 * NARROW / radii)
 
 
-def wall(wide_share: float) -> tuple[Floats, Floats, Floats]:
+def wall(wide_share: float, side: float = SIDE) -> tuple[Floats, Floats, Floats]:
     """Return points (n, 3) [m] of a wall, radii (n,) [m] of its fits, wide over a share of it, and errors (n,) [m]."""
     rng = np.random.default_rng(3)
-    x, z = np.meshgrid(np.arange(0, SIDE, SPACING), np.arange(0, SIDE, SPACING))
+    x, z = np.meshgrid(np.arange(0, side, SPACING), np.arange(0, side, SPACING))
     points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
-    radii = np.where(points[:, 0] < wide_share * SIDE, WIDE, NARROW)
+    radii = np.where(points[:, 0] < wide_share * side, WIDE, NARROW)
     return points, radii, smoothed(points, radii, rng)
 
 
@@ -59,14 +59,22 @@ def test_means_err_as_is_said_where_fits_are_wide() -> None:
 
 def test_where_fits_are_as_wide_everywhere_nothing_is_stretched() -> None:
     _, stretch = learn(*wall(0.0))
-    np.testing.assert_allclose(stretch.factors, 1.0, atol=0.2)
+    np.testing.assert_allclose(stretch.factors, 1.0, atol=0.12)
 
 
 def test_no_place_is_surer_than_all_are_said_to_be() -> None:
     _, stretch = learn(*wall(0.4))
     assert stretch.factors.min() == 1.0
-    assert stretch.factors[0] > 1.25
+    assert stretch.factors[0] > 1.15
     assert stretch.factors[0] == pytest.approx(stretch.factors[1], rel=0.2)
+
+
+def test_a_faint_step_on_a_small_object_does_not_teach_that_errors_agree_that_far() -> None:
+    """It hid itself: a quarter of steps of three and a half times what a patch can show were not found for it."""
+    points, radii, errors = wall(0.0, 0.9)
+    is_step = (np.abs(points[:, [0, 2]] - 0.4) < 0.1).all(axis=1)
+    _, stretch = learn(points, radii, errors + 2e-4 * is_step)
+    assert stretch.factors.max() < 1.12
 
 
 def test_few_vertices_tell_nothing() -> None:
