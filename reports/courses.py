@@ -1,23 +1,18 @@
-"""How regions go on over more than two epochs: the words, the table and the drawing of a `Series`.
+"""How regions go on over more than two epochs: the words and the table of a `Series`.
 
-In: a series as the store keeps it. Out: `SeriesFacts` for the page, and one small chart a region as SVG.
+In: a series as the store keeps it. Out: `SeriesFacts` for the page.
 """
 
 from __future__ import annotations
 
 import datetime
 import math
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateFormatter, AutoDateLocator, date2num
 
-from projects.model import Floats, Series
+from projects.model import Series
 from reports.answer import LEAST_COARSE
-from reports.colours import change_ramp
-from reports.drawing import INK, SOFT, drawing, plain_number, write_svg
 from reports.facts import CourseFacts, SeriesFacts
 from reports.motions import say_steady_motion, tell_motions
 from reports.quantities import (
@@ -32,11 +27,6 @@ from reports.quantities import (
     percent,
 )
 
-CHARTS = 6  # regions drawn, the largest; all are in the table
-COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
-BESIDE = 0.04  # of the time drawn, left free at both ends
-DATES = {365.0: "%Y", 31.0: "%b %Y", 1.0: "%d %b"}  # how ticks so many days apart are written
-Z95 = 1.96
 GOES_ON = ("steady", "accelerating")  # at a rate
 ALL_GO_ON = {*GOES_ON, "bending", "onset", "jump and rate"}
 OPEN = "the epochs do not tell which"
@@ -198,71 +188,3 @@ def _origin(row: pd.Series) -> str:
     if int(row["merged_into"]):
         parts.append(f"merged into {int(row['merged_into'])}")
     return ", ".join(parts)
-
-
-def draw_courses(series: Series) -> bytes:
-    """Return a chart for each of the largest regions: mean change with its 95 % interval, and its trend, in mm."""
-    rows = series.regions.sort_values("area_m2", ascending=False, kind="stable").head(CHARTS)
-    n_columns = min(COLUMNS, len(rows))
-    n_rows, width = math.ceil(len(rows) / n_columns), 1.0 / n_columns
-    height = n_rows * ROW + 0.3
-    with drawing(height) as figure:
-        for k, (_, row) in enumerate(rows.iterrows()):
-            left, top = k % n_columns * width, k // n_columns
-            box = (left + 0.095, (height - (top + 1) * ROW + 0.12) / height, width - 0.12, (ROW - 0.5) / height)
-            axes = figure.add_axes(box)
-            draw_course(axes, series, row)
-            axes.set_ylabel("mean change [mm]" if left == 0 else "")
-            draw_dates(axes, series)
-        return write_svg(figure)
-
-
-def draw_dates(axes: Axes, series: Series) -> None:
-    """Set the dates of a chart: the same in all of a series, whichever of its epochs a region was measured in."""
-    ahead = series.forecast["years"].max() if len(series.forecast) else 0.0
-    first, last = _dates(series, np.array([0.0, max(float(series.years[-1]), float(ahead))]))
-    beside = BESIDE * (last - first)
-    axes.set_xlim(first - beside, last + beside)
-    locator = AutoDateLocator(minticks=2, maxticks=6)  # so that each length of time has one
-    axes.xaxis.set_major_locator(locator)
-    formatter = AutoDateFormatter(locator)
-    formatter.scaled = DATES
-    axes.xaxis.set_major_formatter(formatter)
-
-
-def draw_course(axes: Axes, series: Series, row: pd.Series) -> None:
-    """Draw one region: points with 95 % bars, the forecast's line and band where there is one."""
-    history = series.history[series.history["identity"] == row["identity"]]
-    dates, means = _dates(series, history["years"].to_numpy(float)), history["mean_m"].to_numpy(float) * MM
-    bars = Z95 * history["sigma_mean_m"].to_numpy(float) * MM
-    found = history["region"].to_numpy(int) > 0
-    forecast: Any = series.forecast[series.forecast["identity"] == row["identity"]]
-    axes.axhline(0.0, color=SOFT, lw=0.5)
-    colour = _colour(means)
-    if len(forecast):
-        at, mid = _dates(series, forecast["years"].to_numpy(float)), forecast["mean_m"].to_numpy(float) * MM
-        band = Z95 * forecast["sigma_m"].to_numpy(float) * MM
-        axes.fill_between(at, mid - band, mid + band, color=colour, alpha=0.16, lw=0)
-        axes.plot(at, mid, color=colour, lw=0.9)
-    axes.errorbar(dates, means, bars, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2.0, capthick=0.8)
-    axes.plot(dates[found], means[found], "o", color=colour, mec=INK, mew=0.6, ms=4.5)
-    axes.plot(dates[~found], means[~found], "o", color="white", mec=INK, mew=0.6, ms=4.5)
-    axes.plot(_dates(series, np.zeros(1)), [0.0], "D", color=INK, ms=3.2)
-    short = say_course(series, row).replace(";", ",").partition(",")[0]
-    axes.set_title(f"region {int(row['identity'])}: {short}", loc="left", fontsize=8.0, pad=4.0)
-    axes.yaxis.set_major_formatter(plain_number)
-    axes.locator_params(axis="y", nbins=5)
-    for edge in ("top", "right"):
-        axes.spines[edge].set_visible(False)
-
-
-def _dates(series: Series, years: Floats) -> Floats:
-    """Return times since the first epoch as matplotlib's dates."""
-    first = datetime.date.fromisoformat(series.reference_date)
-    return np.asarray(date2num(first) + 365.25 * years, dtype=float)
-
-
-def _colour(means: Floats) -> Any:
-    """Return the colour of a loss or a gain, that of the pictures."""
-    last = means[np.isfinite(means)][-1:] if np.isfinite(means).any() else np.zeros(1)
-    return change_ramp(np.sign(last) * 0.8, 1.0)[0] / 255.0

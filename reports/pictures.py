@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from projects.model import Comparison
 from reports.answer import dotted_from, least_told
 from reports.colours import choose_limit
-from reports.courses import draw_courses
+from reports.course_charts import draw_courses
 from reports.facts import ReportFacts
 from reports.figures import draw_colour_bar, draw_histogram, draw_section
 from reports.ranging import draw_calibration

@@ -19,7 +19,7 @@ from projects.errors import ComparisonError
 from projects.formats import write_ply_mesh
 from projects.model import Assessment, Step
 from reports import pictures
-from reports.courses import draw_courses
+from reports.course_charts import draw_courses
 from reports.exports import export_series
 
 YEARS = (2021, 2022, 2023, 2025)
