@@ -92,7 +92,21 @@ def test_motions_of_the_whole_are_adjusted_together_and_close(made: Path) -> Non
     assert series.closures["misfit_sigma"].max() < 5.0
     assert (series.motions["shift_m"] < 5e-5).all()  # the relief stayed where it was
     assert series.motions["probability_unmoved"].isna().all()  # so far as anybody knows, without control
+    assert "steady_motion" not in series.statistics
     assert project.latest("relief", "e2025", "series-e2021").automatic["closure_freedom"] == 12
+
+
+def test_a_steady_motion_of_the_whole_is_a_file_of_its_own(made: Path) -> None:
+    project = Project.open(made / "project")
+    series = project.get("relief", "e2025", "series-e2021")
+    comparison = project.get("relief", "e2025", "comparison-e2021")
+    steady = {"centre": np.zeros(3), "epochs": 4, "rate": np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1e-3]),
+              "covariance": 1e-10 * np.eye(6), "p_rate": 0.0, "p_turn": 1.0, "p_shift": 0.0, "p_fit": 0.5}  # fmt: skip
+    told = dataclasses.replace(series, statistics={**series.statistics, "steady_motion": steady})
+    written = export_series(made, "settles", told, comparison, ["ply"])
+    (path,) = [p for p in written if p.name.endswith("_steady_motion.csv")]
+    assert pd.read_csv(path).loc[0, ["z_m_per_year", "sigma_z_m_per_year"]].tolist() == [-1e-3, 1e-5]
+    assert not any("steady" in p.name for p in export_series(made, "rests", series, comparison, ["ply"]))
 
 
 def test_report_and_files_say_how_it_goes_on(made: Path) -> None:
