@@ -87,7 +87,8 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
     alike = np.isfinite(products) & (ends[0] == ends[1])
     found = [_reach_of(pairs.lags, products, alike & (ends[0] == k), correlation) for k in range(N_CLASSES)]
     area = float(areas[places].sum()) / N_CLASSES
-    held = [_believed(factor, area / (correlation.area * factor**2), n_pairs) for factor, n_pairs in found]
+    held = [_believed(factor, area / (correlation.area * factor**2), n_pairs) if n_pairs >= FEWEST_PAIRS else np.nan
+            for factor, n_pairs in found]  # fmt: skip
     middles = [float(np.median(sigmas[in_class == k])) if (in_class == k).any() else np.nan for k in range(N_CLASSES)]
     return _rising(np.array(middles), np.maximum(held, 1.0))
 

@@ -1,5 +1,7 @@
 """Errors agree farther where fits are wide: by what factor is found from calm vertices, by their sigma."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -78,8 +80,15 @@ def test_a_faint_step_on_a_small_object_does_not_teach_that_errors_agree_that_fa
 
 
 def test_few_vertices_tell_nothing() -> None:
-    points, radii, errors = (v[::40] for v in wall(0.4))
+    points, radii, errors = (v[::200] for v in wall(0.4))
     assert learn(points, radii, errors)[1] is EVEN
+
+
+def test_classes_of_too_few_pairs_are_left_out_without_a_word() -> None:
+    points, radii, errors = wall(0.0, 0.33)
+    with warnings.catch_warnings(action="error"):
+        _, stretch = learn(points, radii, errors)
+    assert len(stretch.factors) < 5
 
 
 def test_a_patch_is_stretched_as_its_variance_asks() -> None:
