@@ -85,10 +85,14 @@ def test_few_vertices_tell_nothing() -> None:
 
 
 def test_classes_of_too_few_pairs_are_left_out_without_a_word() -> None:
-    points, radii, errors = wall(0.0, 0.33)
+    points, _, _ = wall(0.0, 0.5)
+    areas, places = np.full(len(points), SPACING**2), np.arange(len(points), dtype=np.int32)
+    hardly = Correlation(np.array([0.01]), np.array([0.05]))  # as small as none: no pair is near enough
+    sigma = np.random.default_rng(4).lognormal(sigma=1e-3, size=len(points))
     with warnings.catch_warnings(action="error"):
-        _, stretch = learn(points, radii, errors)
-    assert len(stretch.factors) < 5
+        found = learn_stretch(points, places, areas, lambda k: (np.ones(len(k)), sigma[k]), hardly,
+                              np.random.default_rng(1))  # fmt: skip
+    assert found is EVEN
 
 
 def test_a_patch_is_stretched_as_its_variance_asks() -> None:
