@@ -114,7 +114,8 @@ def tell_steady_motion(network: EpochNetwork, epochs: Sequence[EpochRecord], fra
     """Return how the object moves on as a whole, as the `statistics` of a series hold it: the member `steady_motion`.
 
     `frames` say of each epoch how far its own may be off. Nothing is told of epochs where that is not known, and
-    without the first and two others nothing at all: whatever the frames differ by would pass for a motion.
+    without the first and two others nothing at all: whatever the frames differ by would pass for a motion. Nor where
+    what is left of the links without the frames is no covariance.
     """
     known = [k for k in range(1, len(epochs)) if frames[k] is not None]
     if frames[0] is None or len(known) < 2:
@@ -123,9 +124,12 @@ def tell_steady_motion(network: EpochNetwork, epochs: Sequence[EpochRecord], fra
     rows = np.concatenate([np.arange(6 * k - 6, 6 * k) for k in known])
     of_first = np.kron(np.ones((len(known), len(known))), frames[0].about(network.centre))
     of_each = block_diag(*(of_frame.about(network.centre) for of_frame in frames[1:] if of_frame is not None))
+    covariance = network.joint[np.ix_(rows, rows)] + of_first + of_each
+    if not np.linalg.eigvalsh(covariance).min() > 0.0:
+        return {}
     steady = fit_steady_motion(
         np.array([_years_since(epochs, k) for k in known]), np.array([[*m.rotation, *m.translation] for m in moved]),
-        network.joint[np.ix_(rows, rows)] + of_first + of_each,
+        covariance,
     )  # fmt: skip
     return {"steady_motion": {"centre": network.centre, "epochs": len(known) + 1, **vars(steady)}}
 
