@@ -85,12 +85,10 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
     products = standard[back[: len(pairs.first)]] * standard[back[len(pairs.first) :]]
     ends = in_class[back[: len(pairs.first)]], in_class[back[len(pairs.first) :]]
     alike = np.isfinite(products) & (ends[0] == ends[1])
-    found = [_reach_of(pairs.lags, products, alike & (ends[0] == k), correlation) for k in range(N_CLASSES)]
     area = float(areas[places].sum()) / N_CLASSES
-    held = [_believed(factor, area / (correlation.area * factor**2), n_pairs) if n_pairs >= FEWEST_PAIRS else np.nan
-            for factor, n_pairs in found]  # fmt: skip
+    found = [_stretch_of(pairs.lags, products, alike & (ends[0] == k), correlation, area) for k in range(N_CLASSES)]
     middles = [float(np.median(sigmas[in_class == k])) if (in_class == k).any() else np.nan for k in range(N_CLASSES)]
-    return _rising(np.array(middles), np.maximum(held, 1.0))
+    return _rising(np.array(middles), np.array(found))
 
 
 def _believed(factor: float, n_witnesses: float, n_pairs: int) -> float:
@@ -111,21 +109,22 @@ def _size_by_class(errors: Floats, in_class: Ints) -> Floats:
     return np.sqrt(np.divide(total, count, out=np.full(N_CLASSES, np.nan), where=count > 0))
 
 
-def _reach_of(lags: Floats, products: Floats, which: Bools, correlation: Correlation) -> tuple[float, int]:
-    """Return how many times as far as the correlation says the errors of some pairs agree, NaN of too few pairs, and
-    how many of them lie near enough to say so."""
+def _stretch_of(lags: Floats, products: Floats, which: Bools, correlation: Correlation, area: float) -> float:
+    """Return the factor of a class of so much `area` [m2], whose pairs are `which`; NaN of too few that lie near
+    enough."""
     reach = TRIED[-1] * float(correlation.ranges[correlation.sills > LEAST_MEAN].max(initial=0.0))
     own = which & (lags <= reach)
     n_pairs = int(own.sum())
     if n_pairs < FEWEST_PAIRS:
-        return np.nan, n_pairs
+        return np.nan
     lags, products = lags[own], products[own]
     edges = np.quantile(lags, np.linspace(0.0, 1.0, N_BINS + 1))
     in_bin = np.clip(np.searchsorted(edges, lags, side="right") - 1, 0, N_BINS - 1)
     count = np.maximum(np.bincount(in_bin, minlength=N_BINS), 1)
     lag, rho = (np.bincount(in_bin, v, N_BINS) / count for v in (lags, products))
     misfit = [float(count @ (rho - correlation.at(lag / s)) ** 2) for s in TRIED]
-    return float(TRIED[int(np.argmin(misfit))]), n_pairs
+    best = float(TRIED[int(np.argmin(misfit))])
+    return max(_believed(best, area / (correlation.area * best**2), n_pairs), 1.0)
 
 
 def _rising(sigmas: Floats, factors: Floats) -> Stretch:
