@@ -28,7 +28,7 @@ METHOD = {
     "mesh": 8,
     "quality": 3,
     "comparison": 56,
-    "series": 14,
+    "series": 15,
 }
 
 

@@ -18,7 +18,7 @@ SERIES_COLUMNS = ("identity", "first_seen", "last_seen", "parent", "merged_into"
                   "p_fit", "x", "y", "z", "found_by", "volume_rate_m3_per_year",
                   "sigma_volume_rate_m3_per_year")  # fmt: skip
 HISTORY_COLUMNS = ("identity", "epoch", "years", "region", "event", "mean_m", "sigma_mean_m", "change_m3",
-                   "sigma_change_m3")  # fmt: skip
+                   "sigma_change_m3", "area_m2", "sigma_area_m2")  # fmt: skip
 FORECAST_COLUMNS = ("identity", "years", "mean_m", "sigma_m")
 MOTION_COLUMNS = ("epoch", "years", "shift_m", "sigma_shift_m", "turn_rad", "sigma_turn_rad", "probability_unmoved",
                   "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m")  # fmt: skip
@@ -34,7 +34,8 @@ class Series:
     `acceleration`, `sigma_acceleration` [m/year2], NaN where unknown, positive = gained, and `identity`, the followed
     region (0: none). `regions` (`SERIES_COLUMNS`) has a row for each followed region, `history` (`HISTORY_COLUMNS`) one
     for each of them in each epoch, measured over its whole footprint: `change_m3` is its mean change times its area, as
-    much larger as the region's volume is where that is largest. Of a region `found_by` its "trend" no single epoch
+    much larger as the region's volume is where that is largest, and `area_m2` that of the epoch's own region, NaN
+    where it has none: whether a place spreads shows there. Of a region `found_by` its "trend" no single epoch
     shows anything, and `first_seen` and `last_seen` are empty; others were found by "epochs", or "both". `forecast`
     (`FORECAST_COLUMNS`) says for regions with a trend which mean difference an epoch at a time should show if it goes
     on as before. `motions` (`MOTION_COLUMNS`) says how the object stood as a whole in each epoch against the first,

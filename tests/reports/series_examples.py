@@ -17,7 +17,7 @@ def series_of(model: str, means: tuple[float, float]) -> Series:
                                                 "model": model, "rate_m_per_year": -1e-4, "onset_to_years": 1.0,
                                                 "sigma_rate_m_per_year": 1e-6}  # fmt: skip
     history = [
-        [1, epoch, years, 1, "", mean, 1e-5 if np.isfinite(mean) else NAN, NAN, NAN]
+        [1, epoch, years, 1, "", mean, 1e-5 if np.isfinite(mean) else NAN, NAN, NAN, NAN, NAN]
         for epoch, years, mean in zip("bc", (1.0, 4.0), means, strict=True)
     ]
     empty = np.empty(0)
@@ -39,7 +39,7 @@ def followed(numbers: dict[int, int]) -> Series:
     series = series_of("jump", (-3e-4, -4e-4))
     (row,), places = series.regions.to_dict("records"), {0: (0.0, 0.2, 0.5), 1: DENT[-3:], 2: PATCH[-3:]}
     rows = [row | {"identity": k} | dict(zip("xyz", places[r], strict=True)) for k, r in numbers.items()]
-    history = [[k, "c", 4.0, r, "", -4e-4, 1e-5, np.nan, np.nan] for k, r in numbers.items()]
+    history = [[k, "c", 4.0, r, "", -4e-4, 1e-5, np.nan, np.nan, np.nan, np.nan] for k, r in numbers.items()]
     return dataclasses.replace(
         series, identity=identity, rate=np.zeros(len(angle)), sigma_rate=np.ones(len(angle)),
         acceleration=np.zeros(len(angle)), sigma_acceleration=np.ones(len(angle)), regions=pd.DataFrame(rows),

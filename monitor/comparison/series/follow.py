@@ -169,9 +169,17 @@ def history_rows(followed: Followed, measured: Footprint, changes: Sequence[Epoc
     """Return the rows of a followed region, one an epoch, in the order of `HISTORY_COLUMNS`."""
     return [
         [followed.identity, c.epoch_id, float(years[k]), followed.numbers.get(k, 0), followed.events.get(k, ""),
-         float(measured.means[k]), float(measured.sigmas[k]), *(float(v) for v in measured.volumes[k])]
+         float(measured.means[k]), float(measured.sigmas[k]), *(float(v) for v in measured.volumes[k]),
+         *area_in(c.comparison, followed.numbers.get(k, 0))]
         for k, c in enumerate(changes)
     ]  # fmt: skip
+
+
+def area_in(comparison: Comparison, number: int) -> tuple[float, float]:
+    """Return the area of a comparison's region and its sigma [m2]; NaN where it has no such region."""
+    rows = comparison.regions
+    found = rows.loc[rows["region"] == number, ["area_m2", "sigma_area_m2"]].to_numpy(dtype=float)
+    return (float(found[0, 0]), float(found[0, 1])) if len(found) else (math.nan, math.nan)
 
 
 def forecast_rows(followed: Followed, measured: Footprint, course: Course, years: Floats) -> list[list[object]]:

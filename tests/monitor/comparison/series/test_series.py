@@ -186,6 +186,8 @@ def test_wear_of_a_sphere_is_followed_with_its_rate(worn_series) -> None:
     assert history["mean_m"].iloc[3] / history["mean_m"].iloc[0] == pytest.approx(4.0, rel=0.1)
     last = changes[0].comparison.regions.iloc[int(history["region"].iloc[3]) - 1]
     assert history["change_m3"].iloc[3] == last["volume_m3"]
+    assert history["area_m2"].iloc[3] == last["area_m2"]
+    assert history["sigma_area_m2"].iloc[3] == last["sigma_area_m2"]
     angle = np.linspace(0.0, 0.5, 2001)  # of a bowl: 2 pi r2 times the integral of depth over the solid angle
     truth = -2 * np.pi * 0.1**2 * np.trapezoid(5e-4 * 0.5 * (1 + np.cos(np.pi * angle / 0.5)) * np.sin(angle), angle)
     np.testing.assert_allclose(history["change_m3"], truth * np.arange(1, 5), rtol=0.06)

@@ -43,6 +43,7 @@ def test_a_bulge_that_no_epoch_shows_is_one_region_found_by_its_trend(bulging: S
 def test_its_history_holds_every_epoch_and_says_how_it_was_found(bulging: Series) -> None:
     history = bulging.history
     assert (history["region"] == 0).all()
+    assert history[["area_m2", "sigma_area_m2"]].isna().all(axis=None)
     assert list(history["event"]) == [""] * 9 + ["found by its trend"]
     late = history.iloc[-1]
     assert abs(late.mean_m - 1e-3) < 2.5 * late.sigma_mean_m
