@@ -137,5 +137,6 @@ def digest_of(package: Path) -> str:
 def remove_unused(current: Path) -> None:
     """Remove the folders beside the current one that nothing has used for `UNUSED` seconds."""
     for folder in current.parent.glob("kernels-*"):
-        if folder != current and time.time() - folder.stat().st_mtime > UNUSED:
-            shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):  # another process may have removed it meanwhile
+            if folder != current and time.time() - folder.stat().st_mtime > UNUSED:
+                shutil.rmtree(folder, ignore_errors=True)

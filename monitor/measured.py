@@ -86,9 +86,9 @@ def join_evenly(pieces: Iterable[Floats], most: int) -> Floats:
     stride = 1
     for piece in pieces:
         kept.append(piece[::stride])
-        while sum(map(len, kept)) > most:
+        while sum(map(len, kept)) > max(most, len(kept)):  # one point of each piece stays
             kept, stride = [points[::2] for points in kept], 2 * stride
-    return np.concatenate(kept) if kept else np.empty((0, 3))
+    return np.concatenate(kept)[:: -(-sum(map(len, kept)) // most)] if kept else np.empty((0, 3))
 
 
 def _steps_of_scans(place: Place) -> list[Step]:

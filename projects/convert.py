@@ -28,6 +28,7 @@ NAMES = {
     "colors": ("red", "green", "blue"),
 }
 COMPARED = ("distances", "lod95", "assessment", "region", "reasons", "told_from")
+INVENTED, COARSE = "face_invented", "coarse_from"  # of each face, and of a whole side
 
 
 def _known(noun: PointCloud | Surface | ComparedSurface, n: int) -> dict[str, Any]:
@@ -37,7 +38,7 @@ def _known(noun: PointCloud | Surface | ComparedSurface, n: int) -> dict[str, An
         values = getattr(noun, field.name)
         if field.name == "origins" and values is not None and values.ndim == 1:
             values = np.tile(values, (n, 1))
-        if isinstance(values, np.ndarray) and field.name not in ("faces", "face_invented"):
+        if isinstance(values, np.ndarray) and field.name not in ("faces", INVENTED):
             known[field.name] = values.copy()
     return known
 
@@ -117,6 +118,8 @@ def surface_to_trimesh(surface: Surface) -> trimesh.Trimesh:
         vertex_colors=None if colors is None else np.c_[colors, np.full(len(colors), 255, np.uint8)],
     )  # fmt: skip
     mesh.vertex_attributes.update(known)
+    if surface.face_invented is not None:
+        mesh.face_attributes[INVENTED] = surface.face_invented.copy()
     return mesh
 
 
@@ -124,6 +127,8 @@ def surface_from_trimesh(mesh: trimesh.Trimesh) -> Surface:
     """Return a surface from a `trimesh.Trimesh` (metres), with its vertex normals, colours and known attributes."""
     names = {field.name for field in dataclasses.fields(Surface)}
     known = {name: values for name, values in mesh.vertex_attributes.items() if name in names}
+    if INVENTED in mesh.face_attributes:
+        known[INVENTED] = np.array(mesh.face_attributes[INVENTED])
     if mesh.visual.kind == "vertex":
         known["colors"] = np.asarray(mesh.visual.vertex_colors)[:, :3]
     return Surface(
@@ -140,16 +145,22 @@ def cloud_to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
 
 
 def surface_to_pyvista(surface: Surface) -> pyvista.PolyData:
-    """Return a `pyvista.PolyData` of triangles; what is known of each vertex as point data."""
+    """Return a `pyvista.PolyData` of triangles; what is known of vertices as point data, of faces as cell data."""
     import pyvista
 
     known = _known(surface, len(surface.vertices))
-    return _with_point_data(pyvista.PolyData.from_regular_faces(known.pop("vertices"), surface.faces), known)
+    mesh = _with_point_data(pyvista.PolyData.from_regular_faces(known.pop("vertices"), surface.faces), known)
+    if surface.face_invented is not None:
+        mesh.cell_data[INVENTED] = surface.face_invented.copy()
+    return mesh
 
 
 def compared_to_pyvista(compared: ComparedSurface) -> pyvista.PolyData:
-    """Return one side of a comparison as triangles, with distances, lod95, assessment and so on as point data."""
-    return _with_point_data(surface_to_pyvista(compared.surface), _changes(compared))
+    """Return one side of a comparison as triangles, with distances, lod95, assessment and so on as point data, and
+    `coarse_from` as field data."""
+    mesh = _with_point_data(surface_to_pyvista(compared.surface), _changes(compared))
+    mesh.field_data[COARSE] = [compared.coarse_from]
+    return mesh
 
 
 def _with_point_data(mesh: pyvista.PolyData, known: dict[str, Any]) -> pyvista.PolyData:
@@ -167,9 +178,12 @@ def cloud_from_pyvista(mesh: pyvista.PolyData) -> PointCloud:
 def surface_from_pyvista(mesh: pyvista.PolyData) -> Surface:
     """Return a surface from a `pyvista.PolyData` (metres); polygons are triangulated, known point data goes along."""
     triangles = mesh if mesh.is_all_triangles else mesh.triangulate()
+    known = _point_data(triangles, Surface)
+    if INVENTED in triangles.cell_data:
+        known[INVENTED] = np.array(triangles.cell_data[INVENTED], dtype=np.bool_)
     return Surface(
         vertices=np.array(triangles.points, dtype=np.float64), faces=np.array(triangles.regular_faces).reshape(-1, 3),
-        **_point_data(triangles, Surface),
+        **known,
     )  # fmt: skip
 
 
@@ -179,6 +193,8 @@ def compared_from_pyvista(mesh: pyvista.PolyData) -> ComparedSurface:
     if missing:
         raise ShapeError(f"the mesh lacks the point data {', '.join(missing)}, which every comparison has")
     known: dict[str, Any] = {name: np.array(mesh.point_data[name]) for name in COMPARED if name in mesh.point_data}
+    if COARSE in mesh.field_data:
+        known[COARSE] = float(mesh.field_data[COARSE][0])
     return ComparedSurface(surface_from_pyvista(mesh), **known)
 
 

@@ -133,8 +133,9 @@ def differs_as_a_whole(comparison: Comparison) -> bool:
 
 def _as_a_whole(comparison: Comparison) -> str:
     """Return in words by what the later epoch differs as a whole."""
-    if math.isfinite(comparison.registration.scale):
-        return f"the later epoch is {comparison.registration.scale:.4f} times as large as the earlier one"
+    scale, sigma = comparison.registration.scale, comparison.registration.sigma_scale
+    if math.isfinite(scale):
+        return f"the later epoch is {estimate(scale, sigma, 1.0, '').text} times as large as the earlier one"
     return f"the surface as a whole lies {_off(comparison)}"
 
 

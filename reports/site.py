@@ -6,6 +6,7 @@ to draw is kept, by the step that it shows, until newer things need the room.
 
 from __future__ import annotations
 
+import re
 import tempfile
 import threading
 from collections import OrderedDict
@@ -77,7 +78,7 @@ class Site:
 
     def _answer(self, environ: dict[str, Any]) -> Reply:
         """Return what a request gets."""
-        host = str(environ.get("HTTP_HOST", "")).rsplit(":", 1)[0]
+        host = re.sub(r":\d*$", "", str(environ.get("HTTP_HOST", "")))
         if host not in LOCAL:  # a page of another site that had its name point here (DNS rebinding)
             return self._say("403 Forbidden", "This page is for this machine alone.")
         if environ.get("REQUEST_METHOD") not in ("GET", "HEAD"):

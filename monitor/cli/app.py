@@ -131,7 +131,8 @@ def add_epoch(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILE...", help="Scans of one survey: E57, PTX, PTS, LAS, LAZ, PLY, PCD, OBJ, STL, XYZ, TXT, CSV."
+            metavar="FILE...",
+            help="Scans of one survey: E57, PTX, PTS, LAS, LAZ, PLY, PCD, OBJ, STL, GLB, XYZ, TXT, CSV.",
         ),
     ],
     date: Annotated[str, typer.Option(metavar="YYYY-MM-DD", help="Date of the survey.")],

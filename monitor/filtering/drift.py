@@ -72,11 +72,14 @@ def estimate_drift(ranges: Floats, directions: Floats, significance: float) -> D
     """
     n_scans = len(ranges)
     nothing, unknown = np.zeros(n_scans), np.full(n_scans, np.nan)
+    none = Drift(nothing, unknown, nothing, nothing, unknown, unknown, 1.0, 1.0, np.nan, np.nan, False, False)
     cells = choose_cells(ranges.shape[1])
+    if not len(cells):  # not one whole run
+        return none
     ranges, directions = without_strangers(ranges[:, cells]), directions[cells]
     told = np.flatnonzero(fit_runs(ranges, directions).n_known() >= FEWEST_RUNS)
     if len(told) < 2:
-        return Drift(nothing, unknown, nothing, nothing, unknown, unknown, 1.0, 1.0, np.nan, np.nan, False, False)
+        return none
     alone, full = _fit_offsets(ranges[told], directions)
     p_range, p_angles = _chance(alone[0], alone[1]), _chance(full[0][:, 1:], full[1][:, 1:, 1:])
     removes_angles = p_angles < significance
@@ -130,8 +133,8 @@ def drift_at(drift: Drift, directions: Floats, ranges: Floats) -> Floats:
         np.where(is_told, v - np.median(v[is_told]), 0.0) for v in (drift.range, drift.azimuth, drift.elevation)
     )
     shift = np.tile(offset[:, None], (1, ranges.shape[1]))
-    if drift.removes_angles:
-        n_runs = ranges.shape[1] // RUN
+    n_runs = ranges.shape[1] // RUN
+    if drift.removes_angles and n_runs:
         runs = fit_runs(without_strangers(ranges[:, : n_runs * RUN] - offset[:, None]), directions[: n_runs * RUN])
         at_cell = np.zeros((ranges.shape[1], 2))
         at_cell[: n_runs * RUN] = np.repeat(np.where(runs.is_smooth[:, None], runs.slopes, 0.0), RUN, axis=0)

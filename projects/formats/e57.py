@@ -210,9 +210,10 @@ def _columns(fields: dict[str, Any], limits: dict[str, tuple[float, float]]) -> 
 
 
 def _bytes(values: Any, limits: tuple[float, float]) -> Any:
-    """Return one colour as 0-255."""
+    """Return one colour as 0-255; what lies beyond the limits that the file states is as dark or bright as they are."""
+    values = np.clip(np.nan_to_num(values), *limits)
     if limits == (0.0, 255.0):
-        return np.clip(np.nan_to_num(values), 0.0, 255.0).astype(np.uint8)
+        return values.astype(np.uint8)
     return as_bytes_of_colour(within_unit_range(values, *limits), 255.0)
 
 

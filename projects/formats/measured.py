@@ -72,8 +72,8 @@ def _sifted(blocks: Iterable[Columns], is_centred: bool, dropped: Counter[str]) 
         valid = finite & ~flagged & ~surplus
         zero = valid & (x == 0.0) & (y == 0.0) & (z == 0.0)
         reasons = {
-            "not finite": ~finite,
-            "flagged invalid": finite & flagged,
+            "not finite": ~finite & ~surplus,
+            "flagged invalid": finite & flagged & ~surplus,
             "no return": zero & is_centred,
             "after the number promised": surplus,
         }

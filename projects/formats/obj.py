@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from projects.errors import FormatError
 from projects.formats.plyfaces import fan, stack_by_length
-from projects.formats.rawscan import Columns, Scaling, ScanHeader
+from projects.formats.rawscan import Columns, ScanHeader, scaled
 from projects.formats.text import line_blocks, numbers_of_lines
 
 FACE = re.compile(rb"^[ \t]*f[ \t]", re.MULTILINE)
@@ -26,7 +26,12 @@ def list_scans(path: str) -> list[ScanHeader]:
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the vertices."""
-    scaling, line, n_columns = Scaling(), 1, 0
+    return scaled(lambda: _read_blocks(path))
+
+
+def _read_blocks(path: str) -> Iterator[Columns]:
+    """Yield the vertices with colours as the file has them."""
+    line, n_columns = 1, 0
     for block in line_blocks(path, 0):
         lines = [text.lstrip() for text in block.split(b"\n")]
         told = [text[2:].split(b"#")[0] for text in lines if text.startswith((b"v ", b"v\t")) or text.strip() == b"v"]
@@ -34,17 +39,17 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
             if not all(text.strip() for text in told):
                 raise FormatError(f"has a vertex without numbers after line {line}; the file is broken")
             n_columns = n_columns or len(told[0].split())
-            yield _columns(numbers_of_lines(told, n_columns, line), scaling)
+            yield _columns(numbers_of_lines(told, n_columns, line))
         line += block.count(b"\n")
 
 
-def _columns(rows: NDArray[np.float64], scaling: Scaling) -> Columns:
+def _columns(rows: NDArray[np.float64]) -> Columns:
     """Return x y z [w] or x y z r g b [a] as columns."""
     if rows.shape[1] not in (3, 4, 6, 7):
         raise FormatError(f"its vertices have {rows.shape[1]} numbers; x y z, with w or with red green blue, is needed")
     columns: Columns = {"points": rows[:, :3]}
     if rows.shape[1] >= 6:
-        columns["colors"] = scaling.colours(rows[:, 3:6])
+        columns["colors"] = rows[:, 3:6]
     return columns
 
 

@@ -7,7 +7,7 @@ frame of the points: it gives the origin, and no pose. An organised cloud is a s
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from projects.errors import FormatError
-from projects.formats.rawscan import CHUNK, Columns, Scaling, ScanHeader
+from projects.formats.rawscan import CHUNK, Columns, ScanHeader, scaled
 from projects.formats.text import TableLayout, is_number, read_table, skip_blank, skip_rows
 
 LONGEST_HEADER = 65536
@@ -56,10 +56,18 @@ def list_scans(path: str) -> list[ScanHeader]:
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the points."""
     layout = read_layout(path)
-    blocks = {"ascii": _text_blocks, "binary": _binary_blocks, "binary_compressed": _compressed_blocks}
-    scaling, start = Scaling(), 0
-    for values in blocks[layout.encoding](path, layout):
-        columns = _columns(values, scaling)
+    if layout.encoding == "binary_compressed":  # in one piece, and slow to unpack: once
+        unpacked = list(_compressed_blocks(path, layout))
+        return scaled(lambda: _as_columns(unpacked, header, layout))
+    blocks = {"ascii": _text_blocks, "binary": _binary_blocks}[layout.encoding]
+    return scaled(lambda: _as_columns(blocks(path, layout), header, layout))
+
+
+def _as_columns(blocks: Iterable[dict[str, Any]], header: ScanHeader, layout: Layout) -> Iterator[Columns]:
+    """Yield the points of blocks of fields, with intensities as the file has them."""
+    start = 0
+    for values in blocks:
+        columns = _columns(values)
         if header.is_grid:
             index = np.arange(start, start + len(columns["points"]))
             columns["rows"], columns["columns"] = np.divmod(index, layout.width)
@@ -198,11 +206,11 @@ def decompress_lzf(packed: bytes, n: int) -> bytearray:
     return out
 
 
-def _columns(values: dict[str, Any], scaling: Scaling) -> Columns:
+def _columns(values: dict[str, Any]) -> Columns:
     """Return the fields as the columns that every format gives."""
     columns: Columns = {"points": np.column_stack([values[axis] for axis in "xyz"]).astype(np.float64)}
     if "intensity" in values:
-        columns["intensity"] = scaling.intensity(values["intensity"])
+        columns["intensity"] = values["intensity"]
     if set(NORMALS) <= set(values):
         columns["normals"] = np.column_stack([values[name] for name in NORMALS]).astype(np.float64)
     packed = values.get("rgb", values.get("rgba"))

@@ -16,7 +16,7 @@ import numpy as np
 
 from projects.errors import FormatError
 from projects.formats.plyfaces import ListReader, fan
-from projects.formats.rawscan import CHUNK, Columns, Scaling, ScanHeader
+from projects.formats.rawscan import CHUNK, Columns, ScanHeader, scaled
 from projects.formats.text import TableLayout, line_blocks, read_table, skip_rows
 
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
@@ -101,9 +101,7 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     vertices = _vertices(layout)
     names = [ROLES.get(name.lower(), "-") for name, _, _ in vertices.properties]
     place = _begin(path, layout, vertices)
-    scaling = Scaling()
-    for values in _rows(path, layout, vertices, place):
-        yield _columns(values, names, vertices, scaling)
+    yield from scaled(lambda: (_columns(values, names, vertices) for values in _rows(path, layout, vertices, place)))
     if not layout.order:
         yield from _surplus(path, layout, vertices.n)
 
@@ -221,7 +219,7 @@ def _rows(path: str, layout: Layout, element: Element, place: tuple[int, int]) -
             yield [block[name] for name in record.names or ()]
 
 
-def _columns(values: list[Any], names: list[str], vertices: Element, scaling: Scaling) -> Columns:
+def _columns(values: list[Any], names: list[str], vertices: Element) -> Columns:
     """Return the properties as the columns that every format gives."""
     chosen = {name: values[k] for k, name in reversed(list(enumerate(names)))}  # the first of a role counts
     kinds = {name: kind for name, (_, kind, _) in zip(reversed(names), reversed(vertices.properties), strict=True)}
@@ -230,7 +228,7 @@ def _columns(values: list[Any], names: list[str], vertices: Element, scaling: Sc
         columns["normals"] = np.column_stack([chosen[axis] for axis in ("nx", "ny", "nz")]).astype(np.float64)
     if {"red", "green", "blue"} <= set(chosen):
         colours = np.column_stack([chosen[c] for c in ("red", "green", "blue")])
-        columns["colors"] = colours.astype(np.uint8) if kinds["red"] == "u1" else scaling.colours(colours)
+        columns["colors"] = colours.astype(np.uint8) if kinds["red"] == "u1" else colours
     if "intensity" in chosen:
-        columns["intensity"] = scaling.intensity(np.asarray(chosen["intensity"]))
+        columns["intensity"] = np.asarray(chosen["intensity"])
     return columns

@@ -13,7 +13,7 @@ from typing import Any
 
 from projects.errors import FormatError
 from projects.formats import xyz
-from projects.formats.rawscan import Columns, ScanHeader
+from projects.formats.rawscan import Columns, ScanHeader, scaled
 from projects.formats.text import skip_blank, skip_rows, whole_numbers
 
 
@@ -29,10 +29,15 @@ def list_scans(path: str) -> list[ScanHeader]:
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the points of all clouds of the file."""
+    return scaled(lambda: _read_blocks(path, header))
+
+
+def _read_blocks(path: str, header: ScanHeader) -> Iterator[Columns]:
+    """Yield the points of all clouds with intensities and colours as the file has them."""
     layout = header.place["layout"]
     for part in header.place.get("parts", [{}]):
         place = {**header.place, "layout": {**layout, **part}}
-        yield from xyz.read_scan(path, dataclasses.replace(header, n_declared=part.get("n_rows"), place=place))
+        yield from xyz.read_blocks(path, dataclasses.replace(header, n_declared=part.get("n_rows"), place=place))
 
 
 def _parts(path: str) -> Iterator[dict[str, Any]]:

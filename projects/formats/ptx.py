@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from projects.errors import FormatError
-from projects.formats.rawscan import Columns, Scaling, ScanHeader
+from projects.formats.rawscan import Columns, ScanHeader, scaled
 from projects.formats.text import TableLayout, is_number, read_table, skip_blank, skip_rows, whole_numbers
 
 N_HEADER_LINES = 10
@@ -37,18 +37,23 @@ def list_scans(path: str) -> list[ScanHeader]:
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the points of one scan, no-returns among them as 0 0 0."""
+    return scaled(lambda: _read_blocks(path, header))
+
+
+def _read_blocks(path: str, header: ScanHeader) -> Iterator[Columns]:
+    """Yield the points of one scan with intensities and colours as the file has them."""
     layout = TableLayout(**header.place["layout"])
     n_grid_rows = header.place["n_grid_rows"]
-    scaling, start = Scaling(), 0
+    start = 0
     for rows in read_table(path, layout):
         index = np.arange(start, start + len(rows))
         start += len(rows)
         columns: Columns = {"points": rows[:, :3]}
         has_return = (rows[:, :3] != 0.0).any(axis=1)
         if layout.n_columns in (4, 7):
-            columns["intensity"] = scaling.intensity(np.where(has_return, rows[:, 3], np.nan))
+            columns["intensity"] = np.where(has_return, rows[:, 3], np.nan)
         if layout.n_columns in (6, 7):
-            columns["colors"] = scaling.colours(rows[:, -3:])
+            columns["colors"] = rows[:, -3:]
         columns["columns"], columns["rows"] = np.divmod(index, n_grid_rows)
         yield columns
 
@@ -93,12 +98,12 @@ def _header(numbers: Any, layout: dict[str, Any], size: tuple[int, int]) -> Scan
 
 
 def _origin(position: Any, axes: Any, pose: Any) -> list[float] | None:
-    """Return the scanner's position in the scan's frame; None where the header leaves it at its default.
+    """Return the scanner's position in the scan's frame; None where the header leaves it at its default, or has none.
 
     The position is in the frame that the transform leads to, so it is taken back through the transform: 0 0 0 for a
     scan in its own frame, the station's coordinates for one that was exported in project coordinates.
     """
-    says_nothing = not position.any() and (axes == np.eye(3)).all()
+    says_nothing = not np.isfinite(position).all() or (not position.any() and (axes == np.eye(3)).all())
     if says_nothing or abs(np.linalg.det(pose[:3, :3])) < 1e-9:
         return None
     origin = np.linalg.solve(pose[:3, :3], position - pose[:3, 3])

@@ -77,11 +77,14 @@ def _cells(scan: Scan, n_rows: int) -> Ints:
 
 
 def _write_header(out: TextIO, scan: Scan, n_rows: int, n_columns: int) -> None:
-    """Write the ten header lines: size, scanner position and axes, and the transform with row vectors."""
+    """Write the ten header lines: size, scanner position and axes, and the transform with row vectors. Where nobody
+    knows where the scanner stood, position and axes are left at the format's default, which says nothing."""
     T_project_scanner = require_rigid(scan.pose, f"pose of scan {scan.name}")
-    position = apply(T_project_scanner, scan.origin)
+    position, axes = apply(T_project_scanner, scan.origin), T_project_scanner[:3, :3].T
+    if not np.isfinite(position).all():
+        position, axes = np.zeros(3), np.eye(3)
     lines = [str(n_columns), str(n_rows), " ".join(f"{v:.9f}" for v in position)]
-    lines += [" ".join(f"{v:.12f}" for v in axis) for axis in T_project_scanner[:3, :3].T]
+    lines += [" ".join(f"{v:.12f}" for v in axis) for axis in axes]
     lines += [" ".join(f"{v:.12f}" for v in row) for row in T_project_scanner.T]
     out.write("\n".join(lines) + "\n")
 

@@ -5,7 +5,8 @@ No file's own type crosses to the parent: a header is JSON, and a column has one
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -63,29 +64,24 @@ def within_unit_range(values: NDArray[Any], low: float, high: float) -> NDArray[
     return np.where(near, np.clip(scaled, 0.0, 1.0), np.nan).astype(np.float32)
 
 
-def guess_intensity_range(values: NDArray[Any]) -> tuple[float, float]:
-    """Return the range that instruments use and that these intensities fit: 0-1, -2048-2047, 0-255, 0-4095, 0-65535.
+def guess_intensity_range(low: float, high: float) -> tuple[float, float]:
+    """Return the range that instruments use and that intensities from `low` to `high` fit: 0-1, -2048-2047, 0-255,
+    0-4095, 0-65535.
 
     For formats that do not state it (PTS, PTX, text, PLY, PCD). Where none fits, the range of the values themselves.
     """
-    finite = values[np.isfinite(values)]
-    if not len(finite):
-        return 0.0, 1.0
-    low, high = float(finite.min()), float(finite.max())
     for first, last in ((0.0, 1.0), (0.0, 255.0), (0.0, 4095.0), (-2048.0, 2047.0), (0.0, 65535.0)):
         if low >= first and high <= last:
             return first, last
     return low, high
 
 
-def guess_colour_factor(values: NDArray[Any]) -> float:
+def guess_colour_factor(highest: float, has_fractions: bool) -> float:
     """Return what turns colours into 0-255: 255 for fractions of one, 1/256 for 16 bits, else 1.
 
     Which of the three it is follows from the values: all within 0-1 and not all whole, above 255, or neither.
     """
-    values = np.nan_to_num(np.asarray(values, dtype=np.float64))
-    highest = values.max(initial=0.0)
-    if highest <= 1.0 and (values != np.floor(values)).any():
+    if highest <= 1.0 and has_fractions:
         return 255.0
     return 1.0 / 256.0 if highest > 255.0 else 1.0
 
@@ -99,21 +95,61 @@ def as_bytes_of_colour(values: NDArray[Any], factor: float) -> NDArray[np.uint8]
     return np.clip(np.floor(scaled) if factor < 1.0 else np.rint(scaled), 0, 255).astype(np.uint8)
 
 
-class Scaling:
-    """Ranges of intensity and colour for formats that do not state them: found on the first points, then kept."""
+def scaled(read: Callable[[], Iterator[Columns]]) -> Iterator[Columns]:
+    """Yield the columns of a scan with intensity as 0-1 and colours as 0-255, for formats that do not state ranges.
+
+    `read` gives its columns from the beginning, as the file has them; colours that are bytes already stay as they are.
+    The ranges are those of all its values: its first points may be darker than the rest. So a scan of more than one
+    block is read twice, where anything in it needs a range.
+    """
+    blocks = read()
+    held = list(itertools.islice(blocks, 2))
+    ranges = _Ranges()
+    for columns in held:
+        ranges.widen(columns)
+    if len(held) == 2 and ranges.are_needed:
+        for columns in blocks:
+            ranges.widen(columns)
+        held, blocks = [], read()
+    for columns in itertools.chain(held, blocks):
+        yield ranges.scale(columns)
+
+
+class _Ranges:
+    """What the intensities and colours of a scan reach, as far as it was seen."""
 
     def __init__(self) -> None:
-        self._limits: tuple[float, float] | None = None
-        self._factor: float | None = None
+        self.are_needed = False
+        self._low, self._high = np.inf, -np.inf
+        self._brightest, self._has_fractions = 0.0, False
 
-    def intensity(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """Return intensity as 0-1, NaN beyond the range that was found."""
-        if self._limits is None:
-            self._limits = guess_intensity_range(values)
-        return within_unit_range(values, *self._limits)
+    def widen(self, columns: Columns) -> None:
+        """Take in one more block."""
+        if "intensity" in columns:
+            self.are_needed = True
+            values = columns["intensity"][np.isfinite(columns["intensity"])]
+            self._low, self._high = (
+                min(self._low, values.min(initial=np.inf)),
+                max(self._high, values.max(initial=-np.inf)),
+            )
+        if _are_unscaled(columns):
+            self.are_needed = True
+            colours = columns["colors"][np.isfinite(columns["colors"])]
+            self._brightest = max(self._brightest, float(colours.max(initial=0.0)))
+            self._has_fractions |= bool((colours != np.floor(colours)).any())
 
-    def colours(self, values: NDArray[Any]) -> NDArray[np.uint8]:
-        """Return colours (n, 3) as 0-255."""
-        if self._factor is None:
-            self._factor = guess_colour_factor(values)
-        return as_bytes_of_colour(values, self._factor)
+    def scale(self, columns: Columns) -> Columns:
+        """Return a block with intensity as 0-1, NaN where not finite, and colours as 0-255."""
+        scaled = dict(columns)
+        if "intensity" in columns:
+            limits = guess_intensity_range(float(self._low), float(self._high))
+            scaled["intensity"] = within_unit_range(columns["intensity"], *limits)
+        if _are_unscaled(columns):
+            factor = guess_colour_factor(self._brightest, self._has_fractions)
+            scaled["colors"] = as_bytes_of_colour(columns["colors"], factor)
+        return scaled
+
+
+def _are_unscaled(columns: Columns) -> bool:
+    """Return whether a block has colours that are not bytes yet."""
+    return "colors" in columns and columns["colors"].dtype != np.uint8

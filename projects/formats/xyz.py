@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from projects.errors import FormatError
-from projects.formats.rawscan import Columns, Scaling, ScanHeader
+from projects.formats.rawscan import Columns, ScanHeader, scaled
 from projects.formats.text import (
     TableLayout,
     are_colours,
@@ -43,16 +43,21 @@ def list_scans(path: str) -> list[ScanHeader]:
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the points."""
+    return scaled(lambda: read_blocks(path, header))
+
+
+def read_blocks(path: str, header: ScanHeader) -> Iterator[Columns]:
+    """Yield the points with intensities and colours as the file has them."""
     layout = TableLayout(**header.place["layout"])
     names: list[str] = header.place["names"]
-    scaling, n_read = Scaling(), 0
+    n_read = 0
     for rows in read_table(path, layout):
         n_read += len(rows)
         columns: Columns = {"points": rows[:, [names.index(axis) for axis in "xyz"]]}
         if "intensity" in names:
-            columns["intensity"] = scaling.intensity(rows[:, names.index("intensity")])
+            columns["intensity"] = rows[:, names.index("intensity")]
         if "red" in names:
-            columns["colors"] = scaling.colours(rows[:, [names.index(c) for c in ("red", "green", "blue")]])
+            columns["colors"] = rows[:, [names.index(c) for c in ("red", "green", "blue")]]
         if "nx" in names:
             columns["normals"] = rows[:, [names.index(n) for n in ("nx", "ny", "nz")]]
         yield columns

@@ -70,6 +70,15 @@ def test_surface_survives_pyvista(surface):
     assert_same(convert.surface_from_pyvista(convert.surface_to_pyvista(surface)), surface)
 
 
+def test_which_faces_are_invented_goes_along(surface):
+    closed = dataclasses.replace(surface, face_invented=np.array([False, True, False, False]))
+    for back in (convert.surface_from_trimesh(convert.surface_to_trimesh(closed)),
+                 convert.surface_from_pyvista(convert.surface_to_pyvista(closed))):  # fmt: skip
+        assert back.face_invented is not None
+        assert back.face_invented.tolist() == [False, True, False, False]
+    assert convert.surface_from_pyvista(convert.surface_to_pyvista(surface)).face_invented is None
+
+
 def test_changing_the_converted_mesh_does_not_change_the_surface(surface):
     before = surface.vertices.copy()
     convert.surface_to_trimesh(surface).vertices += 1.0
@@ -107,6 +116,11 @@ def test_comparison_keeps_unknown_distances_unknown(surface):
     for name in ("distances", "lod95", "assessment", "region", "reasons"):
         np.testing.assert_array_equal(getattr(back, name), getattr(side, name))
     assert back.told_from is None
+    assert np.isnan(back.coarse_from)
+    coarse = dataclasses.replace(side, told_from=np.array([1.0, np.nan, 1.0, 3.0]), coarse_from=2.0)
+    again = convert.compared_from_pyvista(convert.compared_to_pyvista(coarse))
+    assert again.coarse_from == 2.0
+    assert again.is_coarse.tolist() == coarse.is_coarse.tolist()
     with pytest.raises(ShapeError, match="lacks the point data distances, lod95"):
         convert.compared_from_pyvista(convert.surface_to_pyvista(surface))
 

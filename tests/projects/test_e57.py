@@ -126,6 +126,16 @@ def test_colours_are_scaled_by_their_limits(tmp_path, read_whole, high, stored, 
     assert got.cloud.colors.tolist() == [[0] * 3, [expected] * 3, [0] * 3]
 
 
+def test_colours_beyond_the_limits_that_the_file_states_are_as_bright_as_these(tmp_path, read_whole):
+    names = ("colorRed", "colorGreen", "colorBlue")
+    kinds = {name: lambda i: libe57.IntegerNode(i, 0, 0, 255) for name in names}
+    limits = {f"{name}{end}": value for name in names for end, value in (("Minimum", 50), ("Maximum", 200))}
+    write_raw(tmp_path / "c.e57", {**XYZ, **{name: [0, 125, 255] for name in names}}, kinds=kinds,
+              extra={"colorLimits": limits})  # fmt: skip
+    (got,) = read_whole(tmp_path / "c.e57")
+    assert got.cloud.colors.tolist() == [[0] * 3, [128] * 3, [255] * 3]
+
+
 def write_raw(path, fields, *, kinds=None, extra=None, pose=None):
     """Write one scan with any point fields; `kinds` name -> node maker, `extra` header entries."""
     with pye57.E57(str(path), mode="w") as document:

@@ -5,7 +5,6 @@ import pytest
 
 from projects.errors import FormatError
 from projects.formats.measured import keep_measurements
-from projects.formats.rawscan import Scaling, guess_intensity_range, within_unit_range
 
 
 def kept(blocks, is_centred=False):
@@ -62,33 +61,3 @@ def test_counts_after_the_last_point_are_not_lost_and_no_chunk_is_empty():
 def test_scan_without_measurements_is_an_error(blocks, message):
     with pytest.raises(FormatError, match=message):
         list(keep_measurements(blocks, False))
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [([0, 1], (0, 1)), ([0, 200], (0, 255)), ([0, 4000], (0, 4095)), ([-1600, 200], (-2048, 2047)),
-     ([0, 60000], (0, 65535)), ([-5e5, 5e5], (-5e5, 5e5)), ([np.nan, 0.5], (0, 1))],
-)  # fmt: skip
-def test_range_of_intensity_is_one_that_instruments_use(values, expected):
-    assert guess_intensity_range(np.array(values, dtype=float)) == expected
-
-
-def test_intensity_beyond_its_range_is_unknown():
-    np.testing.assert_array_equal(
-        within_unit_range(np.array([-1.0, 5.0, 11.0]), 0.0, 10.0), np.float32([np.nan, 0.5, np.nan])
-    )
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [([[0.5, 0.0, 1.0]], [[128, 0, 255]]), ([[65535, 257 * 200, 256 * 200]], [[255, 200, 200]]),
-     ([[255, 1, 0]], [[255, 1, 0]]), ([[1, 0, 0]], [[1, 0, 0]])],
-)  # fmt: skip
-def test_colours_become_bytes_by_what_they_hold(values, expected):
-    assert Scaling().colours(np.array(values)).tolist() == expected
-
-
-def test_scaling_found_on_the_first_points_is_kept():
-    scaling = Scaling()
-    scaling.intensity(np.array([0.0, 200.0]))
-    np.testing.assert_allclose(scaling.intensity(np.array([0.5, 51.0])), [0.5 / 255, 0.2], atol=1e-7)

@@ -1,5 +1,7 @@
 """PTX: grids, transforms, no-returns; what scales or is cut off is refused."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,18 @@ def test_station_of_a_scan_in_project_coordinates_is_its_origin(tmp_path):
     (stream,) = read_scans(tmp_path / "a.ptx")
     np.testing.assert_array_equal(stream.origin, [7, 8, 9])
     assert stream.is_origin_stated
+
+
+def test_a_scan_whose_station_nobody_knows_says_nothing_of_it(tmp_path, station):
+    unknown = dataclasses.replace(station, origin=np.full(3, np.nan))
+    write_ptx(tmp_path / "a.ptx", [unknown])
+    assert "nan" not in (tmp_path / "a.ptx").read_text()
+    (tmp_path / "b.ptx").write_text(ptx(position="nan nan nan"))
+    bare = dataclasses.replace(unknown, pose=np.eye(4))
+    write_ptx(tmp_path / "c.ptx", [bare])
+    for name in "abc":
+        (stream,) = read_scans(tmp_path / f"{name}.ptx")
+        np.testing.assert_array_equal(stream.origin, [0, 0, 0])
 
 
 def test_transform_that_scales_is_refused_with_its_scale(tmp_path):

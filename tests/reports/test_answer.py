@@ -61,7 +61,9 @@ def test_a_later_epoch_of_another_scale_is_told_in_the_headline():
     scaled = dataclasses.replace(comparison.registration, scale=1.02, sigma_scale=1e-4)
     found = dataclasses.replace(comparison, registration=scaled, regions=comparison.regions.iloc[:0])
     headline = plain(facts_of(found).answer.headline)
-    assert headline.endswith("but the later epoch is 1.0200 times as large as the earlier one.")
+    assert headline.endswith("but the later epoch is 1.02000 ± 0.00020 times as large as the earlier one.")
+    near = dataclasses.replace(found, registration=dataclasses.replace(scaled, scale=1.00004, sigma_scale=5e-6))
+    assert "is 1.000040 ± 0.000010 times as large" in plain(facts_of(near).answer.headline)
     assert plain(facts_of(dataclasses.replace(comparison, registration=scaled)).answer.headline) == plain(
         facts_of(comparison).answer.headline
     )  # regions that stand out are told for all that

@@ -103,7 +103,8 @@ def test_what_is_not_there_is_said_and_nothing_else_is_shown(site: Site) -> None
 def test_only_this_machine_reads_and_nobody_writes(site: Site) -> None:
     assert ask(site, "/", HTTP_HOST="evil.example:8000")[0] == "403 Forbidden"
     assert ask(site, "/", HTTP_HOST="127.0.0.1.evil.example")[0] == "403 Forbidden"
-    assert ask(site, "/", HTTP_HOST="localhost:1")[0] == "200 OK"
+    for local in ("localhost:1", "localhost", "[::1]", "[::1]:8000"):
+        assert ask(site, "/", HTTP_HOST=local)[0] == "200 OK"
     assert ask(site, "/", REQUEST_METHOD="POST")[0] == "405 Method Not Allowed"
     status, headers, content = ask(site, "/", REQUEST_METHOD="HEAD")
     assert (status, content) == ("200 OK", b"")

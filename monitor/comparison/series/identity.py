@@ -44,9 +44,10 @@ class Followed:
 
 
 def sign_of_regions(comparison: Comparison) -> Floats:
-    """Return the sign of each region's change, by its number; entry 0 is of no region."""
-    means = comparison.regions["mean_m"].to_numpy(dtype=float)
-    return np.append(0.0, np.sign(means))
+    """Return the sign of each region's change, by its number; entry 0 is of no region. Where its mean is not known, as
+    of a piece that is gone and was seen in part, the sign of its extreme."""
+    means, extremes = (comparison.regions[name].to_numpy(dtype=float) for name in ("mean_m", "extreme_m"))
+    return np.append(0.0, np.sign(np.where(np.isfinite(means), means, extremes)))
 
 
 def follow_regions(numbers: Sequence[Ints], signs: Sequence[Floats], areas: Floats) -> list[Followed]:

@@ -8,7 +8,8 @@ import pytest
 from monitor.cli import run
 from monitor.filtering import average_scans
 from monitor.filtering.averaging import average_ranges, error_of_mean
-from monitor.filtering.drift import _trend, estimate_drift
+from monitor.filtering.drift import Drift as FoundDrift
+from monitor.filtering.drift import _trend, drift_at, estimate_drift
 from monitor.filtering.nearest import canonical_order
 from monitor.simulation import INSTRUMENTS, Scene, Window, simulate_scan, without_errors
 from monitor.simulation.repeated import Drift, repeat_scan
@@ -58,6 +59,22 @@ def test_the_mean_of_sixteen_has_a_quarter_of_the_noise_and_says_so():
     assert found.automatic["noise_of_one_scan"] == pytest.approx(1e-3, rel=0.03)
     assert not found.drift.removes_range
     assert not found.drift.removes_angles
+
+
+@pytest.mark.parametrize("n", [1, 5, 15])
+def test_fewer_cells_than_a_run_tell_no_drift(n):
+    scans = [scan.take(np.arange(n)) for scan in repeat(3)]
+    found = average_scans(scans)
+    assert 1 <= len(found.scan.cloud) <= n
+    assert not found.drift.removes_range
+    assert np.isnan(found.drift.sigma_range).all()
+
+
+def test_a_block_of_fewer_cells_than_a_run_has_the_offset_of_its_scan_alone():
+    unit = np.array([1e-3, 0.0, -1e-3])
+    drift = FoundDrift(unit, 0 * unit + 1e-5, unit, unit, unit, unit, 0.0, 0.0, 0.0, 0.0, True, True)
+    shift = drift_at(drift, np.tile([1.0, 0.0, 0.0], (5, 1)), np.full((3, 5), 2.0))
+    np.testing.assert_allclose(shift, np.tile(unit[:, None], (1, 5)))
 
 
 def test_every_measurement_is_accounted_for():

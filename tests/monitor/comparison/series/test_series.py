@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ import trimesh
 from monitor.comparison import compare
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.follow import follow
-from monitor.comparison.series.identity import follow_regions
+from monitor.comparison.series.identity import follow_regions, sign_of_regions
 from monitor.comparison.series.trend import fit_course, fit_polynomial, predict
 from projects.errors import ComparisonError, ParameterError
 from projects.model import ComparedSurface, Floats, Registration, Surface
@@ -113,6 +114,14 @@ def stripe(region: list[int]) -> ComparedSurface:
     number = np.array(region, dtype=np.int32)
     return ComparedSurface(surface, np.zeros(10), np.ones(10), np.where(number, 2, 1).astype(np.uint8), number,
                            np.zeros(10, dtype=np.uint8))  # fmt: skip
+
+
+def test_a_region_whose_mean_is_not_known_goes_on_by_the_sign_of_its_extreme() -> None:
+    table = pd.DataFrame({"region": [1, 2, 3], "mean_m": [np.nan, 2e-3, np.nan], "extreme_m": [-0.03, -4e-3, np.nan]})
+    signs = sign_of_regions(SimpleNamespace(regions=table))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(signs, [0.0, -1.0, 1.0, np.nan])
+    side = stripe([1, 1, 1, 0, 0, 0, 0, 0, 0, 0])
+    assert len(follow_regions([side.changed_region] * 2, [signs[:2]] * 2, np.ones(10))) == 1
 
 
 def test_regions_split_merge_and_sleep_without_losing_their_history() -> None:
