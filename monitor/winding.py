@@ -13,6 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from projects.model import Bools, Floats, Ints, Surface
+from projects.triangles import area_vectors
 
 ENCLOSES = 0.25  # of a mesh's area: the sum of its faces' areas as vectors is 0 of a closed body, all of it of a sheet
 NARROWEST_ROOM = 1.2  # m: twice the shortest range of the instruments of this field; nobody scans a narrower one inside
@@ -59,7 +60,7 @@ def find_against_neighbours(mesh: Surface) -> Bools:
     rows, columns = np.concatenate([first, first + n_faces]), np.concatenate([partner, mirrored])
     graph = coo_array((np.ones(len(rows), dtype=np.bool_), (rows, columns)), shape=(2 * n_faces, 2 * n_faces))
     _, label = connected_components(graph, directed=False)
-    area = np.linalg.norm(_face_vectors(mesh.vertices, mesh.faces), axis=1)
+    area = np.linalg.norm(area_vectors(mesh.vertices[mesh.faces]), axis=1)
     weight = np.bincount(label[:n_faces], area, minlength=int(label.max()) + 1)  # of the faces as they are
     return np.asarray(weight[label[:n_faces]] < weight[label[n_faces:]])
 
@@ -82,16 +83,10 @@ def encloses_inward(vertices: Floats, faces: Ints) -> bool:
     By the divergence theorem the sum of n'(p - c) over a closed body is three times its volume, negative where its
     faces look inward; about the middle of what there is of them an opening adds little.
     """
-    vectors = _face_vectors(vertices, faces)
+    vectors = area_vectors(vertices[faces])
     areas = np.linalg.norm(vectors, axis=1)
     if np.linalg.norm(vectors.sum(axis=0)) > ENCLOSES * areas.sum():
         return False
     middles = vertices[faces].mean(axis=1)
     middles -= np.average(middles, axis=0, weights=areas)
     return bool((vectors * middles).sum() < 0.0)
-
-
-def _face_vectors(vertices: Floats, faces: Ints) -> Floats:
-    """Return the normals (m, 3) of faces, twice their areas [m2] long."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.asarray(np.cross(b - a, c - a))

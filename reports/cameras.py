@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from projects.model import Bools, Floats, Ints, Surface
 from projects.open3d_library import load_open3d
+from projects.triangles import face_normals
 
 UP = np.array([0.0, 0.0, 1.0])
 N_PROBES = 4000
@@ -90,12 +91,6 @@ def project_points(frame: Frame, points: Floats) -> Floats:
     x = right / frame.metres_per_pixel + frame.width / 2
     y = frame.height / 2 - up / frame.metres_per_pixel
     return np.stack([x, y, towards], axis=-1)
-
-
-def face_normals(surface: Surface) -> Floats:
-    """Return outward normals (m, 3) of length twice the face's area [m2]."""
-    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
 
 
 def _measured_normals(surface: Surface) -> Floats:

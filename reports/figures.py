@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from projects.model import Assessment, ComparedSurface, Comparison, Floats
-from reports.cameras import face_normals
+from projects.model import Assessment, Comparison, Floats
+from projects.triangles import vertex_areas
 from reports.colours import DOTS, HATCH_DARK, HATCH_LIGHT, UNCHANGED, change_ramp, choose_limit
 from reports.drawing import FAINT, INK, SOFT, WIDTH, drawing, plain_number, say_mm, write_svg
 from reports.quantities import MM
@@ -88,15 +88,6 @@ def _bare(axes: Axes) -> None:
         spine.set_visible(False)
 
 
-def vertex_areas(side: ComparedSurface) -> Floats:
-    """Return the area [m2] that each vertex stands for: a third of its faces."""
-    thirds = np.linalg.norm(face_normals(side.surface), axis=1) / 6
-    areas = np.zeros(len(side.surface.vertices))
-    for corner in range(3):
-        areas += np.bincount(side.surface.faces[:, corner], thirds, minlength=len(areas))
-    return areas
-
-
 def draw_histogram(comparison: Comparison) -> bytes:
     """Return how much of the assessed surface differs by how much: grey unchanged, coloured changed, in mm.
 
@@ -105,7 +96,7 @@ def draw_histogram(comparison: Comparison) -> bytes:
     """
     side = comparison.on_compared
     assessed = np.isfinite(side.distances) & (side.assessment != Assessment.NOT_ASSESSABLE)
-    values, areas = side.distances[assessed] * MM, vertex_areas(side)[assessed]
+    values, areas = side.distances[assessed] * MM, vertex_areas(side.surface.vertices, side.surface.faces)[assessed]
     changed = side.assessment[assessed] == Assessment.CHANGED
     level = float(np.median(side.lod95[assessed])) * MM if len(values) else float("nan")
     reach = _histogram_reach(values, changed, comparison)

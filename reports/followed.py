@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from projects.model import Comparison, Series, Surface
-from reports.cameras import face_normals
+from projects.triangles import face_normals
 from reports.facts import SeriesFacts
 from reports.quantities import NBSP
 from reports.whereabouts import Setting, is_all_round, locate, name_all_round, say_place, say_where, setting_of

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from projects.model import Bools, Floats, Ints, Surface
-from reports.cameras import Frame, face_normals, look_to, make_scene
+from projects.triangles import area_vectors, face_areas
+from projects.triangles import vertex_normals as normals_by_area
+from reports.cameras import Frame, look_to, make_scene
 from reports.lighting import SUBPIXELS, cast_light
 
 
@@ -55,12 +57,7 @@ class Pixels:
 
 def vertex_normals(surface: Surface) -> Floats:
     """Return the surface's unit normals (n, 3), made from its faces (weighted by area) where absent or NaN."""
-    made = np.zeros((len(surface.vertices), 3))
-    of_faces = face_normals(surface)
-    for axis in range(3):
-        for corner in range(3):
-            made[:, axis] += np.bincount(surface.faces[:, corner], of_faces[:, axis], minlength=len(made))
-    made /= np.maximum(np.linalg.norm(made, axis=1, keepdims=True), 1e-300)
+    made = np.nan_to_num(normals_by_area(surface.vertices, surface.faces))
     if surface.normals is None:
         return made
     return np.where(np.isfinite(surface.normals).all(axis=1, keepdims=True), surface.normals, made)
@@ -71,7 +68,7 @@ def build_scene(surface: Surface) -> Scene:
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     middle, size = (low + high) / 2, float((high - low).max())
     vertices = (surface.vertices - middle).astype(np.float32)
-    area = np.linalg.norm(face_normals(surface), axis=1).mean() / 2
+    area = face_areas(surface.vertices[surface.faces]).mean()
     lift = float(np.clip(0.5 * np.sqrt(area), 2e-5 * size, 2e-3 * size))
     normals = vertex_normals(surface).astype(np.float32)
     rays = make_scene(vertices, surface.faces)
@@ -80,8 +77,7 @@ def build_scene(surface: Surface) -> Scene:
 
 def keep_facing(scene: Scene, towards: Floats) -> Scene:
     """Return the scene with only those faces that look to a viewer who is far away `towards` (3,)."""
-    a, b, c = (scene.vertices[scene.faces[:, k]] for k in range(3))
-    facing = look_to(np.cross(b - a, c - a), towards.astype(np.float32))
+    facing = look_to(area_vectors(scene.vertices[scene.faces]), towards.astype(np.float32))
     faces, invented = scene.faces[facing], None if scene.invented is None else scene.invented[facing]
     return replace(scene, rays=make_scene(scene.vertices, faces), faces=faces, invented=invented)
 

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from projects.errors import ParameterError
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Surface
-from reports.cameras import face_normals
+from projects.triangles import face_areas, face_normals
 
 WINDOW = 1.6  # a section shows this many times the region's length
 
@@ -67,7 +67,7 @@ def region_normal(side: ComparedSurface, number: int) -> Floats:
 
 def region_areas(side: ComparedSurface) -> Floats:
     """Return the area [m2] of each region on one side by its number (highest number + 1,); 0 outside of regions."""
-    third = np.linalg.norm(face_normals(side.surface), axis=1) / 6
+    third = face_areas(side.surface.vertices[side.surface.faces]) / 3.0
     areas: Floats = np.bincount(side.region[side.surface.faces].ravel(), np.repeat(third, 3), minlength=1).astype(float)
     areas[0] = 0.0
     return areas

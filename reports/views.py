@@ -16,8 +16,9 @@ import numpy as np
 from PIL import Image
 
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Ints, Surface
+from projects.triangles import face_normals
 from reports.annotations import annotate, place_labels, seen_regions
-from reports.cameras import Frame, View, choose_views, face_normals, frame_view, frame_views, project_points
+from reports.cameras import Frame, View, choose_views, frame_view, frame_views, project_points
 from reports.colours import RGB, choose_limit
 from reports.lighting import SUBPIXELS
 from reports.raycast import Pixels, Scene, build_scene, cast_view

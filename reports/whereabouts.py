@@ -14,7 +14,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Surface
-from reports.cameras import UP, choose_views, face_normals, front_of
+from projects.triangles import face_normals
+from reports.cameras import UP, choose_views, front_of
 from reports.quantities import NOT_KNOWN, height
 
 STEEP = np.cos(np.deg2rad(40.0))  # a region that faces so nearly up or down is on the top or the underside

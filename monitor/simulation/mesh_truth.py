@@ -18,6 +18,7 @@ import numpy as np
 from monitor.simulation.scenes import Body, Truth
 from projects.model import Bools, Floats, Ints
 from projects.open3d_library import load_open3d
+from projects.triangles import unit_normals
 
 RAYS = np.array([[0.31, 0.52, 0.797], [-0.73, 0.29, 0.619], [0.11, -0.83, -0.547]])
 N_NEIGHBOURS_TRIED = 8
@@ -95,9 +96,7 @@ class _Mesh:
 
     def face_normals(self, face: Ints) -> Floats:
         """Return the outward unit normals of faces (n,)."""
-        c = self.corners[face]
-        n = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])
-        return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300))
+        return unit_normals(self.corners[face])
 
     @functools.cached_property
     def trees(self) -> tuple[_Tree, _Tree, Ints]:

@@ -17,6 +17,7 @@ from monitor.simulation.scenes import Body, Scene
 from projects.errors import ParameterError
 from projects.model import Bools, Floats
 from projects.transforms import apply, invert
+from projects.triangles import area_vectors
 
 CLEAR = 5e-4  # m and 1e-4 of the range: what is met nearer than this before a point hides it
 
@@ -58,7 +59,7 @@ class _View:
 def spread_points(body: Body, n: int, *, seed: int = 0) -> tuple[Floats, Floats]:
     """Return points and normals (n, 3) spread evenly at random over a body's triangles."""
     corners = body.vertices[body.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = area_vectors(corners)
     area = np.linalg.norm(across, axis=1)
     rng = np.random.default_rng(seed)
     face = rng.choice(len(area), n, p=area / area.sum())

@@ -17,6 +17,7 @@ from monitor.simulation.scanner import stand_at, window_around
 from monitor.simulation.scenes import Body, Scene
 from projects.errors import ParameterError
 from projects.model import Floats
+from projects.triangles import vertex_normals
 
 FRACTIONS = (1, 2, 4, 8, 16)
 AS_GOOD = 0.01  # share of the surface that a coarser resolution may show less and still be called as good
@@ -141,12 +142,7 @@ def see_vertices(
     body: Body, beside: Sequence[Body], instrument: Instrument, stations: Sequence[Floats], step: float, task: Task
 ) -> Visibility:
     """Return what stations see of each vertex of a body, with the mean normal of its faces."""
-    corners = body.vertices[body.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(body.vertices)
-    for k in range(3):
-        np.add.at(normals, body.faces[:, k], across)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = np.nan_to_num(vertex_normals(body.vertices, body.faces))
     return visible_change(
         Scene(body.name, (body, *beside)), instrument, stations, body.vertices, normals, step=step, extent=task.extent,
         reflectance=task.reflectance, sigma_registration=task.sigma_registration,

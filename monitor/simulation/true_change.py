@@ -18,7 +18,8 @@ from monitor.simulation.scenes import Scene, Truth
 from monitor.simulation.solid import Field, contour, evaluate
 from monitor.simulation.truth import close_in
 from projects.errors import ParameterError
-from projects.model import Floats, Ints
+from projects.model import Floats
+from projects.triangles import vertex_areas
 
 THRESHOLD = 0.0005  # m, above which a surface counts as changed; half the extreme where the change is below a mm
 N_SAMPLES = 20_000  # vertices on which a change of whole parts is measured
@@ -102,8 +103,7 @@ def _measure_parts(edit: Edit, before: Model, after: Model) -> TrueChange:
     names = list_concerned_parts(before, edit)
     scenes = build_scene(before), build_scene(after)
     parts = [body for body in scenes[0].bodies if body.name in names]
-    corners = [body.vertices[body.faces] for body in parts]
-    shares = [_vertex_areas(c, body.faces, len(body.vertices)) for c, body in zip(corners, parts, strict=True)]
+    shares = [vertex_areas(body.vertices, body.faces) for body in parts]
     vertices, areas = np.concatenate([body.vertices for body in parts]), np.concatenate(shares)
     open_ = np.flatnonzero(evaluate(before.field(), vertices) > -1e-5)  # what is buried in a neighbour is no surface
     some = open_[:: max(1, len(open_) // N_SAMPLES)]
@@ -136,13 +136,6 @@ def _volume_of(scene: Scene, names: Sequence[str]) -> float:
     return total
 
 
-def _vertex_areas(corners: Floats, faces: Ints, n_vertices: int) -> Floats:
-    """Return the area [m2] that each vertex stands for."""
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    share: Floats = np.bincount(faces.ravel(), weights=np.repeat(area / 3.0, 3), minlength=n_vertices).astype(float)
-    return share
-
-
 def _sample_surface(field: Field, box: Floats, cell: float) -> tuple[Floats, Floats]:
     """Return points (n, 3) of the field's surface inside the box and the area (n,) that each stands for."""
     middle, half = 0.5 * (box[0] + box[1])[:, None], 0.5 * (box[1] - box[0])[:, None]
@@ -152,7 +145,7 @@ def _sample_surface(field: Field, box: Floats, cell: float) -> tuple[Floats, Flo
         return np.maximum(field(p), (np.abs(p - middle) - half).max(axis=0))
 
     vertices, faces = contour(clipped, box, cell=cell)
-    share = _vertex_areas(vertices[faces], faces, len(vertices))
+    share = vertex_areas(vertices, faces)
     inner = (np.abs(vertices.T - middle) < half - 0.5 * cell).all(axis=0)
     return vertices[inner], share[inner]
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from projects.errors import FormatError, ShapeError
 from projects.formats.complete_file import complete_file
-from projects.model import Floats, Surface
+from projects.model import Surface
+from projects.triangles import unit_normals
 
 PLY_TYPES = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint", "f4": "float",
              "f8": "double"}  # fmt: skip
@@ -117,7 +118,7 @@ def write_stl(path: Path, surface: Surface) -> None:
     corners = surface.vertices[surface.faces]
     rounded = corners.astype("<f4")
     records = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    records["normal"], records["corners"] = _face_normals(corners), rounded
+    records["normal"], records["corners"] = unit_normals(corners), rounded
     with complete_file(path) as unfinished, unfinished.open("wb") as out:
         out.write(b"binary STL, metres".ljust(80) + np.uint32(len(records)).tobytes())
         out.write(records.tobytes())
@@ -131,10 +132,3 @@ def require_stl_holds(path: Path, surface: Surface) -> None:
             f"{path}: STL holds 32-bit numbers, which would move these coordinates by up to {1e3 * loss:.3g} mm; "
             "write PLY or OBJ"
         )
-
-
-def _face_normals(corners: Floats) -> Floats:
-    """Return the unit normals (m, 3) of triangles (m, 3, 3), 0 0 0 for those without area."""
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(across, axis=1, keepdims=True)
-    return np.divide(across, length, out=np.zeros_like(across), where=length > 0)

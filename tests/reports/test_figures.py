@@ -9,6 +9,7 @@ import pytest
 from small_comparison import DEPTH, FRONT, LEVEL, PATCH, RADIUS, RIGHT, make_comparison
 
 from projects.errors import ParameterError
+from projects.triangles import vertex_areas
 from reports import pictures
 from reports.drawing import WIDTH, say_mm
 from reports.figures import (
@@ -19,7 +20,6 @@ from reports.figures import (
     heights_shown,
     profile_height,
     span_for,
-    vertex_areas,
 )
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison, cut_side, region_areas
 
@@ -87,7 +87,9 @@ def test_section_shows_both_epochs_and_not_the_back(comparison):
 
 def test_areas_of_vertices_and_regions_are_those_of_the_faces(comparison):
     side = comparison.on_reference
-    assert vertex_areas(side).sum() == pytest.approx(4 * np.pi * RADIUS**2, rel=0.01)
+    assert vertex_areas(side.surface.vertices, side.surface.faces).sum() == pytest.approx(
+        4 * np.pi * RADIUS**2, rel=0.01
+    )
     edge = PATCH / np.pi * np.arccos(2 * LEVEL / DEPTH - 1)
     cap = 2 * np.pi * RADIUS**2 * (1 - np.cos(edge / RADIUS))
     assert region_areas(side)[1:] == pytest.approx([cap, cap], rel=0.05)

@@ -15,16 +15,11 @@ from monitor.comparison.distances.search import DEPTH, first_crossing
 from monitor.comparison.distances.side import Side
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints, Surface
+from projects.triangles import area_vectors, face_areas
 
 ANY_ANGLE = np.pi  # faces of a tree that is asked for crossings alone may look any way
 AT_ONCE = 1e-6  # of a way: what it starts on is not ahead of it
 STEEP = 0.5  # the cosine to a face's normal from which on a way goes through the surface, and does not follow it
-
-
-def normals_of(vertices: Floats, faces: Ints) -> Floats:
-    """Return the normals (m, 3) of faces, as long as twice their area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
 
 
 def first_met(vertices: Floats, faces: Ints, points: Floats, ahead: Floats, start: float = 0.0) -> Ints:
@@ -47,7 +42,7 @@ def are_hidden(side: Side, which: Ints, places: Floats) -> Bools:
     if not len(faces):
         return np.zeros(len(which), dtype=np.bool_)
     met = first_met(side.surface.vertices, faces, points, ways, AT_ONCE)
-    normals = normals_of(side.surface.vertices, faces[met])
+    normals = area_vectors(side.surface.vertices[faces[met]])
     along = np.abs(np.einsum("ij,ij->i", normals, ways))
     steep = along > STEEP * np.linalg.norm(normals, axis=1) * np.linalg.norm(ways, axis=1)
     return np.asarray((met >= 0) & steep)
@@ -58,7 +53,7 @@ def _faces_within(side: Side, low: Floats, high: Floats) -> Ints:
     vertices, faces = side.surface.vertices, np.asarray(side.surface.faces)
     inside: Bools = np.all((vertices >= low) & (vertices <= high), axis=1)
     faces = faces[inside[faces].any(axis=1)]
-    return faces[np.linalg.norm(normals_of(vertices, faces), axis=1) > 0.0]
+    return faces[face_areas(vertices[faces]) > 0.0]
 
 
 @jit(nopython=True, cache=True, nogil=True)

@@ -25,6 +25,7 @@ from monitor.registration.motion.propagation import propagate
 from monitor.threads import map_threads, run_tasks
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate
+from projects.triangles import area_vectors
 
 Made = TypeVar("Made")
 
@@ -262,7 +263,7 @@ def _shared_sigma(surface: Surface) -> Floats:
 def cosine_to_foot(side: Side, vertices: Ints) -> Floats:
     """Return the cosine between a vertex's normal and the way to its foot, which is the normal of the foot's face."""
     corners = side.other.vertices[side.other.faces[side.foot_faces[vertices]]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
     return np.clip(np.einsum("ij,ij->i", normal, side.normals[vertices]) / length, 0.0, 1.0)
 

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import Delaunay, QhullError
 
 from projects.model import Floats, Ints
+from projects.triangles import face_areas
 
 MOST_BORDER = 4000  # points of a border that a closing surface is sought for
 
@@ -114,8 +115,7 @@ def _least_area(points: Floats, triangles: Ints, sides: Ints, edges: Ints) -> Fl
     wanted = np.zeros(len(sides))
     rising = np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0)
     np.add.at(wanted, np.searchsorted(keys, np.sort(edges, axis=1) @ np.array([n, 1])), -rising)
-    corner = points[triangles]
-    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    area = face_areas(points[triangles])
     both: csr_matrix = hstack([border, -border]).tocsr()
     scale = max(float(area.mean()), 1e-300)
     found = linprog(np.tile(area / scale, 2) + 1e-9, A_eq=both, b_eq=wanted, bounds=(0.0, None), method="highs")

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from monitor.comparison.distances.ahead import first_met, normals_of
+from monitor.comparison.distances.ahead import first_met
 from monitor.comparison.distances.side import Side
 from monitor.comparison.distances.spreading import spread_along
 from monitor.comparison.regions.enclosure import SIGNS, Beyond
 from projects.model import Bools, Floats, Ints, NotAssessed
+from projects.triangles import area_vectors, face_areas
 
 FARTHER = 1.25  # times the largest change of regions of a sign, as far as one may cover: what slants is farther off
 
@@ -47,7 +48,7 @@ def _faces_of(side: Side, region: Ints, fitting: Bools) -> Ints:
     faces = np.asarray(side.surface.faces)
     first = region[faces[:, 0]]
     faces = faces[(first > 0) & fitting[first] & (region[faces[:, 1]] == first) & (region[faces[:, 2]] == first)]
-    return faces[np.linalg.norm(normals_of(side.surface.vertices, faces), axis=1) > 0.0]
+    return faces[face_areas(side.surface.vertices[faces]) > 0.0]
 
 
 def _touching(side: Side, own: Ints) -> Ints:
@@ -71,7 +72,7 @@ def _regions_ahead(side: Side, which: Ints, other: Side, regions: Ints, faces: I
     points, normals = side.surface.vertices[which], side.normals[which]
     met = first_met(other.surface.vertices, faces, points, way * normals)
     face = faces[met]
-    looks_alike = np.einsum("ij,ij->i", normals_of(other.surface.vertices, face), normals) > 0.0
+    looks_alike = np.einsum("ij,ij->i", area_vectors(other.surface.vertices[face]), normals) > 0.0
     out[which] = np.where((met >= 0) & looks_alike, regions[face[:, 0]], 0)
     return out
 

@@ -32,6 +32,7 @@ from monitor.comparison.noise.model import Noise
 from monitor.comparison.noise.scan_errors import stated_over
 from monitor.comparison.regions.closing import Closing, border_edges, close_gap, cone_volume
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
+from projects.triangles import area_vectors, face_areas
 
 SIGNS = (-1.0, 1.0)  # of (reference, compared): outside of the other surface is lost there, gained here
 PIECE = 5.0  # search limits: a piece that broke off may be deeper than any change along the perpendicular
@@ -280,15 +281,9 @@ def is_one_sided(closing: Closing, is_matched: Bools, patches: Floats) -> bool:
     one side. The sides of a panel, a slit, both mouths of a hole lie across all directions, and add up to little.
     """
     crosses = ~is_matched[closing.corners].all(axis=1)
-    lacking = closing.weights[crosses] @ _area_vectors(closing.triangles[crosses])
-    seen = np.linalg.norm(_area_vectors(patches), axis=1).sum()
+    lacking = closing.weights[crosses] @ (0.5 * area_vectors(closing.triangles[crosses]))
+    seen = face_areas(patches).sum()
     return bool(np.linalg.norm(lacking) > ONE_SIDED * 0.5 * seen)
-
-
-def _area_vectors(triangles: Floats) -> Floats:
-    """Return the areas (k, 3) [m2] of triangles (k, 3, 3) [m], along their normals."""
-    edges = triangles[:, 1:] - triangles[:, :1]
-    return np.asarray(0.5 * np.cross(edges[:, 0], edges[:, 1]))
 
 
 @jit(nopython=True, cache=True, nogil=True)
@@ -329,7 +324,7 @@ def sigma_of_gap(closing: Closing, is_matched: Bools, ends: Floats, border: Ints
 
 def _areas(closing: Closing) -> Floats:
     """Return the area (k,) [m2] of each closing triangle, as often as it counts."""
-    return np.asarray(np.linalg.norm(_area_vectors(closing.triangles), axis=1) * closing.weights)
+    return np.asarray(face_areas(closing.triangles) * closing.weights)
 
 
 def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detected, registration: Registration,

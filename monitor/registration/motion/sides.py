@@ -14,6 +14,7 @@ import numpy as np
 from monitor.registration.motion.search_tree import SearchTree
 from projects.errors import ShapeError
 from projects.model import Bools, Floats, Ints, PointCloud, Surface
+from projects.triangles import area_vectors, face_areas, vertex_normals
 
 N_NORMAL_NEIGHBOURS = 16  # of the plane fitted where a cloud brings no normals
 N_COVER = 50_000  # points over the whole of a mesh, where its faces are larger than that
@@ -251,7 +252,7 @@ def cover_surface(surface: Surface) -> tuple[Floats, Floats, Floats | None, Ints
     `N_COVER` points cover the whole. Vertices on a free edge or without a face are left out, and so are faces that
     close holes where nothing was measured.
     """
-    normals = vertex_normals(surface) if surface.normals is None else surface.normals
+    normals = vertex_normals(surface.vertices, surface.faces) if surface.normals is None else surface.normals
     usable = ~(on_free_edge(surface) | touches_invented(surface))
     usable &= np.bincount(surface.faces.ravel(), minlength=len(usable)) > 0
     index = np.flatnonzero(usable)
@@ -261,7 +262,7 @@ def cover_surface(surface: Surface) -> tuple[Floats, Floats, Floats | None, Ints
     if len(faces):
         corners = surface.faces[faces]
         points = np.vstack([points, np.einsum("nk,nki->ni", places, surface.vertices[corners])])
-        flat = face_normals(surface)[faces]
+        flat = area_vectors(surface.vertices[surface.faces[faces]])
         normals = np.vstack([normals, flat / np.linalg.norm(flat, axis=1, keepdims=True)])
         index = np.concatenate([index, np.full(len(faces), -1)])
         if surface.sigma is not None and sigma is not None:
@@ -274,7 +275,7 @@ def cover_large_faces(surface: Surface) -> tuple[Ints, Floats]:
     none = np.empty(0, dtype=int), np.empty((0, 3))
     if not len(surface.faces) or len(surface.faces) > FEW_FACES:
         return none
-    areas = 0.5 * np.linalg.norm(face_normals(surface), axis=1)
+    areas = face_areas(surface.vertices[surface.faces])
     measured = np.ones(len(areas), dtype=bool) if surface.face_invented is None else ~surface.face_invented
     cell = areas[measured].sum() / N_COVER
     large = np.flatnonzero(measured & (areas > LARGE_IN_CELLS * cell))
@@ -287,23 +288,6 @@ def cover_large_faces(surface: Surface) -> tuple[Ints, Floats]:
     folded = u + v > 1.0
     u, v = np.where(folded, 1.0 - u, u), np.where(folded, 1.0 - v, v)
     return faces, np.column_stack([1.0 - u - v, u, v])
-
-
-def face_normals(surface: Surface) -> Floats:
-    """Return the normals (m, 3) of the faces, as long as twice their area [m2]."""
-    a, b, c = (surface.vertices[surface.faces[:, i]] for i in range(3))
-    return np.cross(b - a, c - a)
-
-
-def vertex_normals(surface: Surface) -> Floats:
-    """Return unit normals (n, 3) at the vertices, the area-weighted mean of the faces around; NaN without faces."""
-    around = face_normals(surface)
-    normals = np.zeros_like(surface.vertices)
-    for axis in range(3):
-        for corner in range(3):
-            normals[:, axis] += np.bincount(surface.faces[:, corner], around[:, axis], len(normals))
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
 
 
 def on_free_edge(surface: Surface) -> Bools:
