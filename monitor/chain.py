@@ -15,7 +15,6 @@ import numpy as np
 
 from monitor.adjusted import adjusted_clouds, adjusted_doubtful
 from monitor.comparison import compare
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.regions.beside_parts import tell_apart
 from monitor.comparison.regions.moved_parts import doubt_which_stood, tell_moved
 from monitor.engine import Engine
@@ -50,7 +49,7 @@ from monitor.winding import wind_outward
 from projects.errors import ParameterError
 from projects.extent import Extent, inside, require_part
 from projects.identifiers import comparison_product, scan_product
-from projects.model import Floats, PointCloud, Step, Surface
+from projects.model import Z95, Floats, PointCloud, Step, Surface
 from projects.store import Project
 
 Notify = Callable[[str], None]

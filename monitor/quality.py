@@ -14,6 +14,7 @@ from monitor.reconstruction import surface_to_points
 from monitor.registration.motion.sides import prepare_side
 from monitor.registration.network.agreement import Agreement, assess_agreement
 from monitor.registration.network.placement import Placement, lay_out_placement
+from monitor.robust import nmad
 from projects.model import Floats, PointCloud, Surface
 
 
@@ -95,7 +96,7 @@ def describe_distances(distances: Floats) -> dict[str, float]:
         return {"bias_m": np.nan, "nmad_m": np.nan, "rmse_m": np.nan, "p95_m": np.nan, "unknown_share": share}
     return {
         "bias_m": float(known.mean()),
-        "nmad_m": float(1.4826 * np.median(np.abs(known - np.median(known)))),
+        "nmad_m": nmad(known),
         "rmse_m": float(np.sqrt(np.mean(known**2))),
         "p95_m": float(np.quantile(np.abs(known), 0.95)),
         "unknown_share": float(share),

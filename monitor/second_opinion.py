@@ -12,6 +12,7 @@ import numpy as np
 from monitor.comparison.distances.stars import make_mesh, vertex_areas
 from monitor.comparison.m3c2 import M3C2Result, m3c2
 from monitor.registration.motion.propagation import propagate
+from monitor.robust import nmad
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
 from projects.transforms import apply
 
@@ -73,5 +74,5 @@ def _figures(found: M3C2Result, distances: Floats, states: Any) -> dict[str, flo
         "share_significant_of_unchanged": share(~changed),
         "lod95_median_m": float(np.median(found.lod95[known])) if known.any() else float("nan"),
         "difference_median_m": float(np.median(off)) if len(off) else float("nan"),
-        "difference_scatter_m": float(1.4826 * np.median(np.abs(off - np.median(off)))) if len(off) else float("nan"),
+        "difference_scatter_m": nmad(off),
     }

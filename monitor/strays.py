@@ -20,6 +20,7 @@ from monitor.comparison.distances.search import ANY, DEPTH, nearest_point
 from monitor.comparison.distances.stars import Neighbours, gather_neighbours
 from monitor.comparison.distances.triangles import FACE
 from monitor.measured import RawScan
+from monitor.robust import MAD_TO_SIGMA
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints, Surface
 
@@ -87,7 +88,7 @@ def usual_sigma(vertices: Floats, pieces: Sequence[tuple[Ints, Floats, float]], 
     touching = cKDTree(blocks).query_ball_point(blocks, np.sqrt(3.0) + 0.01)
     summed = np.cumsum([by_block[near].sum(axis=0) for near in touching], axis=1)
     median = np.argmax(summed >= 0.5 * summed[:, -1:], axis=1)
-    return np.asarray(1.4826 * steps[np.minimum(median, N_STEPS - 1)][block_of])
+    return np.asarray(MAD_TO_SIGMA * steps[np.minimum(median, N_STEPS - 1)][block_of])
 
 
 def _sum_around(values: Floats, neighbours: Neighbours) -> Floats:

@@ -10,13 +10,12 @@ from collections import Counter
 
 import numpy as np
 
-from projects.model import Assessment, ComparedSurface, Comparison, NotAssessed
+from projects.model import Z95, Assessment, ComparedSurface, Comparison, NotAssessed
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts, Told
 from reports.quantities import (
     MM,
     NBSP,
     NOT_KNOWN,
-    Z95,
     about_square,
     estimate,
     in_words,

@@ -14,11 +14,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateFormatter, AutoDateLocator, date2num
 
-from projects.model import Floats, Series
+from projects.model import Z95, Floats, Series
 from reports.colours import change_ramp
 from reports.courses import say_course
 from reports.drawing import INK, SOFT, drawing, plain_number, write_svg
-from reports.quantities import MM, Z95
+from reports.quantities import MM
 
 CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row

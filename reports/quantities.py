@@ -13,8 +13,9 @@ import statistics
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from projects.model import Z95
+
 NOT_KNOWN = "not known"
-Z95 = 1.96
 MM, DEGREES = 1e3, 180.0 / math.pi  # of one m, rad
 NBSP, THIN, MINUS = "\u00a0", "\u202f", "\u2212"
 FINEST = 6  # no more decimals than these, however small the margin

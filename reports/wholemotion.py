@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from projects.model import Comparison, Floats, Registration
+from projects.model import Z95, Comparison, Floats, Registration
 from projects.transforms import apply, invert
 from reports.facts import EpochFacts, Table
-from reports.quantities import DEGREES, MM, Z95, Estimate, coordinates, estimate
+from reports.quantities import DEGREES, MM, Estimate, coordinates, estimate
 
 
 @dataclass(frozen=True)

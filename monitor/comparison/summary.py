@@ -15,6 +15,7 @@ from monitor.comparison.distances.side import Side
 from monitor.comparison.noise.scan_errors import ScanErrors
 from monitor.comparison.regions.evidence import Sights, knows_beams
 from monitor.registration.motion.significance import motion_significance
+from monitor.robust import MAD_TO_SIGMA
 from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints, NotAssessed, Registration
 
 
@@ -136,7 +137,7 @@ def count_reasons(reasons: Ints) -> dict[str, int]:
 def _nmad(values: Floats) -> float:
     """Return 1.4826 times the median distance from the median."""
     away = values - median(values)
-    return 1.4826 * median(np.abs(away, out=away))
+    return MAD_TO_SIGMA * median(np.abs(away, out=away))
 
 
 def _or_nan(figure: Any, values: np.ndarray) -> float:

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.filtering.patches import MIN_PATCH, PlanePatches
+from monitor.robust import nmad, tukey_weights
 from projects.model import Floats, Ints
 
-BIWEIGHT = 4.685  # standard deviations: 95 % efficient (Tukey)
 N_ITERATIONS = 12
 CONVERGED = 1e-7  # m
 CELL_POINTS = (150, 50, 15)
@@ -171,8 +171,7 @@ def residuals_of(patch: Patch, wavelengths: Floats, coefficients: Floats, weight
 
 def _biweights(residuals: Floats) -> Floats:
     """Return Tukey's weights (m,) of residuals."""
-    sigma = 1.4826 * median_deviation(residuals) + 1e-9
-    return np.maximum(1.0 - (residuals / (BIWEIGHT * sigma)) ** 2, 0.0) ** 2
+    return tukey_weights(residuals / (nmad(residuals) + 1e-9))
 
 
 def adjust_waves(patches: list[Patch], wavelengths: Floats) -> Adjustment:

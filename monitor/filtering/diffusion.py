@@ -19,6 +19,7 @@ from monitor.declare import check_settings, given_or_default, setting
 from monitor.filtering.nearest import build_index, canonical_order, find_nearest
 from monitor.filtering.normals import NormalSettings, fit_planes, known_directions
 from monitor.filtering.soundness import require_points
+from monitor.robust import robust_scale
 from projects.model import Floats, Ints, PointCloud
 
 N_NEIGHBOURS = 8  # of a grid's pixel
@@ -112,7 +113,7 @@ def diffuse_with_record(cloud: PointCloud, settings: DiffusionSettings | None = 
     planes = fit_planes(build_index(ordered.points), towards, local, facing)
     foot = ordered.points - planes.heights[:, None] * planes.normals
     graph = _link(ordered.points, foot, planes.normals)
-    noise = 1.4826 * float(np.median(np.abs(graph.heights))) if len(graph.heights) else 0.0
+    noise = robust_scale(graph.heights) if len(graph.heights) else 0.0
     edge = settings.edge_height or noise
     edges = np.full(len(graph.pairs), edge) * _relative(ordered.sigma, graph.pairs)
     moved, n_steps, ended_by = _run(graph, len(order), np.maximum(edges, 1e-12), 0.5 * REMOVED * noise**2, settings)

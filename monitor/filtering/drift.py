@@ -14,6 +14,7 @@ from scipy.stats import chi2
 
 from monitor.filtering.medians import median_known
 from monitor.filtering.runs import RUN, Runs, choose_cells, fit_runs, without_strangers
+from monitor.robust import nmad
 from projects.model import Floats
 
 FEWEST_RUNS = 30  # that a scan must have measured
@@ -165,7 +166,7 @@ def _fit(excess: Floats, slopes: Floats, error: Floats) -> tuple[Floats, Floats]
         inverse = np.linalg.pinv(gram - bias)
         found = inverse @ (a.T @ excess[keep])
         left = excess - design @ found
-        scale = max(1.4826 * float(np.median(np.abs(left - np.median(left)))), 1e-12)
+        scale = max(nmad(left), 1e-12)
         keep = np.abs(left) <= CUT * scale
     return found, scale**2 * (inverse @ gram @ inverse)
 

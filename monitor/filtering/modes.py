@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from monitor.filtering.covariance import smallest
+from monitor.robust import MAD_TO_SIGMA
 
 MODE_WIDTH = 4.0  # half width of the kernel in sigmas of the noise
 MODE_SPREAD = 1.05  # standard error of that mode over that of the mean, normal errors (simulated: test_thinning.py)
@@ -98,7 +99,7 @@ def _represent(
         weights[j] = abs(heights[j] - mode)
     # The factor n / (n - 0.8) is that of Croux and Rousseeuw (1992) for few values. Few members say little of their
     # spread: the noise around counts as the spread of ten more.
-    own = 1.4826 * n / (n - 0.8) * smallest(weights, n, n // 2 + 1, heights) if n > 4 else sigma
+    own = MAD_TO_SIGMA * n / (n - 0.8) * smallest(weights, n, n // 2 + 1, heights) if n > 4 else sigma
     spread = math.sqrt((max(n - 1, 0) * own * own + 10.0 * sigma * sigma) / (max(n - 1, 0) + 10.0))
     spread2 = 1.0
     if n > 1:

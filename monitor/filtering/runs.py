@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.filtering.medians import median_known
+from monitor.robust import MAD_TO_SIGMA
 from projects.model import Bools, Floats, Ints
 
 RUN = 16  # neighbouring cells to which a plane is fitted: slope of the range over both angles
@@ -67,7 +68,7 @@ def without_strangers(ranges: Floats) -> Floats:
             off[(np.isfinite(near).sum(axis=0) < 2) | (np.abs(off) > LARGEST)] = np.nan
         shift = np.nan_to_num(median_known(off, axis=1))[:, None]
         level, off = level + shift, off - shift
-    scale = np.maximum(1.4826 * median_known(np.abs(off), axis=1), FINEST)
+    scale = np.maximum(MAD_TO_SIGMA * median_known(np.abs(off), axis=1), FINEST)
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(off) <= STRANGE * scale[:, None], ranges, np.nan)
 

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from monitor.reconstruction.moments import Level, level_of_points
 from monitor.reconstruction.projection import Samples
 from monitor.reconstruction.reach import NARROWEST_SIGMAS, measure_noise
+from monitor.robust import MAD_TO_SIGMA
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud
 
@@ -97,7 +98,7 @@ def _noise_about_patches(probes: PointCloud, level: Level, spacing: float, scatt
 def _scatter_along(neighbours: Floats, normals: Floats) -> float:
     """Return the median robust scatter of neighbourhoods (n, k, 3) along the normals (n, 3)."""
     offset = np.einsum("ijk,ik->ij", neighbours - neighbours.mean(axis=1, keepdims=True), normals)
-    return float(np.median(1.4826 * np.median(np.abs(offset - np.median(offset, axis=1, keepdims=True)), axis=1)))
+    return float(np.median(MAD_TO_SIGMA * np.median(np.abs(offset - np.median(offset, axis=1, keepdims=True)), axis=1)))
 
 
 def choose_cell_size(sampling: Sampling) -> float:

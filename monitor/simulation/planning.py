@@ -15,7 +15,7 @@ from monitor.simulation.instruments import Instrument
 from monitor.simulation.scanner import REFERENCE_RANGE, REFERENCE_REFLECTANCE, Target, cast, range_noise
 from monitor.simulation.scenes import Body, Scene
 from projects.errors import ParameterError
-from projects.model import Bools, Floats
+from projects.model import Z95, Bools, Floats
 from projects.transforms import apply, invert
 from projects.triangles import area_vectors
 
@@ -180,5 +180,5 @@ def _sum_up(view: _View, taken: Bools) -> Visibility:
     sigma = 1.0 / np.sqrt(total)
     kept = np.where(sees, weight * view.kept, 0.0).sum(axis=0) / total
     return Visibility(
-        sees.sum(axis=0), best(view.spacing), best(view.footprint), sigma, 1.96 * np.sqrt(2.0) * sigma / kept
+        sees.sum(axis=0), best(view.spacing), best(view.footprint), sigma, Z95 * np.sqrt(2.0) * sigma / kept
     )  # fmt: skip

@@ -10,6 +10,7 @@ from projects.arrays import Ints as Ints
 from projects.model.clouds import PointCloud as PointCloud
 from projects.model.clouds import Scan as Scan
 from projects.model.comparisons import REGION_COLUMNS as REGION_COLUMNS
+from projects.model.comparisons import Z95 as Z95
 from projects.model.comparisons import ComparedSurface as ComparedSurface
 from projects.model.comparisons import Comparison as Comparison
 from projects.model.records import EpochRecord as EpochRecord

@@ -15,6 +15,8 @@ from projects.model.registrations import Registration
 from projects.model.states import Assessment
 from projects.model.surfaces import Surface
 
+Z95 = 1.959963984540054  # sigmas, two-sided: 95 % of normal errors lie within
+
 
 @dataclass(frozen=True)
 class ComparedSurface:

@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 from scipy.ndimage import gaussian_filter
 
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.series.epoch_change import EpochChange
-from projects.model import REGION_COLUMNS, Bools, ComparedSurface, Comparison, Floats, Registration, Surface
+from projects.model import REGION_COLUMNS, Z95, Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 
 N, STEP = 60, 2.5e-3  # vertices along an edge; m
 SIGMA, PART = 1e-3 / Z95, 0.5  # m, of a difference; of its variance, the reference's

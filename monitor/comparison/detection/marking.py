@@ -16,10 +16,10 @@ from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.side import Side
 from monitor.comparison.distances.smoothing import smooth_distances
 from monitor.comparison.distances.stars import Neighbours
-from monitor.comparison.noise.level_of_detection import Z95, level_of_detection
+from monitor.comparison.noise.level_of_detection import level_of_detection
 from monitor.comparison.noise.model import Noise
 from monitor.comparison.noise.strata import stratum_of
-from projects.model import Bools, Floats, Ints
+from projects.model import Z95, Bools, Floats, Ints
 
 HALF = 0.5  # of what needs no patch: the border of what is deep lies where it is half as far off zero
 

@@ -13,7 +13,7 @@ from monitor.boxes import box_of
 from monitor.comparison.distances.lone_feet import drop_lone
 from monitor.comparison.distances.shell import Shell, make_shell
 from monitor.comparison.distances.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
-from projects.model import Floats, NotAssessed, Registration, Surface
+from projects.model import Z95, Floats, NotAssessed, Registration, Surface
 
 
 def make_shells(reference: Surface, compared: Surface, limits: tuple[float, float],
@@ -60,7 +60,7 @@ def leave_out(sides: tuple[Side, Side], largest: float, most_stray: float) -> tu
 def drop_uncertain(side: Side, largest: float) -> Side:
     """Return the side without the vertices whose level of detection exceeds `largest` [m] before any floor."""
     sigma = np.hypot(side.sigma_surfaces, side.sigma_common)
-    too_uncertain = side.is_assessed & ~(1.96 * sigma <= largest)
+    too_uncertain = side.is_assessed & ~(Z95 * sigma <= largest)
     return side.without(too_uncertain, NotAssessed.TOO_UNCERTAIN)
 
 

@@ -22,6 +22,7 @@ from monitor.comparison.distances.shell import Shell
 from monitor.comparison.distances.stars import Neighbours
 from monitor.reconstruction.bow import bow_at
 from monitor.registration.motion.propagation import propagate
+from monitor.robust import MAD_TO_SIGMA
 from monitor.threads import map_threads, run_tasks
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate
@@ -146,7 +147,7 @@ def unstated_noise(side: Side) -> float:
     """Return the scatter [m] of the distances where a surface states no noise, 0 where both do."""
     if side.states_noise or not side.is_assessed.any():
         return 0.0
-    return 1.4826 * median(np.abs(side.distances[side.is_assessed]))
+    return MAD_TO_SIGMA * median(np.abs(side.distances[side.is_assessed]))
 
 
 def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Registration,

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.noise.pairs import Pairs, draw_evenly, pair_within
+from monitor.robust import MAD_TO_SIGMA
 from monitor.threads import map_threads
 from projects.model import Bools, Floats, Ints
 
@@ -98,7 +99,7 @@ def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.
     spacing = float(np.sqrt(median(areas[known]))) if n else 1.0
     longest = _longest_lag(points, known, spacing) if n else 6.0 * spacing
     ranges = _ranges_between(spacing, longest)
-    scale = 1.4826 * median(np.abs(errors[known])) if n else 0.0
+    scale = MAD_TO_SIGMA * median(np.abs(errors[known])) if n else 0.0
     if n < FEWEST_VERTICES or scale == 0.0:
         return Correlation(np.zeros(N_RANGES), ranges)
     usual = np.flatnonzero(np.abs(errors) <= 3.0 * scale).astype(np.int32)
@@ -123,7 +124,7 @@ def estimate_of_many(points: Floats, places: Ints, areas: Floats, errors_of: Cal
     is_asked[some] = is_asked[pairs.first] = is_asked[pairs.second] = True
     which, errors = np.flatnonzero(is_asked), np.full(len(points), np.nan)
     errors[which] = errors_of(which)
-    scale = 1.4826 * median(np.abs(errors[some]))
+    scale = MAD_TO_SIGMA * median(np.abs(errors[some]))
     if scale == 0.0:
         return Correlation(np.zeros(N_RANGES), _ranges_between(spacing, longest))
     errors[np.abs(errors) > 3.0 * scale] = np.nan  # a change does not speak for the noise

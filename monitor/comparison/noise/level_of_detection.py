@@ -17,9 +17,8 @@ from scipy.stats import norm
 
 from monitor.boxes import box_of
 from monitor.comparison.distances.quantile import between, quantile
-from projects.model import Floats, Ints
+from projects.model import Z95, Floats, Ints
 
-Z95 = float(norm.ppf(0.975))  # 1.96
 N_FLOOR = 200_000  # stable vertices that a floor is estimated from, at even steps
 
 

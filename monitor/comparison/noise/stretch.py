@@ -16,6 +16,7 @@ import numpy as np
 
 from monitor.comparison.noise.asked_scale import believe
 from monitor.comparison.noise.correlation import Correlation, draw_pairs, longest_lag
+from monitor.robust import MAD_TO_SIGMA
 from projects.model import Bools, Floats, Ints
 
 N_CLASSES = 5  # of vertices, as many in each, from the surest on
@@ -77,7 +78,7 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
     pairs = draw_pairs(points, places, spacing, longest, rng)
     asked, back = np.unique(np.concatenate([pairs.first, pairs.second]), return_inverse=True)
     errors, sigmas = errors_of(asked)
-    size = 1.4826 * float(np.nanmedian(np.abs(errors)))
+    size = MAD_TO_SIGMA * float(np.nanmedian(np.abs(errors)))
     errors = np.where(np.abs(errors) <= OUTLIER * size, errors, np.nan)
     edges = np.quantile(sigmas, np.linspace(0.0, 1.0, N_CLASSES + 1)[1:-1])
     in_class = np.searchsorted(edges, sigmas, side="right")

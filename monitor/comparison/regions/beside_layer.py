@@ -18,9 +18,8 @@ from scipy.stats import foldnorm, norm
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.side import Side
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.reconstruction.mesh import face_areas_and_normals
-from projects.model import ComparedSurface, Floats, NotAssessed, Registration, Surface
+from projects.model import Z95, ComparedSurface, Floats, NotAssessed, Registration, Surface
 
 Found = tuple[ComparedSurface, ComparedSurface]  # on the reference and the compared surface
 STEPS = np.linspace(0.0, 4.0, 81)  # of a layer, in sigmas of the errors

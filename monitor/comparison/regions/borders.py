@@ -13,8 +13,7 @@ from monitor.comparison.detection.tested import Detected, Detection
 from monitor.comparison.distances.side import Side
 from monitor.comparison.distances.spreading import spread_along
 from monitor.comparison.noise.correlation import Correlation
-from monitor.comparison.noise.level_of_detection import Z95
-from projects.model import Bools, Floats, Ints, Surface
+from projects.model import Z95, Bools, Floats, Ints, Surface
 
 SWING = 0.8  # of a fit's radius, within which nine tenths of what it swings to the other side beside a step lie
 NEAREST_SAMPLE = 0.43  # median way to the nearest, in spacings: 0.40 of points on a grid, 0.47 at random

@@ -17,11 +17,10 @@ from monitor.comparison.detection.tested import Detected
 from monitor.comparison.distances.side import Side, cosine_to_foot
 from monitor.comparison.noise.correlation import Correlation, kept_variance
 from monitor.comparison.noise.guesses import sigma_of_guess
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.noise.scan_errors import ScanErrors, stated_over
 from monitor.comparison.regions.borders import sigma_of_area, spread_margin
 from monitor.comparison.regions.enclosure import SIGNS, Beyond
-from projects.model import Bools, Floats, Ints, NotAssessed, Registration
+from projects.model import Z95, Bools, Floats, Ints, NotAssessed, Registration
 
 Pair = tuple[Side, Side]
 N_AROUND = 7  # vertices, the place itself among them, that tell how large the largest change is

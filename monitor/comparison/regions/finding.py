@@ -22,7 +22,6 @@ from monitor.comparison.detection.skirts import trim_skirts
 from monitor.comparison.detection.tested import Detected, Tested
 from monitor.comparison.distances.side import Side
 from monitor.comparison.noise.guesses import BEYOND, SURE, areas_of_guesses, mean_to_samples
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.noise.model import Noise
 from monitor.comparison.regions.borders import margin_widths, spread_margin
 from monitor.comparison.regions.chips import HANDFUL, stand_alone, turn_sharply
@@ -44,7 +43,7 @@ from monitor.comparison.regions.figures import (
 )
 from monitor.comparison.regions.moved import name_moved
 from monitor.comparison.regions.parts import are_set_apart, area_of_parts, connect_apart, connect_sides
-from projects.model import REGION_COLUMNS, Bools, Floats, Ints, Registration
+from projects.model import REGION_COLUMNS, Z95, Bools, Floats, Ints, Registration
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,9 @@ from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.side import Side, larger_of, map_sides
 from monitor.comparison.noise.guesses import BEYOND, SURE, areas_of_guesses, to_samples
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.noise.model import Noise
 from monitor.comparison.regions.finding import assessed_area, sigmas_needed
-from projects.model import Bools, ComparedSurface, Floats, Ints, NotAssessed
+from projects.model import Z95, Bools, ComparedSurface, Floats, Ints, NotAssessed
 
 Told = tuple[ComparedSurface, ComparedSurface]  # on the reference and the compared surface
 COARSE = 4.0  # times what most places tell, beyond which a place tells only large changes

@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 
 from monitor.comparison.distances.stars import make_mesh, vertex_areas
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.regions.told_from import COARSE, coarse_beyond, share_of_coarse
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.footprints import GOES_ON, Footprint, measure_footprint
@@ -30,6 +29,7 @@ from projects.model import (
     FORECAST_COLUMNS,
     HISTORY_COLUMNS,
     SERIES_COLUMNS,
+    Z95,
     Assessment,
     Comparison,
     Floats,

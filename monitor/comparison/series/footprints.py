@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.identity import Followed
 from monitor.comparison.series.trend import Course, fit_course
-from projects.model import ComparedSurface, Floats, Ints
+from projects.model import Z95, ComparedSurface, Floats, Ints
 
 GOES_ON = ("steady", "accelerating")  # courses that a rate describes
 LEAST_SEEN = 0.5  # of a footprint's area that must be assessable for an epoch to count

@@ -15,7 +15,8 @@ from monitor.registration.motion.matching import Matches, MatchLimits, Samples, 
 from monitor.registration.motion.partners import Partners
 from monitor.registration.motion.sampling import motion_rows
 from monitor.registration.motion.sides import Side
-from monitor.registration.motion.weights import huber_weights, residual_sigma, rounding_of, tukey_weights
+from monitor.registration.motion.weights import huber_weights, residual_sigma, rounding_of
+from monitor.robust import tukey_weights
 from projects.model import Bools, Floats
 from projects.transforms import apply, perturb
 

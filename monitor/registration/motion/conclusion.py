@@ -21,6 +21,7 @@ from monitor.registration.motion.scale import Scale
 from monitor.registration.motion.sides import Side
 from monitor.registration.motion.source_vertices import patches_of, spread_to_vertices, spread_weights
 from monitor.registration.motion.stable_areas import StableSamples, doubt_stable
+from monitor.robust import robust_scale
 from projects.model import Floats, Ints, Registration
 
 MAJORITY = 0.5  # of the surface that finds partners: with less the areas that move alike may be any of several
@@ -81,7 +82,7 @@ def conclude(settled: Settled, n_source: int, *, held: tuple[FreeMotions, Frames
         converged=not reason, reason=reason,
         n_inliers=int(inlier.sum()), n_correspondences=len(pairs), n_iterations=settled.n_iterations,
         rmse=float(np.sqrt(np.mean(pairs.residuals[inlier] ** 2))),
-        sigma=float(1.4826 * np.median(np.abs(stable.residuals))),
+        sigma=robust_scale(stable.residuals),
         overlap=len(pairs) / len(samples.points), stable_share=float(still.mean()),
         is_stable=spread_to_vertices(settled.source, of_source, np.unique(numbers[pairs.source[still]]), n_source),
         weights=spread_weights(settled.source, of_source, numbers[pairs.source], weights, n_source),

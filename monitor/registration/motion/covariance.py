@@ -17,7 +17,7 @@ from monitor.registration.motion.matching import Matches
 from monitor.registration.motion.patch_field import lay_field, sum_by
 from monitor.registration.motion.patches import cut_patches
 from monitor.registration.motion.sampling import Beside, parameter_rows
-from monitor.registration.motion.weights import tukey_slope, tukey_weights
+from monitor.robust import robust_scale, tukey_slope, tukey_weights
 from projects.model import Floats, Ints
 from projects.transforms import cross_matrix
 
@@ -106,7 +106,7 @@ def standardize(matches: Matches, sigma: Floats, centre: Floats, shared: Floats 
     """Return what the sums of the covariance are made of: residuals over sigma are held by Tukey's psi, and both, they
     and the rows, are less by the root of `shared`, so that psi scatters alike in all patches."""
     u = matches.residuals / sigma
-    u = u / max(1.4826 * float(np.median(np.abs(u))), 1e-12)
+    u = u / max(robust_scale(u), 1e-12)
     root = np.ones(len(u)) if shared is None else np.sqrt(shared)
     rows = parameter_rows(matches.points, matches.normals, centre, beside) / (sigma * root)[:, None]
     weights = 1.0 / (sigma * root) ** 2

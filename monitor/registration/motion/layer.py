@@ -20,7 +20,7 @@ from monitor.registration.motion.partners import Partners
 from monitor.registration.motion.patch_sums import Patches, solve_patches, sum_patches
 from monitor.registration.motion.sides import Side
 from monitor.registration.motion.stable_areas import WIDER, StableSamples, find_stable, keep_stable, stated_scatter
-from monitor.registration.motion.weights import robust_scale
+from monitor.robust import robust_scale
 from projects.model import Bools, Floats, Ints
 from projects.transforms import perturb
 

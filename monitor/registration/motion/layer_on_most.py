@@ -22,7 +22,8 @@ from monitor.registration.motion.patch_sums import Patches, solve_patches, sum_p
 from monitor.registration.motion.sides import Side
 from monitor.registration.motion.stable_areas import KEEP_SIGMAS, WIDER, keep_stable, share_noise
 from monitor.registration.motion.trial_motions import fit_least_part, try_motions
-from monitor.registration.motion.weights import robust_scale, weighted_median
+from monitor.registration.motion.weights import weighted_median
+from monitor.robust import robust_scale
 from projects.model import Bools, Floats, Ints
 from projects.transforms import perturb
 

@@ -18,7 +18,7 @@ from monitor.registration.motion.degeneracy import describe
 from monitor.registration.motion.held import Frames
 from monitor.registration.motion.matching import MatchLimits, match
 from monitor.registration.motion.self_likeness import Fit, Steps, alike_shifts, alike_turns
-from monitor.registration.motion.weights import robust_scale, tukey_weights
+from monitor.robust import robust_scale, tukey_weights
 from projects.model import Floats, Registration
 from projects.transforms import apply, invert, perturb
 

@@ -22,10 +22,9 @@ from monitor.registration.motion.partners import Partners
 from monitor.registration.motion.patch_sums import Patches, sum_patches
 from monitor.registration.motion.sides import Side
 from monitor.registration.motion.stable_areas import WIDER
-from projects.model import Floats, Ints
+from projects.model import Z95, Floats, Ints
 from projects.transforms import apply, invert, perturb
 
-Z95 = 1.96  # sigmas, two-sided
 N_ROUNDS = 30  # pairs of nearest points close by a part of the way in each: half as large again took ten
 SETTLED = 1e-5  # of a scale: a step that puts the ends of two metres 10 micrometres off
 N_SAMPLES = 10_000  # suffice for one number

@@ -21,7 +21,8 @@ from monitor.registration.motion.matching import Matches
 from monitor.registration.motion.patch_sums import Patches, solve_patches, sum_patches
 from monitor.registration.motion.sampling import Beside
 from monitor.registration.motion.trial_motions import PART, fit_least_part, leaves_least_median, try_motions
-from monitor.registration.motion.weights import residual_sigma, robust_scale, rounding_of, weighted_median
+from monitor.registration.motion.weights import residual_sigma, rounding_of, weighted_median
+from monitor.robust import robust_scale
 from projects.model import Bools, Floats, Ints
 
 KEEP_SIGMAS = 3.0

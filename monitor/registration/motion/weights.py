@@ -1,4 +1,4 @@
-"""Robust weights of residuals: scale, median and mean, Huber and Tukey, and the variance of each residual.
+"""Robust weights of residuals: median, Huber, and the variance of each residual by what is stated of it.
 
 In: residuals [m] and what is stated of their sigma. Out: numbers without unit.
 """
@@ -10,19 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import isotonic_regression
 
+from monitor.robust import robust_scale
 from projects.model import Bools, Floats
 
 HUBER = 1.345  # 95 % efficiency under normal noise
-TUKEY = 4.685  # 95 % efficiency under normal noise
 N_PER_CLASS, MOST_CLASSES = 50, 20  # residuals that tell a scale to 12 %; classes that tell how it rises
 MOST_TELLING = 10_000
 ROUNDING = 2.0**-22  # of the size of an object: twice what numbers of 32 bits are rounded to, which files hold
 LEAST_SIGMA = 0.1  # of the scale of all: one point must not outweigh a hundred
-
-
-def robust_scale(residuals: Floats) -> float:
-    """Return 1.4826 median |r| about zero, the sigma of normal residuals; NaN without residuals."""
-    return 1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else float("nan")
 
 
 def weighted_median(values: Floats, weights: Floats) -> float:
@@ -89,14 +84,3 @@ def _rise(u: Floats, known: Floats, cause: Floats) -> Floats:
 def huber_weights(u: Floats) -> Floats:
     """Return psi(u) / u of Huber for standardized residuals u."""
     return HUBER / np.maximum(np.abs(u), HUBER)
-
-
-def tukey_weights(u: Floats) -> Floats:
-    """Return psi(u) / u of Tukey's biweight for standardized residuals u: none beyond 4.685 sigma."""
-    return np.maximum(1.0 - (u / TUKEY) ** 2, 0.0) ** 2
-
-
-def tukey_slope(u: Floats) -> Floats:
-    """Return the derivative of psi of Tukey's biweight."""
-    z = np.minimum((u / TUKEY) ** 2, 1.0)
-    return (1.0 - z) * (1.0 - 5.0 * z)

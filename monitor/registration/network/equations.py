@@ -14,8 +14,9 @@ import numpy as np
 from monitor.registration.motion.matching import Matches
 from monitor.registration.motion.sampling import cell_numbers, motion_rows
 from monitor.registration.motion.six_parameters import point_rows
-from monitor.registration.motion.weights import huber_weights, tukey_weights
+from monitor.registration.motion.weights import huber_weights
 from monitor.registration.network.ties import Ties
+from monitor.robust import tukey_weights
 from projects.model import Bools, Floats, Ints
 from projects.transforms import apply
 

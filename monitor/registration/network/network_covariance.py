@@ -15,8 +15,8 @@ from monitor.registration.motion.correlation import correlate, find_ranges, fit_
 from monitor.registration.motion.patch_field import sum_by
 from monitor.registration.motion.patches import cut_patches
 from monitor.registration.motion.sampling import motion_rows
-from monitor.registration.motion.weights import tukey_slope, tukey_weights
 from monitor.registration.network.equations import Pairs, Scales, Solution, prior_weights
+from monitor.robust import tukey_slope, tukey_weights
 from projects.model import Floats, Ints
 
 N_PATCHES = 120  # of one scan

@@ -13,8 +13,8 @@ import numpy as np
 from monitor.registration.motion.matching import Matches, MatchLimits, Samples, match
 from monitor.registration.motion.sampling import motion_rows
 from monitor.registration.motion.sides import Side
-from monitor.registration.motion.weights import robust_scale
 from monitor.registration.network.equations import Pairs
+from monitor.robust import robust_scale
 from projects.model import Floats, Ints
 from projects.transforms import invert
 

@@ -17,8 +17,8 @@ from monitor.registration.motion.matching import MatchLimits, Samples, match
 from monitor.registration.motion.rivals import TELLING, find_rival
 from monitor.registration.motion.self_likeness import Fit
 from monitor.registration.motion.sides import Side
-from monitor.registration.motion.weights import robust_scale
 from monitor.registration.network.overlaps import FEWEST_PAIRS, Overlaps
+from monitor.robust import robust_scale
 from projects.model import Floats, Ints
 from projects.transforms import apply, rotate
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.registration.motion.sampling import cell_numbers
-from monitor.registration.motion.weights import robust_scale
 from monitor.registration.network.equations import Pairs, Scales
+from monitor.robust import robust_scale
 from projects.model import Floats
 from projects.transforms import apply
 

@@ -13,9 +13,9 @@ from scipy.ndimage import maximum_filter
 from scipy.signal import fftconvolve
 from scipy.special import erf
 
-from monitor.registration.motion.weights import robust_scale, tukey_weights
 from monitor.registration.targets.angular_image import AngularImage
 from monitor.registration.targets.spheres import clustered_covariance
+from monitor.robust import robust_scale, tukey_weights
 from projects.model import Bools, Floats, Ints, SurveyTarget
 
 RINGS = 4.0, 6.0  # pixels: radii at which the intensity is followed around

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import label
 
-from monitor.registration.motion.weights import robust_scale, tukey_weights
 from monitor.registration.targets.angular_image import AngularImage
+from monitor.robust import robust_scale, tukey_weights
 from projects.model import Bools, Floats, Ints, SurveyTarget
 
 PIXELS_ACROSS = 8.0, 18.0  # of a sphere in the image that it is looked for in

@@ -18,11 +18,10 @@ from monitor.comparison import compare
 from monitor.comparison.detection.detect import detect
 from monitor.comparison.distances.both_ways import make_shells, measure_sides
 from monitor.comparison.distances.side import move_surface
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.regions.figures import sigma_of_mean
 from monitor.reconstruction import reconstruct
 from monitor.registration import register
-from projects.model import Assessment, Bools, Comparison, Floats, Ints, PointCloud, Surface
+from projects.model import Z95, Assessment, Bools, Comparison, Floats, Ints, PointCloud, Surface
 
 TITLE = "Power of detection, and pairs without a change"
 N_SIDE, SPACING, NOISE, EDGE = 120, 0.001, 0.0003, 0.020

@@ -14,12 +14,11 @@ from rows import Row, Size, judge
 from scipy.spatial import ConvexHull
 
 from monitor.comparison import compare
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.regions.moved_parts import tell_moved
 from monitor.reconstruction.mesh import vertex_normals
 from monitor.registration import register
 from monitor.registration.parts import find_parts
-from projects.model import Floats, Ints, Surface
+from projects.model import Z95, Floats, Ints, Surface
 from projects.transforms import apply, perturb
 
 TITLE = "Wear that passes for a part that moved, and parts that did"

@@ -12,7 +12,6 @@ from scipy.spatial import ConvexHull
 
 from monitor.cli import run
 from monitor.comparison import compare
-from monitor.comparison.noise.level_of_detection import Z95
 from monitor.comparison.regions.beside_parts import changed_beside, tell_apart
 from monitor.comparison.regions.moved_parts import doubt_which_stood, goes_along, tell_moved
 from monitor.registration import register
@@ -21,7 +20,7 @@ from monitor.simulation.scenes import grid_faces
 from projects import Project
 from projects.errors import ParameterError
 from projects.formats import write_ply_mesh
-from projects.model import Assessment, ComparedSurface, Comparison, Floats, Registration, Surface
+from projects.model import Z95, Assessment, ComparedSurface, Comparison, Floats, Registration, Surface
 from projects.transforms import apply, perturb
 from reports.facts import EpochFacts
 from reports.wholemotion import parts_table

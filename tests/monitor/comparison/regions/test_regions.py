@@ -16,11 +16,11 @@ from monitor.comparison import compare, lague_lod95, level_of_detection
 from monitor.comparison.detection.patches import benjamini_hochberg
 from monitor.comparison.distances.shell import make_shell
 from monitor.comparison.noise.correlation import Correlation
-from monitor.comparison.noise.level_of_detection import Z95, estimate_floor
+from monitor.comparison.noise.level_of_detection import estimate_floor
 from monitor.comparison.noise.scan_errors import AS_STATED, ScanErrors
 from monitor.comparison.regions.borders import sigma_of_area
 from monitor.comparison.regions.figures import RegionView, find_extreme, name_kind, settle_kind, stands_out
-from projects.model import Registration, Surface
+from projects.model import Z95, Registration, Surface
 
 
 def sphere(radius_at: object = None) -> Surface:

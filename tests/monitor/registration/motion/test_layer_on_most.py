@@ -10,7 +10,7 @@ from layered_body import area_above, make_body
 
 from monitor.comparison import compare
 from monitor.registration import register
-from monitor.registration.motion.weights import robust_scale
+from monitor.robust import robust_scale
 from projects.transforms import apply
 
 

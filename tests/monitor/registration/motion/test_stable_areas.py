@@ -13,7 +13,8 @@ from monitor.registration.motion.matching import Matches
 from monitor.registration.motion.patches import cut_patches
 from monitor.registration.motion.stable_areas import doubt_stable, find_stable, weighted_median
 from monitor.registration.motion.trial_motions import least_median
-from monitor.registration.motion.weights import huber_weights, residual_sigma, tukey_slope, tukey_weights
+from monitor.registration.motion.weights import huber_weights, residual_sigma
+from monitor.robust import tukey_slope, tukey_weights
 from projects.model import Bools, Floats, Ints, Surface
 
 
