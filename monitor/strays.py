@@ -14,7 +14,7 @@ from numba import jit
 from scipy.spatial import cKDTree
 
 from monitor.boxes import box_of
-from monitor.comparison.distances.feet import is_on_border, local_point
+from monitor.comparison.distances.feet import is_on_border
 from monitor.comparison.distances.mesh_tree import MeshTree, build_tree
 from monitor.comparison.distances.search import ANY, DEPTH, nearest_point
 from monitor.comparison.distances.stars import Neighbours, gather_neighbours
@@ -22,6 +22,7 @@ from monitor.comparison.distances.triangles import FACE
 from monitor.measured import RawScan
 from monitor.robust import MAD_TO_SIGMA
 from monitor.threads import run_tasks
+from monitor.tuples import less
 from projects.model import Bools, Floats, Ints, Surface
 
 REACH = 2.5  # spacings of the vertices: points farther from the surface are of something else
@@ -115,7 +116,7 @@ def _find_vertices(first, last, tree, points, reach, is_invented, corners, dista
     """Write what `nearest_vertices` returns of the points from `first` to `last`."""
     stack, bounds, seed = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH), -1
     for i in range(first, last):
-        p = local_point(tree.shift, points, i)
+        p = less(points, i, tree.shift)
         found = nearest_point(tree, p, (0.0, 0.0, 0.0), (reach, -2.0), seed, ANY, stack, bounds)
         f = found[1]
         if f < 0:

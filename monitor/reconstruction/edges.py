@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numba import jit
 
+from monitor.union_find import first_of, unite
 from projects.model import Ints
 
 HALF_BITS = np.int64(32)  # of the number of a half-edge: meshes have less than 1.4e9 faces
@@ -60,22 +61,6 @@ def number_edges(faces: Ints, n_vertices: int) -> Any:
             n_faces[n - 1] += 1
             edge_of[halves[q] & ((1 << HALF_BITS) - 1)] = n - 1
     return edges[:n].copy(), edge_of, n_faces[:n].copy()
-
-
-@jit(nopython=True, cache=True)
-def first_of(parent: Ints, i: int) -> int:
-    """The first that i hangs together with; the way there is halved."""
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@jit(nopython=True, cache=True)
-def unite(parent: Ints, i: int, j: int) -> None:
-    """Let i and j hang together."""
-    i, j = first_of(parent, i), first_of(parent, j)
-    parent[max(i, j)] = min(i, j)
 
 
 @jit(nopython=True, cache=True, nogil=True)

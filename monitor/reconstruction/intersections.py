@@ -18,6 +18,7 @@ from monitor.reconstruction.beside import mark_beside
 from monitor.reconstruction.fans import find_fans
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
 from monitor.threads import run_tasks
+from monitor.tuples import cross, dot, sub
 from projects.model import Bools, Floats, Ints
 
 FACES_PER_LEAF = 4
@@ -145,33 +146,15 @@ def _corner(vertices: Any, faces: Any, f: int, k: int) -> Any:
 
 
 @jit(nopython=True, cache=True)
-def _minus(a: Any, b: Any) -> Any:
-    """Return a - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-@jit(nopython=True, cache=True)
-def _dot(a: Any, b: Any) -> float:
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@jit(nopython=True, cache=True)
-def _cross(a: Any, b: Any) -> Any:
-    """Return the vector product."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@jit(nopython=True, cache=True)
 def _separates(direction: Any, one: Any, other: Any, n_shared: int, size: float) -> bool:
     """Whether all corners but the first `n_shared` lie clearly on different sides of a plane across `direction`.
 
     The plane goes through the shared corners, which come first, or between the two triangles where none is shared.
     """
-    margin = CLEARLY * size * np.sqrt(_dot(direction, direction))
+    margin = CLEARLY * size * np.sqrt(dot(direction, direction))
     low1, high1, low2, high2 = np.inf, -np.inf, np.inf, -np.inf
     for k in range(n_shared, 3):
-        h1, h2 = _dot(direction, _minus(one[k], one[0])), _dot(direction, _minus(other[k], one[0]))
+        h1, h2 = dot(direction, sub(one[k], one[0])), dot(direction, sub(other[k], one[0]))
         low1, high1, low2, high2 = min(low1, h1), max(high1, h1), min(low2, h2), max(high2, h2)
     if n_shared:
         return (low1 > margin and high2 < -margin) or (low2 > margin and high1 < -margin)
@@ -185,9 +168,9 @@ def _way_apart(one: Any, other: Any, n_shared: int) -> Any:
     for k in range(3):
         x, y, z = x + (other[k][0] - one[k][0]), y + (other[k][1] - one[k][1]), z + (other[k][2] - one[k][2])
     if n_shared == 2:
-        edge = _minus(one[1], one[0])
-        length2 = _dot(edge, edge)
-        along = _dot((x, y, z), edge) / length2 if length2 > 0.0 else 0.0
+        edge = sub(one[1], one[0])
+        length2 = dot(edge, edge)
+        along = dot((x, y, z), edge) / length2 if length2 > 0.0 else 0.0
         return (x - along * edge[0], y - along * edge[1], z - along * edge[2])
     return (x, y, z)
 
@@ -204,8 +187,8 @@ def clearly_apart(one: Any, other: Any, n_shared: int) -> bool:
             size = max(size, abs(one[k][axis] - one[0][axis]), abs(other[k][axis] - one[0][axis]))
     if _separates(_way_apart(one, other, n_shared), one, other, n_shared, size):
         return True
-    normal1 = _cross(_minus(one[1], one[0]), _minus(one[2], one[0]))
-    normal2 = _cross(_minus(other[1], other[0]), _minus(other[2], other[0]))
+    normal1 = cross(sub(one[1], one[0]), sub(one[2], one[0]))
+    normal2 = cross(sub(other[1], other[0]), sub(other[2], other[0]))
     if n_shared == 0:
         for normal in (normal1, normal2):
             if _separates(normal, one, other, n_shared, size):
@@ -214,10 +197,10 @@ def clearly_apart(one: Any, other: Any, n_shared: int) -> bool:
         last = 1 if n_shared == 2 else 3  # only the planes through the shared edge can separate then
         if k >= last:
             break
-        edge1, edge2 = _minus(one[(k + 1) % 3], one[k]), _minus(other[(k + 1) % 3], other[k])
-        if _separates(_cross(normal1, edge1), one, other, n_shared, size):
+        edge1, edge2 = sub(one[(k + 1) % 3], one[k]), sub(other[(k + 1) % 3], other[k])
+        if _separates(cross(normal1, edge1), one, other, n_shared, size):
             return True
-        if _separates(_cross(normal2, edge2), one, other, n_shared, size):
+        if _separates(cross(normal2, edge2), one, other, n_shared, size):
             return True
     return False
 
@@ -225,7 +208,7 @@ def clearly_apart(one: Any, other: Any, n_shared: int) -> bool:
 @jit(nopython=True, cache=True)
 def _flat_axes(a: Any, b: Any, c: Any) -> Any:
     """The two axes of the plane on which the triangle is largest."""
-    normal = _cross(_minus(b, a), _minus(c, a))
+    normal = cross(sub(b, a), sub(c, a))
     x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
     if x >= y and x >= z:
         return 1, 2

@@ -27,12 +27,12 @@ from monitor.reconstruction.two_planes import (
     fit_apart,
     fit_both,
     fit_side,
-    less,
     mark_near_crest,
     sum_products,
     support_of,
     vector,
 )
+from monitor.tuples import sub
 from projects.model import Floats
 
 CLIPPED2 = 9.0  # of a squared residual, in variances of a point: the most that it counts
@@ -121,7 +121,7 @@ def bow_along(n: int, side: int, window: Any, noise2: float, across: Any, along:
     u3 = u2v = 0.0
     for i in range(n):
         if sides[i] == side:
-            off = less(column(places, i), middle)
+            off = sub(column(places, i), middle)
             u, v = dot(off, across), dot(off, along)
             u3 += weights[i] * u * u * u
             u2v += weights[i] * u * u * v
@@ -130,7 +130,7 @@ def bow_along(n: int, side: int, window: Any, noise2: float, across: Any, along:
     moved, variance = 0.0, 0.0
     for i in range(n):
         if sides[i] == side:
-            off = less(column(places, i), middle)
+            off = sub(column(places, i), middle)
             u, v = dot(off, across), dot(off, along)
             rest = weights[i] * (u * u - uu / whole - per_u * u - per_v * v)
             moved += rest * dot(off, up)

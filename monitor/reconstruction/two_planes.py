@@ -14,6 +14,7 @@ import numpy as np
 from numba import jit
 
 from monitor.reconstruction.gathering import N_POINTS, NORMAL_X, PLACE_X, tangent_frame
+from monitor.tuples import sub
 from projects.model import Floats, Ints
 
 COS_BACK = -0.5  # points that look 120 degrees away from the vertex are of another sheet
@@ -65,12 +66,6 @@ def column(values: Floats, i: int) -> Any:
 def vector(values: Floats) -> Any:
     """The first three of a row."""
     return values[0], values[1], values[2]
-
-
-@jit(nopython=True, cache=True, error_model="numpy")
-def less(a: Any, b: Any) -> Any:
-    """Difference of two vectors of three."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @jit(nopython=True, cache=True, error_model="numpy")
@@ -232,7 +227,7 @@ def split_by_normals(n: int, window: Any) -> bool:
             planes[side, 0], planes[side, 1], planes[side, 2] = x, y, z
             if not to_unit(planes[side, :3]):
                 return False
-        apart = less(vector(planes[1]), vector(planes[0]))
+        apart = sub(vector(planes[1]), vector(planes[0]))
         for i in range(n):
             sides[i] = 1 if dot(column(normals, i), apart) > 0.0 else 0
     return True
@@ -245,7 +240,7 @@ def sum_products(n: int, side: int, window: Any, u: Any, v: Any, w: Any) -> Any:
     middle, uu, uv, vv, uw, vw = vector(window.planes[side, MIDDLE]), 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         if sides[i] == side:
-            off, weight = less(column(places, i), middle), weights[i]
+            off, weight = sub(column(places, i), middle), weights[i]
             a, b, c = dot(off, u), dot(off, v), dot(off, w)
             uu += weight * a * a
             uv += weight * a * b
@@ -335,7 +330,7 @@ def error_under_vertex(n: int, side: int, window: Any) -> Any:
     variance, squares = 0.0, 0.0
     for i in range(n):
         if sides[i] == side:
-            off = less(column(places, i), middle)
+            off = sub(column(places, i), middle)
             one = weights[i] * (1.0 / whole + per_u * dot(off, u) + per_v * dot(off, v))
             variance += one * one / counts[i]
             squares += weights[i] ** 2 / counts[i]

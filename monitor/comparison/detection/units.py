@@ -16,9 +16,9 @@ from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.side import Side
 from monitor.comparison.distances.stars import Neighbours
-from monitor.comparison.distances.triangles import cross
 from monitor.comparison.noise.correlation import Correlation
 from monitor.comparison.noise.model import Noise
+from monitor.tuples import cross
 from projects.model import Bools, Floats, Ints, Registration, Roughness
 
 LARGEST_UNIT = 8.0  # vertices along its edge

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numba import jit
 
-from monitor.comparison.distances.feet import local_point
 from monitor.comparison.distances.mesh_tree import MeshTree, build_tree
 from monitor.comparison.distances.search import DEPTH, first_crossing
 from monitor.comparison.distances.side import Side
 from monitor.threads import run_tasks
+from monitor.tuples import less
 from projects.model import Bools, Floats, Ints, Surface
 from projects.triangles import area_vectors, face_areas
 
@@ -62,4 +62,4 @@ def _write_met(first, last, tree: MeshTree, points, ahead, start, met):  # type:
     stack = np.empty(DEPTH, dtype=np.int64)
     for i in range(first, last):
         way = (ahead[i, 0], ahead[i, 1], ahead[i, 2])
-        met[i] = first_crossing(tree, local_point(tree.shift, points, i), way, (start, 1.0), stack)
+        met[i] = first_crossing(tree, less(points, i, tree.shift), way, (start, 1.0), stack)

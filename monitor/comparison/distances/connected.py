@@ -8,6 +8,7 @@ import numpy as np
 from numba import jit
 
 from monitor.comparison.distances.stars import Neighbours
+from monitor.union_find import first_of, unite
 from projects.model import Ints
 
 
@@ -28,20 +29,10 @@ def connect_like(kinds: Ints, surfaces: Sequence[Neighbours], links: Sequence[In
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def _first_of(above, v):  # type: ignore[no-untyped-def]
-    """Return the first vertex of the part of v, and shorten the way there."""
-    while above[v] != v:
-        above[v] = above[above[v]]
-        v = above[v]
-    return v
-
-
-@jit(nopython=True, cache=True, nogil=True)
 def _join(above, kinds, a, b):  # type: ignore[no-untyped-def]
     """Join the parts of two vertices of one kind; `above` leads each vertex towards the first of its part."""
     if kinds[a] == kinds[b]:
-        a, b = _first_of(above, a), _first_of(above, b)
-        above[max(a, b)] = min(a, b)
+        unite(above, a, b)
 
 
 @jit(nopython=True, cache=True, nogil=True)
@@ -69,7 +60,7 @@ def _number_parts(above, kinds):  # type: ignore[no-untyped-def]
     for v in range(len(above)):
         if kinds[v] < 0:
             continue
-        first = _first_of(above, v)
+        first = first_of(above, v)
         if first == v:
             out[v] = n
             n += 1

@@ -22,7 +22,8 @@ from monitor.comparison.distances.search import (
     stands_over,
 )
 from monitor.comparison.distances.stars import face_across, face_normal
-from monitor.comparison.distances.triangles import CORNER_A, EDGE_AB, FACE, along, dot, sub
+from monitor.comparison.distances.triangles import CORNER_A, EDGE_AB, FACE
+from monitor.tuples import along, dot, less, sub
 
 CHUNK = 512
 NO_FOOT, FOOT, ON_BORDER, BEHIND_SHEET, NOTHING_NEAR = range(5)
@@ -63,7 +64,7 @@ def find_feet(tree, points, normals, order, limits):  # type: ignore[no-untyped-
             few = pick_faces(boxes, n_near, low, high, meets, chosen, near)
             for k in range(first, upto):
                 i = order[k]
-                p = local_point(tree.shift, points, i)
+                p = less(points, i, tree.shift)
                 looks = (normals[i, 0], normals[i, 1], normals[i, 2])
                 found = nearest_among(
                     tree, p, looks, limits, few, chosen, near, numbers, bounds2, middles, keys, meets, words
@@ -104,18 +105,12 @@ def _look_at_foot(tree, p, found, stack):  # type: ignore[no-untyped-def]
 @jit(nopython=True, cache=True, forceinline=True)
 def _box_of(shift, points, order, first, upto, margin):  # type: ignore[no-untyped-def]
     """Return low and high corner of the box of a run of points, in the tree's coordinates, wider by a margin."""
-    low = high = local_point(shift, points, order[first])
+    low = high = less(points, order[first], shift)
     for k in range(first + 1, upto):
-        p = local_point(shift, points, order[k])
+        p = less(points, order[k], shift)
         low = (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2]))
         high = (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2]))
     return (low[0] - margin, low[1] - margin, low[2] - margin), (high[0] + margin, high[1] + margin, high[2] + margin)
-
-
-@jit(nopython=True, cache=True, forceinline=True)
-def local_point(shift, points, i):  # type: ignore[no-untyped-def]
-    """Return point i in coordinates less `shift`."""
-    return (points[i, 0] - shift[0], points[i, 1] - shift[1], points[i, 2] - shift[2])
 
 
 @jit(nopython=True, cache=True)

@@ -12,9 +12,9 @@ import numpy as np
 from numba import jit
 
 from monitor.comparison.distances.morton import Cells, face_order
-from monitor.comparison.distances.stars import Mesh, Survey, face_normals, less, make_mesh, survey_vertices
-from monitor.comparison.distances.triangles import along, cross, dot, sub, unit
+from monitor.comparison.distances.stars import Mesh, Survey, face_normals, make_mesh, survey_vertices
 from monitor.threads import run_tasks
+from monitor.tuples import along, cross, dot, less, sub, unit
 from projects.errors import ComparisonError
 from projects.model import Bools, Floats, Ints, Surface
 

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit, prange
 
-from monitor.comparison.distances.feet import CHUNK, is_on_border, local_point, normal_at
+from monitor.comparison.distances.feet import CHUNK, is_on_border, normal_at
 from monitor.comparison.distances.mesh_tree import MeshTree
 from monitor.comparison.distances.morton import point_order
 from monitor.comparison.distances.search import ANY, DEPTH, foot_on_face, nearest_point
-from monitor.comparison.distances.triangles import dot, sub
+from monitor.tuples import dot, less, sub
 from projects.model import Bools, Floats, Ints
 
 STEEPEST = 0.5  # cosine: beyond a free edge a point within 60 degrees of the surface's normal still has a side
@@ -56,7 +56,7 @@ def _find_nearest(tree: Any, points: Any, order: Any, limit: float) -> Any:
         last = -1
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
             i = order[k]
-            p = local_point(tree.shift, points, i)
+            p = less(points, i, tree.shift)
             best = nearest_point(tree, p, p, (limit, 0.0), last, ANY, stack, bounds)
             if best[1] < 0:
                 continue

@@ -13,7 +13,8 @@ from numba import jit
 
 from monitor.comparison.distances.mesh_tree import FACES_PER_LEAF, leaf_of_node
 from monitor.comparison.distances.search import LOOKING, try_face
-from monitor.comparison.distances.triangles import FACE, less
+from monitor.comparison.distances.triangles import FACE
+from monitor.tuples import less
 
 MOST_POINTS = 32  # in a run
 FEW = 8  # points of it

@@ -16,16 +16,12 @@ from monitor.comparison.distances.triangles import (
     CORNER_A,
     EDGE_AB,
     FACE,
-    along,
     box_distance2,
     closest_on_triangle,
     cone_looks,
-    cross,
     crosses_triangle,
-    dot,
-    less,
-    sub,
 )
+from monitor.tuples import along, cross, dot, less, sub
 
 DEPTH = 96  # of the stack: two entries a level are enough for any tree that fits a computer's memory
 ANY, LOOKING, STANDING = range(3)  # which faces count: all, those that look p's way, of these those that p stands over

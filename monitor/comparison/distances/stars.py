@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
-from monitor.comparison.distances.triangles import along, cross, dot, less, sub, unit
 from monitor.threads import run_tasks
+from monitor.tuples import along, cross, dot, less, sub, unit
 from projects.model import Bools, Floats, Ints
 
 

@@ -16,6 +16,7 @@ from monitor.comparison.distances.mesh_tree import MeshTree
 from monitor.comparison.distances.search import DEPTH, is_way_crossed
 from monitor.comparison.sight.directions import MIDDLE, SUB_CELLS, Bits, face_angles
 from monitor.threads import run_tasks
+from monitor.tuples import along
 from projects.model import Bools, Floats
 
 MIDMOST = (4, 1, 3, 5, 7, 0, 2, 6, 8)  # of nine cells about a point, row by row: the nearest first
@@ -71,8 +72,8 @@ def _goes_through(tree, station, face, angles, half_step, between, stack):  # ty
     """Whether a beam and the ways `half_step` [rad] on its four sides cross the surface `between` two ranges [m]."""
     for a, b in ((0.0, 0.0), (-half_step, 0.0), (half_step, 0.0), (0.0, -half_step), (0.0, half_step)):
         way = _way_of(face, angles[0] + a, angles[1] + b)
-        start = _along(station, between[0], way)
-        if not is_way_crossed(tree, start, _along(station, between[1], way), stack):
+        start = along(station, between[0], way)
+        if not is_way_crossed(tree, start, along(station, between[1], way), stack):
             return False
     return True
 
@@ -87,8 +88,3 @@ def _way_of(face, a, b):  # type: ignore[no-untyped-def]
     if face // 2 == 1:
         return v * scale, along * scale, u * scale
     return u * scale, v * scale, along * scale
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _along(p, t, d):  # type: ignore[no-untyped-def]
-    return p[0] + t * d[0], p[1] + t * d[1], p[2] + t * d[2]

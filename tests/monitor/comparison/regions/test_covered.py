@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from monitor.comparison import compare
-from monitor.comparison.distances.feet import local_point
 from monitor.comparison.distances.mesh_tree import build_tree
 from monitor.comparison.distances.search import DEPTH, first_crossing
 from monitor.comparison.distances.stars import gather_neighbours, make_mesh, vertex_areas
 from monitor.comparison.regions.covered import take_covered
+from monitor.tuples import less
 from projects.model import NotAssessed, Registration, Surface
 
 NOISE, SPACING = 2e-5, 0.004  # m
@@ -130,7 +130,7 @@ def test_the_first_face_on_a_way_is_found_as_by_trying_all(rng: np.random.Genera
         hits = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t < 1))
         expected = hits[t[hits].argmin()] if len(hits) else -1
         found = first_crossing(
-            tree, local_point(tree.shift, p[None], 0), tuple(way), (0.0, 1.0), np.empty(DEPTH, dtype=np.int64)
+            tree, less(p[None], 0, tree.shift), tuple(way), (0.0, 1.0), np.empty(DEPTH, dtype=np.int64)
         )
         assert (tree.order[found] if found >= 0 else -1) == expected
         met += expected >= 0
