@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.boxes import corners_of
+from monitor.beside_extent import lie_beside_extent
 from monitor.record import Asked, Made, Place, once_step
 from monitor.registration.motion.covariance import about
 from monitor.registration.motion.held import Frames
@@ -25,7 +25,6 @@ from monitor.settings import as_mapping
 from monitor.setups import join_setups, join_targets, setups_of
 from monitor.target_search import targets_of
 from projects.errors import RegistrationError, StoreError
-from projects.extent import Extent
 from projects.model import Floats, Ints, PointCloud, Step, SurveyTarget
 from projects.transforms import apply
 
@@ -48,7 +47,9 @@ def adjust_epoch(
         has_points = np.array([len(place.get(step)) > 0 for step in scans])
         seen = [int(np.flatnonzero(setups == s)[0]) for s in np.unique(setups[has_points])]
         if not seen:
-            raise StoreError(f"{_why_nothing_is_left(scans)}{_how_far_off(place)}")
+            beside = lie_beside_extent(place)
+            where = f": {beside}" if beside else ""
+            raise StoreError(f"{_why_nothing_is_left(scans)}{where}")
         found = adjust_scans(_clouds(place, scans, setups, seen), settings, _ties(place, targets, setups, seen))
         if not found.converged:
             raise RegistrationError(
@@ -70,25 +71,6 @@ def _why_nothing_is_left(scans: Sequence[Step]) -> str:
         f"no point is left of {counts['read']} in {len(scans)} scan{'s' if len(scans) > 1 else ''} ({reasons}); check "
         "the object's extent, the poses and the unit"
     )
-
-
-def _how_far_off(place: Place) -> str:
-    """Return where the scans lie and where the object's extent does, where these are apart; empty where they are not,
-    or the object has no extent."""
-    content = place.project.object(place.object_id).extent
-    headers = place.project.scan_headers(place.object_id, place.epoch_id)
-    bounds = [apply(h.pose, corners_of(h.bounds)) for h in headers if np.isfinite(h.bounds).all()]
-    if content is None or not bounds:
-        return ""
-    corners = np.vstack(bounds)[:, :2]
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    extent = Extent.from_mapping(content).corners
-    gap = np.maximum(np.maximum(extent.min(axis=0) - high, low - extent.max(axis=0)), 0.0)
-    if not gap.any():
-        return ""
-    middles = (0.5 * (low + high), extent.mean(axis=0))
-    lie, asked = (f"x {middle[0]:.1f} m, y {middle[1]:.1f} m" for middle in middles)
-    return f": as their poses say, the scans lie about {lie}, the extent about {asked}"
 
 
 def _clouds(place: Place, scans: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Iterator[PointCloud]:

@@ -48,9 +48,10 @@ def require_id(text: str, what: str) -> str:
     """
     if isinstance(text, str) and ID_PATTERN.fullmatch(text):
         return text
+    free = "--label" if what.lower() == "epoch" else "--name"
     raise ParameterError(
         f"{what} id {_shown(text)} {_fault(text)}; allowed are letters a-z A-Z, digits, '.' and '-', first a letter "
-        f"or digit, at most 64: for example {suggest_id(text, what)!r} (free text belongs in --name)"
+        f"or digit, at most 64: for example {suggest_id(text, what)!r} (free text belongs in {free})"
     )
 
 

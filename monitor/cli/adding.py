@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import typer
 
+from monitor.beside_extent import lie_beside_extent
 from monitor.cli.progress import show_progress
 from monitor.record import Place
 from monitor.same_survey import describe_copies, describe_doubles
@@ -241,6 +242,14 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
         typer.echo(
             f"mind: {record.epoch_id}: {tell_blind(n_blind, len(headers))}; a line of --poses FILE tells it by the "
             "scanner's place (x y z in the file's coordinates) after the 16 numbers of the pose",
+            err=True,
+        )
+    beside = lie_beside_extent(Place(project, record.object_id, record.epoch_id))
+    if beside:
+        typer.echo(
+            f"mind: {record.epoch_id}: {beside}: nothing of them is within, and nothing will be processed. If unit or "
+            f"poses are wrong: monitor remove-epoch {project.quoted} {record.object_id} {record.epoch_id}, then add it "
+            "again; if the extent is: monitor add-object with another id and the right one",
             err=True,
         )
     if as_json:

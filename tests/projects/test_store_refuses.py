@@ -68,7 +68,7 @@ def test_name_that_is_no_id_is_refused_with_a_suggestion_and_nothing_changes(pro
     assert "--name" in message
     assert message.isprintable()
     assert len(message) < 400
-    with pytest.raises(ParameterError, match="epoch id"):
+    with pytest.raises(ParameterError, match=r"(?s)epoch id .* belongs in --label"):
         project.add_epoch(later_epoch(name), [stream])
     assert snapshot(tmp_path) == before
 
