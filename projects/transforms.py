@@ -49,6 +49,14 @@ def perturb(T_target_source: Floats, centre: Floats, delta: Floats) -> Floats:
     return step @ T_target_source
 
 
+def motion_about(T_target_source: Floats, centre: Floats) -> Floats:
+    """Return the motion (w, t) (6,) [rad, m] of a transform about a point: the delta that `perturb` takes."""
+    from scipy.spatial.transform import Rotation  # takes half a second to load, which readers of files do without
+
+    turn = Rotation.from_matrix(T_target_source[:3, :3]).as_rotvec()
+    return np.concatenate([turn, apply(T_target_source, centre) - centre])
+
+
 def require_rigid(matrix: Floats, what: str) -> Floats:
     """Return `matrix` if it is a proper rigid transform to 1e-4, with its rotation made exact; raise otherwise.
 

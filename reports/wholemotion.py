@@ -8,10 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from projects.model import Z95, Comparison, Floats, Registration
-from projects.transforms import apply, invert
+from projects.transforms import invert, motion_about
 from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, Estimate, coordinates, estimate
 
@@ -60,9 +59,8 @@ def describe_parts(comparison: Comparison) -> list[PartMotion]:
 
 def describe_motion(registration: Registration) -> WholeMotion:
     """Return the motion that the registration undoes; to first order it has the registration's covariance."""
-    T_source_target = invert(registration.T_target_source)
-    translation = apply(T_source_target, registration.centre) - registration.centre
-    rotation = Rotation.from_matrix(T_source_target[:3, :3]).as_rotvec()
+    motion = motion_about(invert(registration.T_target_source), registration.centre)
+    rotation, translation = motion[:3], motion[3:]
     of_rotation, of_translation = registration.covariance[:3, :3], registration.covariance[3:, 3:]
     return WholeMotion(
         translation, np.sqrt(np.diag(of_translation)), rotation, np.sqrt(np.diag(of_rotation)),

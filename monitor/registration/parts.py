@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from monitor.declare import check_settings, given_or_default, setting
@@ -40,7 +39,7 @@ from monitor.registration.part_growth import (
 )
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
-from projects.transforms import apply, invert, perturb
+from projects.transforms import apply, invert, motion_about, perturb
 
 N_NEIGHBOURS = 12
 LEAST_TELLING = LEAST_POINTS // 2  # points of a part that its motion tells from none, and as many from a layer
@@ -245,8 +244,7 @@ def _free_motion(pairs: Matches, centre: Floats) -> str:
 
 def motion_between(T_part: Floats, T_stable: Floats, centre: Floats) -> Floats:
     """Return (w, t) [rad, m] about `centre` of a part that `T_part` puts back, in the frame of the stable areas."""
-    step = T_stable @ invert(T_part)
-    return np.concatenate([Rotation.from_matrix(step[:3, :3]).as_rotvec(), apply(step, centre) - centre])
+    return motion_about(T_stable @ invert(T_part), centre)
 
 
 def _rigid_parts(field: Field, pieces: list[Piece]) -> list[Piece]:

@@ -31,6 +31,7 @@ from monitor.comparison.noise.guesses import sigma_of_guess
 from monitor.comparison.noise.model import Noise
 from monitor.comparison.noise.scan_errors import stated_over
 from monitor.comparison.regions.closing import Closing, border_edges, close_gap, cone_volume
+from monitor.registration.motion.sampling import motion_rows
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration
 from projects.triangles import area_vectors, face_areas
 
@@ -346,8 +347,7 @@ def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detect
         stated = np.array(stated_over(side, np.flatnonzero(mask)))
         shared += 0.5 * float(side.areas[mask].sum() * found.test.scans.sigma_of(stated))
     mask, side = masks[1], sides[1]
-    arm = side.surface.vertices[mask] - registration.centre
-    row = side.areas[mask] @ np.hstack([np.cross(arm, side.normals[mask]), side.normals[mask]])
+    row = side.areas[mask] @ motion_rows(side.surface.vertices[mask], side.normals[mask], registration.centre)
     motion2 = max(float(row @ registration.covariance @ row), 0.0)
     return float(np.sqrt(both**2 + guess**2 + alone + shared**2 + motion2))
 

@@ -20,6 +20,7 @@ from monitor.comparison.noise.guesses import sigma_of_guess
 from monitor.comparison.noise.scan_errors import ScanErrors, stated_over
 from monitor.comparison.regions.borders import sigma_of_area, spread_margin
 from monitor.comparison.regions.enclosure import SIGNS, Beyond
+from monitor.registration.motion.sampling import motion_rows
 from projects.model import Z95, Bools, Floats, Ints, NotAssessed, Registration
 
 Pair = tuple[Side, Side]
@@ -248,8 +249,7 @@ def sigma_of_noise(side: Side, found: Detected, vertices: Ints, registration: Re
     stretch2 = found.noise.stretch.square_over(weight[~rim], own2[~rim] / scale**2)
     noise2 = _sum_of_agreeing(weight[rim], own2[rim]) + _variance_of_sum(side, vertices[~rim], weight[~rim], own2[~rim],
                                                                          found.noise.correlation, stretch2)  # fmt: skip
-    arm = side.surface.vertices[vertices] - registration.centre
-    row = weight @ np.hstack([np.cross(arm, side.normals[vertices]), side.normals[vertices]])
+    row = weight @ motion_rows(side.surface.vertices[vertices], side.normals[vertices], registration.centre)
     shared = float(found.test.scans.sigma_of(np.array(stated_over(side, vertices))))
     common2 = max(float(row @ registration.covariance @ row), 0.0) + shared**2
     return float(np.sqrt(noise2 + common2))

@@ -11,7 +11,7 @@ from scipy.stats import binom
 from monitor.registration.motion.covariance import shape_information
 from monitor.registration.motion.held import FreeMotions
 from monitor.registration.motion.matching import Matches
-from monitor.registration.motion.sampling import motion_rows
+from monitor.registration.motion.sampling import lever_of, motion_rows
 from projects.model import Floats, Ints
 
 N_SIGMAS = 4.0  # the information on every motion must exceed its own uncertainty so many times
@@ -28,7 +28,7 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints, by_sign: bo
     (`cap_largest`). `by_sign`, for parts of few patches, which err independently: or by the sign of most. Few that all
     hold a motion, some much more than others, scatter as widely as they hold.
     """
-    lever = max(float(np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1)))), 1e-300)
+    lever = max(lever_of(matches.points, centre), 1e-300)
     scale = np.repeat([1.0 / lever, 1.0], 3)
     ones = np.full(len(matches), 1.0 / len(matches))
     shape = shape_information(matches, centre, ones) * np.outer(scale, scale)

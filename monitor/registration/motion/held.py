@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from monitor.registration.motion.covariance import about, estimate_covariance, standardize
 from monitor.registration.motion.matching import Matches
 from projects.model import Floats
-from projects.transforms import apply, invert, perturb
+from projects.transforms import invert, motion_about, perturb
 
 N_ROUNDS = 3  # a turn and a shift do not add up exactly
 
@@ -67,8 +66,7 @@ class FreeMotions:
 def without_free_part(T: Floats, T_frames: Floats, free: FreeMotions) -> Floats:
     """Return T (4, 4) with its free part, counted from `T_frames`, taken off."""
     for _ in range(N_ROUNDS):
-        step = T @ invert(T_frames)
-        gone = np.concatenate([Rotation.from_matrix(step[:3, :3]).as_rotvec(), apply(step, free.centre) - free.centre])
+        gone = motion_about(T @ invert(T_frames), free.centre)
         part = (free.basis / free.scale[:, None]).T @ (gone / free.scale)
         T = perturb(T, free.centre, -free.basis @ part)
     return T

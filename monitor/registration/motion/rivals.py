@@ -10,17 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from monitor.lengths import in_millimetres
 from monitor.registration.motion.alignment import align
 from monitor.registration.motion.degeneracy import describe
 from monitor.registration.motion.held import Frames
 from monitor.registration.motion.matching import MatchLimits, match
+from monitor.registration.motion.sampling import lever_of
 from monitor.registration.motion.self_likeness import Fit, Steps, alike_shifts, alike_turns
 from monitor.robust import robust_scale, tukey_weights
 from projects.model import Floats, Registration
-from projects.transforms import apply, invert, perturb
+from projects.transforms import apply, invert, motion_about, perturb
 
 N_SAMPLES = 1_500  # tell 3 % of the surface that fits from none
 N_REFINED, N_ITERATIONS = 400, 8  # samples and steps that lead to the bottom of another minimum
@@ -115,18 +115,16 @@ def refine(fit: Fit, step: Floats, steps: Steps, here: Floats) -> Rival | None:
 def has_barrier(fit: Fit, step: Floats, low: float) -> bool:
     """Return whether less fits on the way by `step` (4, 4), so that it leads to another minimum and not along a slide
     that nothing holds; `low` is the share that fits at the worse of both ends."""
-    turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
     middle = apply(fit.T_target_source, fit.samples.points).mean(axis=0)
-    way = apply(step, middle) - middle
-    between = [perturb(fit.T_target_source, middle, part * np.concatenate([turn, way])) for part in PARTWAY]
+    motion = motion_about(step, middle)
+    between = [perturb(fit.T_target_source, middle, part * motion) for part in PARTWAY]
     return min(float(support(fit, T).mean()) for T in between) < BARRIER * low
 
 
 def name_way(T: Floats, places: Floats) -> str:
     """Return a motion of places (n, 3) [m] in words."""
     centre = places.mean(axis=0)
-    lever = float(np.sqrt(np.mean(np.sum((places - centre) ** 2, axis=1)))) + 1e-12
-    return describe(np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), apply(T, centre) - centre]), lever)
+    return describe(motion_about(T, centre), lever_of(places, centre) + 1e-12)
 
 
 def judge_rivals(found: Registration, fit: Fit, T_start: Floats, frames: Frames | None) -> Registration:
@@ -158,7 +156,7 @@ def away_from_given(T: Floats, fit: Fit, T_start: Floats, frames: Frames | None)
     if frames is None:
         way = apply(T, fit.samples.points) - apply(T_start, fit.samples.points)
         return float(np.sqrt(np.mean(np.sum(way**2, axis=1))))
-    motion = np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), apply(T, frames.centre) - frames.centre])
+    motion = motion_about(T, frames.centre)
     return max(float(np.sqrt(motion @ np.linalg.pinv(frames.covariance, hermitian=True) @ motion)), 1.0)
 
 

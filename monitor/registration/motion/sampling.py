@@ -25,6 +25,11 @@ def motion_rows(points: Floats, normals: Floats, centre: Floats) -> Floats:
     return np.hstack([np.cross(points - centre, normals), normals])
 
 
+def lever_of(points: Floats, centre: Floats) -> float:
+    """Return the root mean square distance [m] of points (n, 3) from a centre: by what a turn moves them."""
+    return float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1))))
+
+
 def parameter_rows(points: Floats, normals: Floats, centre: Floats, beside: Beside = "nothing") -> Floats:
     """Return J (n, 6) of a small motion, or (n, 7) of one beside a layer all over, whose thickness [m] residuals are
     less by, or beside a scale, by whose excess over 1 times n'(x - c) they are."""

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from monitor.registration.motion.alignment import AlignmentRules
 from monitor.registration.motion.matching import Matches, Samples
-from monitor.registration.motion.sampling import cell_numbers, motion_rows
+from monitor.registration.motion.sampling import cell_numbers, lever_of, motion_rows
 from monitor.registration.motion.sides import Side
 from projects.model import Floats
 from projects.transforms import apply
@@ -154,7 +154,7 @@ def free_turn(matches: Matches) -> tuple[Floats, Floats] | None:
     cell = float(np.ptp(matches.points, axis=0).max()) / COARSE_CELLS + 1e-12
     member = np.unique(cell_numbers(matches.points, cell), return_inverse=True)[1]
     centre = matches.points.mean(axis=0)
-    lever = float(np.sqrt(np.mean(np.sum((matches.points - centre) ** 2, axis=1)))) + 1e-12
+    lever = lever_of(matches.points, centre) + 1e-12
     scale = np.repeat([1.0 / lever, 1.0], 3)
     rows = motion_rows(matches.points, matches.normals, centre) * scale
     count = np.bincount(member)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from projects.model import Floats, Registration
-from projects.transforms import apply, invert
+from projects.transforms import invert, motion_about
 
 
 @dataclass(frozen=True)
@@ -44,10 +43,8 @@ def motion_significance(registration: Registration) -> MotionSignificance:
     the same covariance. It is one of the object only where that covariance holds how far the frames of both epochs may
     differ, too. NaN, and not significant, where the registration did not converge.
     """
-    T_source_target = invert(registration.T_target_source)
-    translation = apply(T_source_target, registration.centre) - registration.centre
-    rotation = Rotation.from_matrix(T_source_target[:3, :3]).as_rotvec()
-    motion = np.concatenate([rotation, translation])
+    motion = motion_about(invert(registration.T_target_source), registration.centre)
+    rotation, translation = motion[:3], motion[3:]
     statistic = probability = float("nan")
     if registration.converged and np.isfinite(registration.covariance).all():
         statistic = float(motion @ np.linalg.pinv(registration.covariance, rcond=1e-15, hermitian=True) @ motion)

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from projects.errors import RegistrationError
 from projects.model import Floats, Registration
-from projects.transforms import apply, invert, perturb
+from projects.transforms import invert, motion_about, perturb
 
 N_ITERATIONS = 10
 STEP = 1e-6  # rad and m, of the derivatives by differences
@@ -129,8 +128,7 @@ def misfits(links: Sequence[EpochLink], poses: Floats) -> list[Floats]:
     for link in links:
         motion = link.registration
         step = invert(poses[link.target]) @ poses[link.source] @ invert(motion.T_target_source)
-        turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
-        found.append(np.concatenate([turn, apply(step, motion.centre) - motion.centre]))
+        found.append(motion_about(step, motion.centre))
     return found
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from monitor.registration.motion.matching import Matches, MatchLimits, Samples, match
-from monitor.registration.motion.sampling import motion_rows
+from monitor.registration.motion.sampling import lever_of, motion_rows
 from monitor.registration.motion.sides import Side
 from monitor.registration.network.equations import Pairs
 from monitor.robust import robust_scale
@@ -142,7 +142,7 @@ def _closure(matches: Sequence[Matches]) -> float:
     ways = []
     for pair in matches:
         centre = pair.points.mean(axis=0)
-        lever = float(np.sqrt(np.mean(np.sum((pair.points - centre) ** 2, axis=1)))) + 1e-12
+        lever = lever_of(pair.points, centre) + 1e-12
         unit = np.repeat([1.0 / lever, 1.0], 3)
         rows = motion_rows(pair.points, pair.normals, centre) * unit
         motion = -np.linalg.pinv(rows, rcond=CLOSURE_HELD) @ pair.residuals
