@@ -9,19 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from monitor.adjusted import adjusted_clouds, adjusted_doubtful
-from monitor.comparison import compare
-from monitor.comparison.regions.beside_parts import tell_apart
-from monitor.comparison.regions.moved_parts import doubt_which_stood, tell_moved
+from monitor.compared_pair import Pair, compare_registered, register_pair, with_second_opinion
 from monitor.engine import Engine
 from monitor.filtered_scans import FilteredScans, filter_scans
 from monitor.filtering import estimate_normals, merge_scans
-from monitor.held_placement import place_against_held
-from monitor.measured import filtered, measured_points, raw_scans
+from monitor.measured import raw_scans
 from monitor.mesh_extent import cut_to_extent
 from monitor.quality import (
     assess_rounding,
@@ -34,22 +30,18 @@ from monitor.quality import (
 from monitor.range_calibration import calibrate_scans, calibration_of
 from monitor.reconstruction import reconstruct_with_record
 from monitor.record import Asked, Made, Place, latest_step, once_step
-from monitor.registration.epochs import held_by_frames, register_epochs
 from monitor.registration.network.placement import placement_sigma
-from monitor.registration.parts import find_parts
 from monitor.repeats import is_averaged
 from monitor.same_survey import require_own_scans
-from monitor.scan_network import adjust_epoch, frames_of
-from monitor.second_opinion import ask_m3c2
+from monitor.scan_network import adjust_epoch
 from monitor.settings import Settings, as_mapping
-from monitor.sights import gather_sights
 from monitor.strays import share_of_strays
 from monitor.target_search import search_targets
 from monitor.winding import wind_outward
 from projects.errors import ParameterError
-from projects.extent import Extent, inside, require_part
+from projects.extent import Extent
 from projects.identifiers import comparison_product, scan_product
-from projects.model import Z95, Floats, PointCloud, Step, Surface
+from projects.model import Floats, PointCloud, Step, Surface
 from projects.store import Project
 
 Notify = Callable[[str], None]
@@ -96,38 +88,15 @@ def compare_epochs(
         **({} if stable is None else {"stable": stable.to_mapping()}),
     }
 
+    pair = Pair(earlier, place, before, after)
+
     def make() -> Made:
         """Register, compare, and tell which parts moved; with the second opinion where both epochs have points."""
-        reference, compared = earlier.get(before), place.get(after)
-        if stable is not None:
-            require_part(stable, reference.vertices, compared.vertices)
         notify(f"{compared_id}: registering to {reference_id}")
-        tied = frames_of((earlier, place))
-        within = None if stable is None else partial(inside, stable)
-        motion, start = register_epochs(compared, reference, settings.icp, tied, within)
-        if mode == "absolute" and tied is not None and not motion.converged:
-            motion = held_by_frames(tied, motion)
+        registered = register_pair(pair, settings, mode, stable)
         notify(f"{compared_id}: comparing with {reference_id}")
-        if mode == "relative":
-            reference, compared = place_against_held((earlier, place), (reference, compared), motion)
-        sights = gather_sights(earlier), gather_sights(place)
-        frames = tied.about(motion.centre) if tied is not None else None
-        ask = partial(compare, reference, compared, motion, settings.compare, mode, tolerance, sights, frames=frames,
-                      points=lambda: (measured_points(earlier), measured_points(place)),
-                      stable_is_given=stable is not None)  # fmt: skip
-        found = ask()
-        if len(found.regions):  # what moved as a whole shows as regions of change
-            side = found.on_compared
-            parts = find_parts(compared, reference, motion, settings.parts, side.is_changed, side.lod95 / Z95)
-            if mode == "relative":  # else the motion of the whole is in the differences beside the parts, too
-                found = tell_apart(found, parts, compared.vertices, lambda apart: ask(apart=apart))
-            found = tell_moved(found, parts, compared.vertices)
-            if mode == "relative" and stable is None and tied is None and not motion.stable_is_rest:
-                found = doubt_which_stood(found)
-        clouds = filtered(earlier), filtered(place)
-        if clouds[0] is None or clouds[1] is None:
-            return Made(found, start)
-        return Made(found, {**start, "m3c2": ask_m3c2(found, clouds[0], clouds[1])})
+        found = compare_registered(pair, registered, settings, mode, tolerance, stable_is_given=stable is not None)
+        return with_second_opinion(pair, found, registered.start)
 
     asked = Asked(comparison_product(reference_id), "comparison", parameters, (before, after))
     return once_step(place, asked, make)

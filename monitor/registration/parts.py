@@ -39,7 +39,7 @@ from monitor.registration.part_growth import (
 )
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
-from projects.transforms import apply, invert, motion_about, perturb
+from projects.transforms import apply, invert, motion_about
 
 N_NEIGHBOURS = 12
 LEAST_TELLING = LEAST_POINTS // 2  # points of a part that its motion tells from none, and as many from a layer
@@ -302,8 +302,3 @@ def _way_along_normal(field: Field, T: Floats, which: Ints) -> Floats:
 def _in_given_frame(part: MovedPart, shift: Floats) -> MovedPart:
     return MovedPart(into_local(part.T_target_source, -shift), part.motion, part.covariance, part.centre + shift,
                      part.n_points)  # fmt: skip
-
-
-def put_back(part: MovedPart) -> Floats:
-    """Return the transform (4, 4) that brings the moved part back to where it was, in the target's frame."""
-    return invert(perturb(np.eye(4), part.centre, part.motion))

@@ -7,10 +7,10 @@ from bumpy_body import NOISE, noisy_cloud, unit
 from scipy.spatial.transform import Rotation
 
 from monitor.registration import register
-from monitor.registration.parts import find_parts, put_back
+from monitor.registration.parts import find_parts
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud
-from projects.transforms import apply
+from projects.transforms import apply, invert, perturb
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def test_two_parts_are_found_with_their_motions_and_nothing_else(reference: Poin
         sigma = np.sqrt(np.diag(part.covariance))
         assert (np.abs(part.motion - truth) < 4.0 * sigma + np.repeat([2e-4, 2e-5], 3)).all()
         assert sigma[3:].max() < NOISE
-        back = apply(put_back(part), later.points[members])
+        back = apply(invert(perturb(np.eye(4), part.centre, part.motion)), later.points[members])
         left = back - apply(np.linalg.inv(T), later.points[members])
         assert np.sqrt((left**2).sum(axis=1).mean()) < 2.5e-4
 
