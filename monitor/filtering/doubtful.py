@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
+from monitor.across import frames_across
 from monitor.filtering.off_plane import CUT2, MAX_COMPANIONS, MIN_COMPANIONS
 from monitor.filtering.silhouettes import RIM_GAP, widest_gap
 from projects.model import Bools, Floats, Ints, PointCloud
@@ -159,7 +160,7 @@ def _is_bowl(offsets: Floats, chosen: Bools, limit2: Floats, normals: Floats) ->
     across = _along(offsets, normals)
     along = offsets - across[:, :, None] * normals[:, None]
     size2 = (weights * np.einsum("nki,nki->nk", along, along)).sum(axis=1) / n_points
-    u, v = (_along(along, axis) / np.sqrt(size2)[:, None] for axis in _tangents(normals))
+    u, v = (_along(along, axis) / np.sqrt(size2)[:, None] for axis in frames_across(normals))
     terms = np.stack([np.ones_like(u), u, v, u * u + v * v], axis=2)
     inverse = np.linalg.pinv(np.einsum("nk,nki,nkj->nij", weights, terms, terms), hermitian=True)
     found = np.einsum("nij,nkj,nk,nk->ni", inverse, terms, weights, across)
@@ -169,11 +170,3 @@ def _is_bowl(offsets: Floats, chosen: Bools, limit2: Floats, normals: Floats) ->
     is_near = residuals2.sum(axis=1) <= sigma2 * chi2.ppf(SURE, freedom)
     is_flat = residuals2.sum(axis=1) <= FLAT * 0.5 * size2 * freedom
     return np.asarray((n_points >= MIN_OF_BOWL) & is_near & is_flat & (found[:, 0] ** 2 <= limit2))
-
-
-def _tangents(normals: Floats) -> tuple[Floats, Floats]:
-    """Return two directions (n, 3) across each normal (n, 3) and each other."""
-    least = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = np.cross(normals, least)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(normals, first)

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from monitor.blocks import blocks
 from monitor.declare import check_settings, setting
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_nearest, find_nearest_sorted
 from projects.model import Bools, Floats, Ints
@@ -66,15 +67,10 @@ class SilhouetteSettings:
         check_settings(self)
 
 
-def _blocks(n_points: int) -> list[slice]:
-    """Return runs of points; what is made of each of them need not be as long as the scan."""
-    return [slice(first, first + BLOCK) for first in range(0, n_points, BLOCK)]
-
-
 def find_grazing(points: Floats, origin: Floats, normals: Floats, max_incidence: float) -> Bools:
     """Return the points (n,) whose incidence angle, between beam and normal (n, 3), exceeds `max_incidence` [rad]."""
     grazing = np.empty(len(points), dtype=bool)
-    for block in _blocks(len(points)):
+    for block in blocks(len(points), BLOCK):
         beams = points[block] - origin
         across = np.abs((beams * normals[block]).sum(axis=1))
         grazing[block] = across < math.cos(max_incidence) * np.linalg.norm(beams, axis=1)
@@ -108,7 +104,7 @@ def _jumps_along(
     points, origin, noise = scan
     n_jumps = len(order) - 1
     steps, jump = np.full(n_jumps, np.nan, dtype=np.float32), np.zeros(n_jumps, dtype=np.int8)
-    for block in _blocks(n_jumps):  # the step of the grid first
+    for block in blocks(n_jumps, BLOCK):  # the step of the grid first
         some = order[block.start : block.stop + 1]
         directions = points[some] - origin
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -118,7 +114,7 @@ def _jumps_along(
     if np.isnan(steps).all():
         return jump
     step = float(np.median(steps[~np.isnan(steps)]))
-    for block in _blocks(n_jumps):
+    for block in blocks(n_jumps, BLOCK):
         some = order[block.start : block.stop + 1]
         ranges = np.linalg.norm(points[some] - origin, axis=1)
         rise = np.diff(ranges)
@@ -171,7 +167,7 @@ class _Field:
 
     def blocks(self, which: Ints, k: int) -> Iterator[tuple[Ints, Ints]]:
         """Yield runs of the directions `which` with their k nearest."""
-        for block in _blocks(len(which)):
+        for block in blocks(len(which), BLOCK):
             yield which[block], find_nearest_sorted(self.index, which[block], min(k, len(self.order)))
 
 
@@ -180,7 +176,7 @@ def _look_out(points: Floats, origin: Floats, noise: Floats, known: Bools | None
     which = np.arange(len(points)) if known is None else np.flatnonzero(known)
     which = which.astype(np.int32 if len(points) < 2**31 else np.int64)
     directions, ranges = np.empty((len(which), 3), dtype=np.float32), np.empty(len(which), dtype=np.float32)
-    for block in _blocks(len(which)):
+    for block in blocks(len(which), BLOCK):
         beams = points[which[block]] - origin
         ranges[block] = np.linalg.norm(beams, axis=1)
         directions[block] = beams / ranges[block, None]
@@ -196,7 +192,7 @@ def _beside_jumps(field: _Field) -> Bools:
     """Return the directions (n,) one of whose nearest has another range than any surface explains."""
     n, k = len(field.order), min(N_BESIDE + 1, len(field.order))
     beside = np.empty(n, dtype=bool)
-    for block in _blocks(n):
+    for block in blocks(n, BLOCK):
         last = min(block.stop, n)
         near = find_nearest(field.index, block.start, last, np.full(last - block.start, k))
         _mark_jumps(field.index.points, field.ranges, field.noise, field.order, near, block.start, field.slope, beside)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from monitor.blocks import blocks
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order, find_nearest_sorted
 from projects.model import Bools, Floats, Ints
 
@@ -40,7 +41,7 @@ def find_specks(points: Floats, origin: Floats, reach: Floats, isolation: float)
     points, origin : (n, 3) and (3,) m, of the scan and its scanner.
     reach : (n,) m, distance to the sixth nearest point.
     """
-    ranges = np.concatenate([np.linalg.norm(points[b] - origin, axis=1) for b in _blocks(len(points))])
+    ranges = np.concatenate([np.linalg.norm(points[b] - origin, axis=1) for b in blocks(len(points), BLOCK)])
     specks = find_isolated(reach, ranges, isolation)
     which = np.flatnonzero(specks)
     if len(which):
@@ -56,7 +57,7 @@ def angles_around(points: Floats, origin: Floats, which: Ints) -> Floats:
     lies around them.
     """
     directions = np.empty(points.shape, dtype=np.float32)  # a scan may have tens of millions
-    for block in _blocks(len(points)):
+    for block in blocks(len(points), BLOCK):
         beams = points[block] - origin
         directions[block] = beams / np.linalg.norm(beams, axis=1, keepdims=True)
     order = canonical_order(directions)
@@ -64,7 +65,7 @@ def angles_around(points: Floats, origin: Floats, which: Ints) -> Floats:
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     around = np.empty(len(which))
-    for block in _blocks(len(which)):
+    for block in blocks(len(which), BLOCK):
         near = find_nearest_sorted(index, place[which[block]], min(N_AROUND + 1, len(order)))[:, 1:]
         asked, back = np.unique(near, return_inverse=True)
         around[block] = np.median(_to_sixth(index, asked)[back.reshape(near.shape)], axis=1)
@@ -74,12 +75,7 @@ def angles_around(points: Floats, origin: Floats, which: Ints) -> Floats:
 def _to_sixth(index: PointIndex, which: Ints) -> Floats:
     """Return the angle (len(which),) [rad] of each direction to its sixth nearest."""
     angles = np.empty(len(which))
-    for block in _blocks(len(which)):
+    for block in blocks(len(which), BLOCK):
         near = find_nearest_sorted(index, which[block], min(SIXTH + 1, len(index.points)))
         angles[block] = np.linalg.norm(index.points[near[:, -1]] - index.points[which[block]], axis=1)
     return angles
-
-
-def _blocks(n_points: int) -> list[slice]:
-    """Return runs of points; what is made of each of them need not be as long as the scan."""
-    return [slice(first, first + BLOCK) for first in range(0, n_points, BLOCK)]

@@ -14,6 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from monitor.across import frames_across
 from monitor.reconstruction.cell_size import Sampling
 from monitor.reconstruction.distances import is_covered
 from monitor.reconstruction.gathering import (
@@ -117,9 +118,7 @@ def discs_across(ways: Floats, radii: Floats) -> Floats:
     """Return places (n, 16, 3) m spread evenly over discs of `radii` (n,) m about the origin, across unit `ways`."""
     i = np.arange(N_PLACES) + 0.5
     away, turn = np.sqrt(i / N_PLACES), np.pi * (1.0 + 5.0**0.5) * i  # a sunflower
-    side = np.cross(ways, np.eye(3)[np.abs(ways).argmin(axis=1)])
-    side *= (radii / np.linalg.norm(side, axis=1))[:, None]
-    across = np.cross(ways, side)
+    side, across = (way * radii[:, None] for way in frames_across(ways))
     out: Floats = (away * np.cos(turn))[:, None] * side[:, None] + (away * np.sin(turn))[:, None] * across[:, None]
     return out
 

@@ -15,6 +15,7 @@ import numpy as np
 from numba import jit
 from scipy.spatial import cKDTree
 
+from monitor.across import frames_across
 from monitor.reconstruction.departures import N_HERE, compare_steps, mean_of_pool
 from monitor.reconstruction.gathering import (
     OVER_THE_RIM,
@@ -142,9 +143,7 @@ def common_direction(bends2: Floats, probes: Probes) -> tuple[Floats, Floats]:
     """
     mean = np.column_stack([mean_of_pool(one.copy(), probes.pool, N_IN_COMMON) for one in bends2.T])
     tensor = mean[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-    first = np.cross(probes.normals, np.eye(3)[np.abs(probes.normals).argmin(axis=1)])
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    second = np.cross(probes.normals, first)
+    first, second = frames_across(probes.normals)
     a, b, c = (np.einsum("ni,nij,nj->n", x, tensor, y) for x, y in ((first, first), (first, second), (second, second)))
     turn = 0.5 * np.arctan2(2.0 * b, a - c)  # of the direction that bends most
     most = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.across import frames_across
 from monitor.boxes import box_of
 from monitor.ordering import stable_order
 from monitor.threads import map_threads
@@ -34,9 +35,7 @@ def frames_of_columns() -> Floats:
     """
     ways = [d for d in product((-1.0, 0.0, 1.0), repeat=3) if d > (0.0, 0.0, 0.0)]
     along = np.array(ways) / np.linalg.norm(ways, axis=1)[:, None]
-    first = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(along, first), along], axis=1)
+    return np.stack([*frames_across(along), along], axis=1)
 
 
 COS_ONE_WAY = 0.5  # points of a cell whose normals are within 60 degrees are one group: thin sheets stay apart

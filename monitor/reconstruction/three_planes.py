@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.across import frames_across
 from monitor.reconstruction.roofs import BEYOND_NOISE, COS_CLEAR, NOISE_MARGIN
 from projects.model import Bools, Floats, Ints
 
@@ -122,9 +123,7 @@ def fit_plane(
 
 def frame_across(normal: Floats) -> Floats:
     """Return two unit vectors (2, 3) at right angles to a unit normal and to each other."""
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(normal, first)])
+    return np.concatenate(frames_across(normal[None]))
 
 
 def holds(place: Floats, normals: Floats, shape: tuple[int, int], around: Around) -> bool:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from monitor.blocks import blocks
 from monitor.comparison.detection.skirts import WIDTH
 from monitor.comparison.detection.tested import Detection, Tested
-from monitor.comparison.distances.blocks import blocks
 from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.quantile import quantile
 from monitor.comparison.distances.scratch import keep_on_disk

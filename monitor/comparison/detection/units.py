@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import jit
 
+from monitor.blocks import blocks
 from monitor.boxes import box_of
-from monitor.comparison.distances.blocks import blocks
 from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.side import Side

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import jit
 
+from monitor.blocks import blocks
 from monitor.boxes import box_of
-from monitor.comparison.distances.blocks import blocks
 from monitor.comparison.distances.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER
 from monitor.comparison.distances.portions import search_feet
 from monitor.comparison.distances.rim import distance_to_rim

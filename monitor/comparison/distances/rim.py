@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from monitor.comparison.distances.blocks import blocks
+from monitor.blocks import blocks
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.stars import first_sides, free_edges
 from projects.model import Bools, Floats

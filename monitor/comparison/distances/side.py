@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numba import jit
 
-from monitor.comparison.distances.blocks import blocks
+from monitor.blocks import blocks
 from monitor.comparison.distances.judging import NOTHING, Stated, judge_vertices
 from monitor.comparison.distances.perpendicular import distances_to_shell, interpolate_at_feet, unit_normals
 from monitor.comparison.distances.quantile import median, quantile

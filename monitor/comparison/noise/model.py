@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import jit
 
-from monitor.comparison.distances.blocks import blocks
+from monitor.blocks import blocks
 from monitor.comparison.distances.discord import SHARE
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.scratch import keep_on_disk

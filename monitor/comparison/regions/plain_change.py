@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from monitor.comparison.distances.blocks import blocks
+from monitor.blocks import blocks
 from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.side import N_DRAWN, Side, larger_of, map_sides

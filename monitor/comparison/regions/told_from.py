@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from monitor.blocks import blocks
 from monitor.comparison.detection.tested import Detected
 from monitor.comparison.detection.units import average_by_unit
-from monitor.comparison.distances.blocks import blocks
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.side import Side, larger_of, map_sides

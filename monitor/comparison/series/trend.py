@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, norm
 
+from monitor.blocks import blocks
 from monitor.comparison.detection.family import adjust_together, share_as_small
-from monitor.comparison.distances.blocks import blocks
 from monitor.comparison.series.kinds_of_course import MISFIT, choose_kind
 from projects.errors import ParameterError, ShapeError
 from projects.model import Floats

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.comparison.distances.blocks import blocks
+from monitor.blocks import blocks
 from monitor.comparison.distances.side import Side
 from monitor.comparison.sight.stations import StationSight, is_measured
 from projects.model import Floats, Ints
