@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from monitor.comparison import compare
+from monitor.comparison.regions.as_given import doubt_as_given
 from monitor.comparison.regions.beside_parts import tell_apart
 from monitor.comparison.regions.moved_parts import doubt_which_stood, tell_moved
 from monitor.held_placement import place_against_held
@@ -79,7 +80,7 @@ def compare_registered(pair: Pair, registered: Registered, settings: Settings, m
         found = tell_apart(found, parts, compared.vertices, lambda apart: ask(apart=apart))
     found = tell_moved(found, parts, compared.vertices)
     if mode == "relative" and not stable_is_given and tied is None and not motion.stable_is_rest:
-        found = doubt_which_stood(found)
+        found = doubt_as_given(doubt_which_stood(found))
     return found
 
 

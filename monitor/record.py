@@ -27,7 +27,7 @@ METHOD = {
     "surface": 26,
     "mesh": 8,
     "quality": 3,
-    "comparison": 56,
+    "comparison": 57,
     "series": 15,
 }
 

@@ -130,6 +130,23 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
             percent(statistics.get("share_above_lod95", NAN)),
         ),
     ]
+    rows += _error_rows(statistics)
+    if "tolerance_m" in statistics:
+        rows.append(("the client’s tolerance", tolerance_in_words(statistics["tolerance_m"])))
+        rows.append(("assessed surface beyond it", percent(statistics.get("share_beyond_tolerance", NAN))))
+    note = (
+        "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
+        "called changed. Changed is only what hangs together as a region, is no smaller than the area over which "
+        "errors agree, or deeper than any error in both epochs, and is significant as a whole, with the share of false "
+        f"discoveries held at {100.0 * false_discovery_rate:g}\u00a0% over the whole surface, and with what the "
+        "surfaces are unsure of where the points do not tell the shape."
+    )
+    return Table("What can be seen", ("", ""), tuple(rows), note)
+
+
+def _error_rows(statistics: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return how large stable areas show the errors to be that the surfaces state, and over what these agree."""
+    rows = []
     if np.isfinite(statistics.get("error_scale", NAN)):  # not where a surface states none
         rows.append(("of the errors that both surfaces state, stable areas show", percent(statistics["error_scale"])))
     if np.isfinite(statistics.get("error_share_discord", NAN)):
@@ -144,17 +161,7 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         rows.append(("of the same, counted in the mean of patches and regions", words))
     if "correlation_length_m" in statistics:
         rows.append(("errors of neighbours agree over", millimetres(statistics["correlation_length_m"])))
-    if "tolerance_m" in statistics:
-        rows.append(("the client’s tolerance", tolerance_in_words(statistics["tolerance_m"])))
-        rows.append(("assessed surface beyond it", percent(statistics.get("share_beyond_tolerance", NAN))))
-    note = (
-        "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
-        "called changed. Changed is only what hangs together as a region, is no smaller than the area over which "
-        "errors agree, or deeper than any error in both epochs, and is significant as a whole, with the share of false "
-        f"discoveries held at {100.0 * false_discovery_rate:g}\u00a0% over the whole surface, and with what the "
-        "surfaces are unsure of where the points do not tell the shape."
-    )
-    return Table("What can be seen", ("", ""), tuple(rows), note)
+    return rows
 
 
 def _coarse_rows(statistics: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -30,6 +30,7 @@ from reports.quantities import (
 GOES_ON = ("steady", "accelerating")  # at a rate
 ALL_GO_ON = {*GOES_ON, "bending", "onset", "jump and rate"}
 OPEN = "the epochs do not tell which"
+NEXT_TELLS = "the next epoch will tell whether it goes on"  # of what only the last one shows
 CHANGES = {
     "jump": "at once",
     "onset": "began later",
@@ -156,6 +157,8 @@ def say_course(series: Series, row: pd.Series) -> str:
         told = f"{told}, by {_acceleration(row)}"
     elif kinds == ["bending"]:
         told = f"{told}, by no constant acceleration"
+    elif kinds == ["jump"] and ends[1] == float(series.years[-1]):
+        told = f"new between {' and '.join(_when(series, end) for end in ends)}; {NEXT_TELLS}"
     elif np.isfinite(ends).all():
         told = f"{told}, between {' and '.join(_when(series, end) for end in ends)}"
     return f"{told}; {OPEN}" if len(kinds) > 1 else told

@@ -40,6 +40,18 @@ def test_a_course_that_bends_tells_its_acceleration_with_its_margin_where_it_is_
     assert course.course == "faster and faster, by no constant acceleration"
 
 
+def test_what_only_the_last_epoch_shows_is_new_and_may_go_on() -> None:
+    series = series_of("jump", (-1e-5, -4e-4))
+    told = {}
+    for first, last in ((0.0, 1.0), (1.0, 4.0)):
+        given = {"onset_from_years": first, "onset_to_years": last}
+        told[last] = tell_series(replace(series, regions=series.regions.assign(**given))).courses[0].course
+    assert told[1.0].replace("\u00a0", " ") == "at once, between 15 January 2020 and 15 January 2021"
+    assert told[4.0].replace("\u00a0", " ") == (
+        "new between 15 January 2021 and 15 January 2024; the next epoch will tell whether it goes on"
+    )
+
+
 def test_kinds_that_are_not_told_apart_are_all_said_without_a_date_that_only_one_has() -> None:
     told = {}
     for model in ("accelerating or onset", "bending or stopped", "jump or onset", "jump and rate", "stopped"):
