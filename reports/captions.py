@@ -13,6 +13,10 @@ from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
 from reports.quantities import NBSP, tell_bearing
 
+# What two surfaces do not tell from it, where the surface goes on: plaster that bulges, wood that shrinks.
+OR_MOVED = {"lost": ", or surface that sank in (not told which)",
+            "added": ", or surface that bulged out (not told which)"}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Captions:
@@ -73,7 +77,7 @@ def write_captions(facts: ReportFacts) -> Captions:
             ("Area", facts.series.measures.area), ("Mean, last known", "mm"), ("Rate", "mm/year"),
             ("Volume rate", f"{facts.series.measures.volume}/year"),
         ),
-        kinds=tuple((kind, MEANINGS[kind]) for kind in present if kind in MEANINGS),
+        kinds=tuple((kind, f"{MEANINGS[kind]}{OR_MOVED.get(kind, '')}") for kind in present if kind in MEANINGS),
         courses=(
             f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Filled: found as "
             "a region in that epoch; hollow: measured at the same place, not significant there, as in every epoch of a "

@@ -54,6 +54,11 @@ def test_an_even_change_is_said_to_be_a_layer_or_a_piece_that_moved():
     assert told["cleaned"] == "thin, even layer lost or, if flat, piece moved inwards (not told which)"
     assert told["coated"] == "thin, even layer added or, if flat, piece moved outwards (not told which)"
     assert "look alike: the surfaces" not in said(facts_of(example_comparison()))
+    wide = facts_of(example_comparison(((DENT[0], "lost", *DENT[2:]), (PATCH[0], "added", *PATCH[2:]))))
+    assert dict(write_captions(wide).kinds) == {
+        "lost": "material lost, or surface that sank in (not told which)",
+        "added": "material added, or surface that bulged out (not told which)",
+    }
 
 
 def test_a_later_epoch_of_another_scale_is_told_in_the_headline():
