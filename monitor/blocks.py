@@ -7,7 +7,8 @@ from collections.abc import Iterator
 BLOCK = 1 << 16  # vertices: a few MiB
 
 
-def blocks(n: int, size: int = BLOCK) -> Iterator[slice]:
-    """Yield slices that cut 0 to n into runs of `size`."""
-    for first in range(0, n, size):
-        yield slice(first, min(first + size, n))
+def blocks(n: int, size: int | None = None) -> Iterator[slice]:
+    """Yield slices that cut 0 to n into runs of `size`, of `BLOCK` where left out."""
+    step = size or BLOCK
+    for first in range(0, n, step):
+        yield slice(first, min(first + step, n))

@@ -110,7 +110,11 @@ def draw_histogram(comparison: Comparison) -> bytes:
         _draw_bars(axes, edges, (whole, parts), choose_limit(comparison) * MM)
         _mark_level(axes, level)
         _say_beyond(axes, float(share[np.abs(values) > reach].sum()))
-        axes.set(xlim=(-reach, reach), yscale="log", ylim=(low, 2.0 * max(whole.max(initial=0), 10 * low)))
+        axes.set(
+            xlim=(-reach, reach),
+            yscale="log" if whole.any() else "linear",
+            ylim=(low, 2.0 * max(whole.max(initial=0), 10 * low)),
+        )
         axes.set_xlabel("signed distance [mm]: lost −, gained +")
         axes.set_ylabel("assessed surface [%]")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))

@@ -69,7 +69,8 @@ def scan_by_triangulation(
     ranges = hits.t[:, 0].astype(float)
     met = (ranges >= sensor.range_min) & (ranges <= sensor.range_max)
     laser = apply(T_project_scanner, np.array([[0.0, sensor.base_line, 0.0]]))[0]
-    points = eye + np.where(met, ranges, 1.0)[:, None] * directions
+    far = np.where(met, ranges, 1.0)
+    points = eye + far[:, None] * directions
     towards = points - laser
     reach = np.linalg.norm(towards, axis=1)
     towards = towards / reach[:, None]
@@ -78,7 +79,7 @@ def scan_by_triangulation(
     seen = met & (lit > reach - 1e-4)
     for ray in (directions, towards):
         seen &= np.abs((ray * normals).sum(axis=1)) > steepest
-    measured = ranges + sensor.calibration_error + sensor.noise_1m * ranges**2 * rng.normal(size=len(ranges))
+    measured = far + sensor.calibration_error + sensor.noise_1m * far**2 * rng.normal(size=len(far))
     cloud = PointCloud(measured[seen, None] * local[seen], origins=np.zeros(3))
     dropped = {"no return": int((~met).sum()), "shadow": int((met & ~seen).sum())}
     return Scan(

@@ -11,9 +11,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial.distance import cdist
 
+from monitor import blocks
 from monitor.comparison import compare
 from monitor.comparison.detection.reaches import gather_reaches, least_of_patches, members_of, sum_over
-from monitor.comparison.distances import blocks
 from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.quantile import median, quantile
 from monitor.comparison.distances.spreading import spread_along

@@ -10,7 +10,7 @@ import pytest
 from sheets_with_mouldings import GUESSED, NOISE, N, along_one, compared, mouldings
 from stated_side import side_of
 
-from monitor.comparison.distances import blocks as blocks_of_vertices
+from monitor import blocks as blocks_of_vertices
 from monitor.comparison.noise import guesses
 from monitor.comparison.noise.correlation import Correlation
 from monitor.comparison.noise.guesses import (
