@@ -127,14 +127,13 @@ class _Ranges:
         """Take in one more block."""
         if "intensity" in columns:
             self.are_needed = True
-            values = columns["intensity"][np.isfinite(columns["intensity"])]
-            self._low, self._high = (
-                min(self._low, values.min(initial=np.inf)),
-                max(self._high, values.max(initial=-np.inf)),
-            )
+            values = np.asarray(columns["intensity"], dtype=np.float64)
+            finite = values[np.isfinite(values)]
+            self._low = min(self._low, float(finite.min(initial=np.inf)))
+            self._high = max(self._high, float(finite.max(initial=-np.inf)))
         if _are_unscaled(columns):
             self.are_needed = True
-            colours = columns["colors"][np.isfinite(columns["colors"])]
+            colours = np.nan_to_num(np.asarray(columns["colors"], dtype=np.float64))
             self._brightest = max(self._brightest, float(colours.max(initial=0.0)))
             self._has_fractions |= bool((colours != np.floor(colours)).any())
 
@@ -142,7 +141,7 @@ class _Ranges:
         """Return a block with intensity as 0-1, NaN where not finite, and colours as 0-255."""
         scaled = dict(columns)
         if "intensity" in columns:
-            limits = guess_intensity_range(float(self._low), float(self._high))
+            limits = guess_intensity_range(self._low, self._high)
             scaled["intensity"] = within_unit_range(columns["intensity"], *limits)
         if _are_unscaled(columns):
             factor = guess_colour_factor(self._brightest, self._has_fractions)

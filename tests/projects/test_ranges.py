@@ -45,6 +45,15 @@ def test_the_last_block_tells_the_range_as_the_first_does():
     assert told([[[200.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], [[51200.0, 0.0, 0.0]]], "colors")[:, 0].tolist() == [0, 0, 200]
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint16, np.float32])
+def test_ranges_are_those_of_whole_numbers_too(kind):
+    blocks = [np.array([1, 100], kind), np.array([0, 51], kind)]
+    np.testing.assert_allclose(told(blocks, "intensity"), np.array([1, 100, 0, 51]) / 255.0, atol=1e-7)
+    if kind is not np.uint8:
+        assert told([np.array([[1, 100, 0]], kind), np.array([[2, 51, 3]], kind)], "colors").tolist() == [
+            [1, 100, 0], [2, 51, 3]]  # fmt: skip
+
+
 def test_bytes_stay_bytes_and_what_needs_no_range_is_read_once():
     n_read = []
 

@@ -24,7 +24,7 @@ def doubt_as_given(comparison: Comparison) -> Comparison:
     """Return the comparison with the doubt that the rest changed, where a region that changed evenly did not move in
     the coordinates as given: there its mean change is within its margin of none."""
     registration, side = comparison.registration, comparison.on_compared
-    if not registration.converged:
+    if not registration.converged or np.isfinite(registration.layer):  # beside a layer all over: told as that
         return comparison
     surface = side.surface
     normals = vertex_normals(surface.vertices, surface.faces) if surface.normals is None else surface.normals
