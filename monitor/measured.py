@@ -88,7 +88,8 @@ def join_evenly(pieces: Iterable[Floats], most: int) -> Floats:
         kept.append(piece[::stride])
         while sum(map(len, kept)) > max(most, len(kept)):  # one point of each piece stays
             kept, stride = [points[::2] for points in kept], 2 * stride
-    return np.concatenate(kept)[:: -(-sum(map(len, kept)) // most)] if kept else np.empty((0, 3))
+    points = np.concatenate(kept) if kept else np.empty((0, 3))
+    return points[:: max(-(-len(points) // most), 1)]
 
 
 def _steps_of_scans(place: Place) -> list[Step]:

@@ -81,6 +81,6 @@ def test_of_more_points_than_fit_every_second_or_fourth_is_kept_of_each_piece() 
     assert len(join_evenly(pieces, 64)) == 64
     assert np.bincount(join_evenly(pieces, 63)[:, 0].astype(int)).tolist() == [8, 8, 16]
     assert np.bincount(join_evenly(pieces, 20)[:, 0].astype(int)).tolist() == [4, 4, 8]
-    assert join_evenly([], 10).shape == (0, 3)
+    assert join_evenly([], 10).shape == join_evenly([np.empty((0, 3))], 10).shape == (0, 3)
     lone = join_evenly([np.full((1, 3), float(k)) for k in range(10)], 4)
     assert lone[:, 0].tolist() == [0.0, 3.0, 6.0, 9.0]
