@@ -47,8 +47,8 @@ class Registered(NamedTuple):
 
 
 def register_pair(pair: Pair, settings: Settings, mode: str, stable: Extent | None) -> Registered:
-    """Register the later epoch to the earlier (step 11); in relative mode without what scans placed against what held
-    them would still share."""
+    """Register the later epoch to the earlier (step 11). In relative mode the surfaces state what their neighbourhoods
+    share in error about what holds the motion."""
     reference, compared = pair.earlier.get(pair.before), pair.later.get(pair.after)
     if stable is not None:
         require_part(stable, reference.vertices, compared.vertices)

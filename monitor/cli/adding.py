@@ -24,6 +24,7 @@ from projects.formats import PoseLine, ScanStream, metres_per_unit, question_uni
 from projects.identifiers import require_id
 from projects.model import ControlPoint, EpochRecord
 from projects.provenance import hash_file
+from projects.raw import ScanHeader
 from projects.reference_systems import name_of_plane
 from projects.store import Project
 from reports.history import tell_blind
@@ -213,28 +214,23 @@ def _warn_of_systems(project: Project, record: EpochRecord, streams: Sequence[Sc
         )
 
 
-def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:
-    """Say what was kept, what was dropped, of how many scans the pose was found by what, what is a copy, and a date
-    that can hardly be."""
-    headers = project.scan_headers(record.object_id, record.epoch_id)
-    copies = _copies(project, record)
-    dropped: dict[str, int] = {}
-    for header in headers:
-        for reason, n in header.dropped.items():
-            dropped[reason] = dropped.get(reason, 0) + int(n)
-    n_points = sum(header.n_points for header in headers)
+def _warn_of_epoch(
+    project: Project, record: EpochRecord, headers: Sequence[ScanHeader], doubles: Sequence[str]
+) -> None:
+    """Say what is doubtful of an epoch as it was added: a date that can hardly be, scans that are there twice, whose
+    station nobody knows, or that lie beside the object's extent."""
+    out = f"monitor remove-epoch {project.quoted} {record.object_id} {record.epoch_id}"
     doubt = _doubt_date(record.date)
     if doubt:
         typer.echo(
             f"mind: {record.date} {doubt}; was epoch {record.epoch_id} surveyed then? Rates rest on dates. "
-            f"If not: monitor remove-epoch {project.quoted} {record.object_id} {record.epoch_id}, then add it again",
+            f"If not: {out}, then add it again",
             err=True,
         )
-    doubles = describe_doubles(Place(project, record.object_id, record.epoch_id))
     if doubles:
         typer.echo(
             f"mind: {', '.join(doubles[:3])}: measured once, it counts as scans that agree perfectly; take the epoch "
-            f"out (monitor remove-epoch {project.quoted} {record.object_id} {record.epoch_id}) and add each scan once",
+            f"out ({out}) and add each scan once",
             err=True,
         )
     n_blind = sum(not np.isfinite(header.origin).all() for header in headers)
@@ -248,10 +244,24 @@ def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_j
     if beside:
         typer.echo(
             f"mind: {record.epoch_id}: {beside}: nothing of them is within, and nothing will be processed. If unit or "
-            f"poses are wrong: monitor remove-epoch {project.quoted} {record.object_id} {record.epoch_id}, then add it "
-            "again; if the extent is: monitor add-object with another id and the right one",
+            f"poses are wrong: {out}, then add it again; if the extent is: "
+            "monitor add-object with another id and the right one",
             err=True,
         )
+
+
+def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:
+    """Say what was kept, what was dropped, of how many scans the pose was found by what, what is a copy, and what is
+    doubtful."""
+    headers = project.scan_headers(record.object_id, record.epoch_id)
+    copies = _copies(project, record)
+    dropped: dict[str, int] = {}
+    for header in headers:
+        for reason, n in header.dropped.items():
+            dropped[reason] = dropped.get(reason, 0) + int(n)
+    n_points = sum(header.n_points for header in headers)
+    doubles = describe_doubles(Place(project, record.object_id, record.epoch_id))
+    _warn_of_epoch(project, record, headers, doubles)
     if as_json:
         facts = {"object": record.object_id, "epoch": record.epoch_id, "n_scans": len(headers), "n_points": n_points}
         typer.echo(

@@ -52,6 +52,6 @@ def _say(still: list[tuple[int, float]]) -> str:
     way = "deeper" if mean > 0.0 else "higher"
     return (
         f"in the coordinates as given {which} stood still, and the rest, which was taken to, lies "
-        f"{in_millimetres(abs(mean))} {way}: if these coordinates hold, it is the rest that changed; --mode absolute "
-        "shows that, control points or a place where nothing moved would tell"
+        f"{in_millimetres(abs(mean))} {way}: if these coordinates hold, it is the rest that changed, and a comparison "
+        "with --mode absolute shows it so; control points, or a place where nothing moved, would tell"
     )

@@ -81,10 +81,10 @@ def _goes_through(tree, station, face, angles, half_step, between, stack):  # ty
 @jit(nopython=True, cache=True, nogil=True)
 def _way_of(face, a, b):  # type: ignore[no-untyped-def]
     """Return the unit vector of a direction: the inverse of `face_angles`."""
-    u, v, along = math.tan(a - MIDDLE), math.tan(b - MIDDLE), 2.0 * (face % 2) - 1.0
+    u, v, sign = math.tan(a - MIDDLE), math.tan(b - MIDDLE), 2.0 * (face % 2) - 1.0
     scale = 1.0 / math.sqrt(1.0 + u * u + v * v)
     if face // 2 == 0:
-        return along * scale, u * scale, v * scale
+        return sign * scale, u * scale, v * scale
     if face // 2 == 1:
-        return v * scale, along * scale, u * scale
-    return u * scale, v * scale, along * scale
+        return v * scale, sign * scale, u * scale
+    return u * scale, v * scale, sign * scale
