@@ -27,8 +27,8 @@ METHOD = {
     "surface": 26,
     "mesh": 8,
     "quality": 3,
-    "comparison": 57,
-    "series": 15,
+    "comparison": 58,
+    "series": 16,
 }
 
 

@@ -360,6 +360,20 @@ def shares_not_assessed(comparison: Comparison) -> tuple[float, float]:
     )
 
 
+def shares_by_assessment(comparison: Comparison, k: int) -> dict[str, float]:
+    """Return which share of the reference (`k` = 0) or the compared surface (1) is "unchanged", "changed", or could not
+    be assessed for each reason, by its name: of its area without the edge beyond its points, else of its vertices."""
+    areas = comparison.statistics.get("areas_by_assessment_m2")
+    if areas is not None:
+        whole = max(sum(areas[k].values()), 1e-300)
+        return {name: area / whole for name, area in areas[k].items()}
+    side = (comparison.on_reference, comparison.on_compared)[k]
+    unknown = side.assessment == Assessment.NOT_ASSESSABLE
+    masks = {"unchanged": side.assessment == Assessment.UNCHANGED, "changed": side.assessment == Assessment.CHANGED}
+    masks |= {reason.name.lower(): unknown & (side.reasons == reason) for reason in WHY_NOT}
+    return {name: float(mask.sum()) / max(len(mask), 1) for name, mask in masks.items()}
+
+
 def less_assessed(comparison: Comparison) -> int:
     """Return the side of which more could not be assessed: 0 the reference, 1 the compared surface."""
     reference, compared = shares_not_assessed(comparison)
@@ -370,12 +384,12 @@ def _not_assessed(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts])
     """Return the shares that could not be assessed, of both surfaces, and the main reason on the one with more."""
     shares = [percent(s) for s in shares_not_assessed(comparison)]
     k = less_assessed(comparison)
-    side, here, there = (comparison.on_reference, comparison.on_compared)[k], epochs[k], epochs[1 - k]
-    reasons = Counter(side.reasons[side.assessment == Assessment.NOT_ASSESSABLE].tolist())
-    known = {NotAssessed(r): n for r, n in reasons.items() if r}
+    here, there = epochs[k], epochs[1 - k]
+    shares_here = shares_by_assessment(comparison, k)
+    most = max(WHY_NOT, key=lambda reason: shares_here.get(reason.name.lower(), 0.0))
     said = f"{shares[k]} of the {here.order} epoch’s surface could not be assessed"
-    if known:
-        said += f", mostly because {WHY_NOT[max(known, key=lambda r: known[r])]}"
+    if shares_here.get(most.name.lower(), 0.0) > 0.0:
+        said += f", mostly because {WHY_NOT[most]}"
     return f"{said}; of the {there.order} epoch’s it is {shares[1 - k]}."
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from projects.model import Assessment, Comparison, NotAssessed, Step
+from projects.model import Assessment, Comparison, Step
 from reports.answer import (
     AGREEMENT_UNKNOWN,
     NAN,
@@ -19,7 +19,7 @@ from reports.answer import (
     is_beside_layer,
     level_beside,
     print_significance,
-    shares_not_assessed,
+    shares_by_assessment,
     told_by_width,
     tolerance_in_words,
 )
@@ -27,6 +27,8 @@ from reports.control import control_table
 from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, NOT_KNOWN, coordinates, count, estimate, millimetres, percent
 from reports.wholemotion import describe_motion, knows_motion, object_size
+
+ROUNDING = 1e-9  # of shares that add up to one
 
 
 def state_certainty(
@@ -174,30 +176,18 @@ def _coarse_rows(statistics: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def not_assessed_table(comparison: Comparison, first: EpochFacts, second: EpochFacts) -> Table:
-    """Return how much of the compared surface was assessed, and why the rest was not."""
-    side = comparison.on_compared
-    n = max(len(side.assessment), 1)
-    states = ((Assessment.UNCHANGED, "Assessed, unchanged"), (Assessment.CHANGED, "Assessed, changed"))
-    rows = [_share_row(words, int((side.assessment == state).sum()), n) for state, words in states]
-    unassessed = side.assessment == Assessment.NOT_ASSESSABLE
-    for reason, words in WHY_NOT.items():
-        found = int((side.reasons[unassessed] == reason).sum())
-        if found:
-            rows.append(_share_row(f"Not assessable: {words}", found, n))
-    other = int((side.reasons[unassessed] == NotAssessed.ASSESSED).sum())
-    if other:
-        rows.append(_share_row("Not assessable: reason not recorded", other, n))
-    before, after = (percent(s) for s in shares_not_assessed(comparison))
-    note = (
-        f"Vertices of the {second.order} surface; of its area {after} could not be assessed, of that of the "
-        f"{first.order} surface {before}."
-    )
-    return Table("What could be assessed", ("", "vertices", "share"), tuple(rows), note)
-
-
-def _share_row(words: str, found: int, n: int) -> tuple[str, str, str]:
-    """Return a row that counts what was found of n."""
-    return words, count(found), percent(found / n)
+    """Return how much of both surfaces was assessed, and why the rest was not."""
+    words = {"unchanged": "Assessed, unchanged", "changed": "Assessed, changed"}
+    words |= {reason.name.lower(): f"Not assessable: {why}" for reason, why in WHY_NOT.items()}
+    shares = [shares_by_assessment(comparison, k) for k in range(2)]
+    rows = [(words[name], *(percent(share.get(name, NAN)) for share in shares)) for name in words
+            if name in ("unchanged", "changed") or any(share.get(name, 0.0) > 0.0 for share in shares)]  # fmt: skip
+    other = [1.0 - sum(share.values()) for share in shares]
+    if max(other) > ROUNDING:
+        rows.append(("Not assessable: reason not recorded", *(percent(max(share, 0.0)) for share in other)))
+    by_area = "areas_by_assessment_m2" in comparison.statistics
+    note = "Of the area of each surface, less its edge beyond its points." if by_area else "Of the vertices of each."
+    return Table("What could be assessed", ("", f"{first.order} surface", f"{second.order} surface"), tuple(rows), note)
 
 
 def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:

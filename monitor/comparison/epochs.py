@@ -21,9 +21,9 @@ from monitor.comparison.distances.perpendicular import search_limit
 from monitor.comparison.distances.side import Side
 from monitor.comparison.finished import finish_sides
 from monitor.comparison.regions.beside_layer import lay_back, level_beside, name_beside
+from monitor.comparison.regions.beyond import Beyond, look_beyond
 from monitor.comparison.regions.borne_out import Points, drop_guessed, keep_borne_out
 from monitor.comparison.regions.chips import drop_unexplained
-from monitor.comparison.regions.enclosure import Beyond, look_beyond
 from monitor.comparison.regions.evidence import Sights, look_through
 from monitor.comparison.regions.finding import Regions, area_looked_through, find_regions, least_area, least_beyond
 from monitor.comparison.regions.plain_change import changed_plainly
@@ -31,7 +31,7 @@ from monitor.comparison.regions.shapes import describe_shapes
 from monitor.comparison.regions.stood_there import drop_where_it_stood
 from monitor.comparison.regions.told_from import add_told_from, coarse_figures, tell_smallest
 from monitor.comparison.sight.views import look_from
-from monitor.comparison.summary import areas_met_nothing, summarize
+from monitor.comparison.summary import areas_by_assessment, areas_met_nothing, summarize
 from monitor.declare import check_settings, given_or_default, setting
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 
@@ -170,6 +170,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     figures = summarize(on_both[1], told.sides, found, between.stated, tolerance, held=between.held.covariance,
                         knows_frames=frames is not None)  # fmt: skip
     figures |= coarse_figures(on_both[1], told.sides[1].areas, tolerance)
+    figures["areas_by_assessment_m2"] = [areas_by_assessment(*of) for of in zip(on_both, told.sides, strict=True)]
     figures["met_nothing_area_m2"] = areas_met_nothing(on_both, told.sides, sights, found.test.size)
     table = told.regions.table
     return Comparison(on_both[1], on_both[0], table, between.stated, mode, {**figures, **statistics})

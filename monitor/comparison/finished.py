@@ -7,7 +7,7 @@ import numpy as np
 from monitor.comparison.detection.tested import Detected, Detection
 from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.side import Side, larger_of, map_sides
-from monitor.comparison.regions.enclosure import Beyond
+from monitor.comparison.regions.beyond import Beyond
 from monitor.comparison.regions.finding import Regions
 from projects.model import Assessment, ComparedSurface, Floats, Ints, NotAssessed
 

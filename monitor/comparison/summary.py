@@ -24,9 +24,9 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
     """Return the statistics of `Comparison`, over the vertices of the compared surface; lengths in metres.
 
     Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones, by vertices above their level
-    of detection, by area beyond the tolerance. What could be assessed is told of the area of both surfaces. `held`
-    (6, 6) is the covariance of the motion that the differences are measured at; `knows_frames`: that of `registration`
-    holds how far the frames of both epochs may differ.
+    of detection, by area beyond the tolerance. What could be assessed is told of the area of both surfaces less their
+    fringes. `held` (6, 6) is the covariance of the motion that the differences are measured at; `knows_frames`: that of
+    `registration` holds how far the frames of both epochs may differ.
     """
     side = sides[1]
     state, areas = on_compared.assessment, side.areas
@@ -51,8 +51,8 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         "offset_m": offset.mean,
         "sigma_offset_m": offset.sigma,
         "offset_is_told": offset.is_told and not math.isfinite(registration.scale),  # it is of the scale
-        "assessed_area_share": _share_of_area(areas, state != Assessment.NOT_ASSESSABLE),
-        "assessed_area_share_reference": _share_of_area(sides[0].areas, sides[0].is_assessed),
+        "assessed_area_share": _share_of_area(side.measured_areas, state != Assessment.NOT_ASSESSABLE),
+        "assessed_area_share_reference": _share_of_area(sides[0].measured_areas, sides[0].is_assessed),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
         "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
         "floor_m": float(np.median(found.noise.floor_of(side))),
@@ -92,6 +92,15 @@ def tell_motion(registration: Registration, knows_frames: bool) -> dict[str, Any
     }
 
 
+def areas_by_assessment(told: ComparedSurface, side: Side) -> dict[str, float]:
+    """Return which area [m2] of a side, less its fringe, is unchanged, changed and not assessable for each reason."""
+    areas, state = side.measured_areas, told.assessment
+    unknown = state == Assessment.NOT_ASSESSABLE
+    masks = {"unchanged": state == Assessment.UNCHANGED, "changed": state == Assessment.CHANGED}
+    masks |= {r.name.lower(): unknown & (told.reasons == r) for r in NotAssessed if r}
+    return {name: float(areas[mask].sum()) for name, mask in masks.items()}
+
+
 def areas_met_nothing(told: tuple[ComparedSurface, ComparedSurface], sides: tuple[Side, Side], sights: Sights | None,
                       size: float) -> list[float]:  # fmt: skip
     """Return of the reference and of the compared surface which area [m2] the other epoch's scans hold nothing of, NaN
@@ -106,7 +115,7 @@ def area_met_nothing(told: ComparedSurface, side: Side, size: float) -> float:
     if not is_empty.any():
         return 0.0
     place = connect_like(np.where(is_empty, 0, -1), [side.neighbours])
-    areas = np.bincount(place[is_empty], side.areas[is_empty], minlength=1)
+    areas = np.bincount(place[is_empty], side.measured_areas[is_empty], minlength=1)
     return float(areas[areas >= size**2].sum())
 
 

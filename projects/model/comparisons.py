@@ -31,7 +31,8 @@ class ComparedSurface:
     `region` is 0 outside of regions. A region also holds vertices that are NOT_ASSESSABLE, where what hangs together
     with its changed vertices lies outside or inside of the other surface without a perpendicular, as a piece that broke
     off and its fracture do: its area is that of all of them, the mean of both sides, but of a piece that is gone, or
-    came, as a whole that of its own surface, before a loss and after a gain.
+    came, as a whole that of its own surface, before a loss and after a gain. The fringe of a surface, where it goes on
+    beyond its samples next to a free edge, is no area of it; its volume ends there, too.
     `told_from` [m] float32, NaN where not assessed, is from about how large a mean change of the place of a vertex, as
     wide as errors agree or less, on it is told, in 19 of 20 cases: what its patch needs to be significant among all
     patches, and more where the surfaces guess what lies between their points. Where it is more than `coarse_from` [m]

@@ -23,6 +23,7 @@ from projects.errors import StoreError
 from projects.model import Step
 from projects.store import Project
 from reports import pictures
+from reports.answer import WHY_NOT
 from reports.captions import write_captions
 from reports.certainty import registration_table
 from reports.colours import SET_ASIDE
@@ -80,9 +81,10 @@ def test_epochs_are_called_earlier_and_later_by_their_dates(days, orders):
     ]
     facts = facts_of(epochs=dated)
     assert (facts.before.order, facts.after.order) == orders
-    notes = [t.note for t in facts.certainty if t.title in ("The motion, axis by axis", "What could be assessed")]
-    assert notes[0].startswith(f"From the {orders[0]} to the {orders[1]} epoch, about the point")
-    assert notes[1].startswith(f"Vertices of the {orders[1]} surface;")
+    told = {t.title: t for t in facts.certainty}
+    note = told["The motion, axis by axis"].note
+    assert note.startswith(f"From the {orders[0]} to the {orders[1]} epoch, about the point")
+    assert told["What could be assessed"].columns[1:] == (f"{orders[0]} surface", f"{orders[1]} surface")
     figure = facts.answer.figures[3]  # the side of which more could not be assessed
     assert plain(figure.value) == "5.3 %"
     assert plain(figure.note) == f"of the {orders[0]} epoch’s surface; 4.7 % of the other’s"
@@ -169,11 +171,29 @@ def test_unknown_figures_are_said_to_be_not_known():
     assert not words & {"nan", "NaN", "None", "inf"}
 
 
-def test_what_could_not_be_assessed_is_counted_by_its_reason():
+NO_FACE = "Not assessable: the other epoch has no surface there that faces the same way"
+FREE_EDGE = "Not assessable: it lies beyond the edge of what the other epoch recorded"
+
+
+def test_what_could_not_be_assessed_is_told_by_its_reason_of_both_surfaces():
     rows = rows_of(facts_of(), "What could be assessed")
-    assert rows["Not assessable: the other epoch has no surface there that faces the same way"] == ["180", "2.7 %"]
-    assert rows["Not assessable: it lies beyond the edge of what the other epoch recorded"] == ["180", "2.7 %"]
-    assert sum(int(n.replace(" ", "")) for n, _ in rows.values()) == 6750
+    assert rows[NO_FACE] == rows[FREE_EDGE] == ["2.7 %", "2.7 %"]  # 180 of 6750 vertices
+    assert list(rows)[:2] == ["Assessed, unchanged", "Assessed, changed"]
+    assert len(rows) == 4
+
+
+def test_what_could_not_be_assessed_is_of_the_area_where_that_is_known():
+    """An edge beyond the points, of many vertices, is no area: it is not the reason why the surface is not assessed."""
+    nothing = {reason.name.lower(): 0.0 for reason in WHY_NOT}
+    areas = [{**nothing, "unchanged": 0.75, "changed": 0.05, "no_face": 0.2},
+             {**nothing, "unchanged": 0.9, "changed": 0.0, "no_face": 0.1}]  # fmt: skip
+    facts = facts_of(example_comparison(areas_by_assessment_m2=areas, assessed_area_share_reference=0.8))
+    assert rows_of(facts, "What could be assessed") == {
+        "Assessed, unchanged": ["75 %", "90 %"], "Assessed, changed": ["5.0 %", "0 %"], NO_FACE: ["20 %", "10 %"],
+    }  # fmt: skip
+    assert "20 % of the earlier epoch’s surface could not be assessed, mostly because the other epoch has no" in said(
+        facts
+    )
 
 
 def test_the_points_of_all_scans_are_summed_by_reason():

@@ -19,7 +19,7 @@ from monitor.comparison.noise.model import Masks, Noise, learn_noise
 from monitor.comparison.regions.beside_layer import peel, thickness_of
 from monitor.comparison.regions.evidence import Sights
 from monitor.comparison.sight.views import look_from
-from projects.model import Assessment, Bools, Comparison, Floats, NotAssessed
+from projects.model import Assessment, Bools, Comparison, Floats, Ints, NotAssessed
 
 MAX_NORMAL_ANGLE = math.radians(60.0)  # as `CompareSettings` has it
 
@@ -52,12 +52,19 @@ def measure_again(comparison: Comparison) -> tuple[Side, Side]:
     sides = measure_sides(make_shells(reference, moved, (limit, MAX_NORMAL_ANGLE)), registration)
     kept = leave_out(sides, limit, CompareSettings().max_stray_share)
     told = comparison.on_reference, comparison.on_compared
-    first, second = (s.without(t.reasons == NotAssessed.UNEXPLAINED, NotAssessed.UNEXPLAINED)
-                     for s, t in zip(kept, told, strict=True))  # fmt: skip
+    first, second = (without_judged(s, t.reasons) for s, t in zip(kept, told, strict=True))
     for side, t in zip((first, second), told, strict=True):
         if not np.array_equal(side.is_assessed, t.assessment != Assessment.NOT_ASSESSABLE):
             raise AssertionError("measured again, other vertices are assessed than in the comparison")
     return first, second
+
+
+def without_judged(side: Side, reasons: Ints) -> Side:
+    """Return the side without what was set aside once regions had been looked for, by its `reasons` (n,): what points
+    or stations did not bear out."""
+    for reason in (NotAssessed.UNEXPLAINED, NotAssessed.TOO_UNCERTAIN, NotAssessed.NOT_SEEN):
+        side = side.without(side.is_assessed & (reasons == reason), reason)
+    return side
 
 
 def half_of(sides: tuple[Side, Side], along: list[Floats], middle: float, before: bool) -> Masks:

@@ -30,7 +30,7 @@ from projects.triangles import area_vectors
 
 Made = TypeVar("Made")
 
-EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only
+EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only, or are none
 LEAST_SPREAD = 1.1  # of the farthest third's beginning to the nearest third's end; or, where noise is stated,
 LEAST_NOISES = 20.0  # of noise between them; else noise decides who is in which
 AT_ONCE = 2_000_000  # vertices of either side up to which both are worked on at once
@@ -46,8 +46,9 @@ class Side:
 
     `foot_faces` are the faces of the other surface that hold the feet, `foot_vertices` their corners next to these, -1
     without a foot; `distances` [m] are NaN where `reasons` (`NotAssessed`) is not 0; `neighbours` are those along the
-    surface's edges; `areas` [m2] are a third of the faces around; `to_rim` [m] is how far the vertex or its foot is
-    from a free edge of its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there,
+    surface's edges; `areas` [m2] are a third of the faces around; `is_fringe` is where the surface goes on beyond its
+    samples (`fringe_of`), and is no area of the object; `to_rim` [m] is how far the vertex or its foot is from a free
+    edge of its surface, the nearer one; `sigma_surfaces` [m] is the noise of both surfaces there,
     `sigma_discord` [m] what their neighbouring fits contradict each other by (`discord`), `sigma_shared` [m] what the
     scans of the two epochs disagree by (common to a neighbourhood), `sigma_motion` [m] that of the registration (common
     to the whole). Where the motion between the epochs stays in the distances, `expected` [m] is what it alone makes of
@@ -64,6 +65,7 @@ class Side:
     normals: Floats
     neighbours: Neighbours
     areas: Floats
+    is_fringe: Bools
     distances: Floats
     to_rim: Floats
     sigma_surfaces: Floats
@@ -83,6 +85,16 @@ class Side:
     def is_assessed(self) -> Bools:
         """Where the change could be measured."""
         return self.reasons == NotAssessed.ASSESSED
+
+    @property
+    def spacing(self) -> float:
+        """The spacing [m] of the vertices."""
+        return spacing_of(self.areas)
+
+    @property
+    def measured_areas(self) -> Floats:
+        """The areas (n,) [m2] less those beyond the samples, which are 0."""
+        return np.where(self.is_fringe, 0.0, self.areas)
 
     @property
     def sigma_common(self) -> Floats:
@@ -166,7 +178,7 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     feet = distances_to_shell(surface, normals, other_shell)
     stated = Stated(_or_nothing(surface.sigma), shell.discord), Stated(_or_nothing(other.sigma), other_shell.discord)
     own_rim = NOTHING if shell.rim is None else distance_to_rim(shell.rim, surface.vertices)
-    least_to_rim = EXTRAPOLATED * float(np.sqrt(median(shell.areas)))
+    least_to_rim = EXTRAPOLATED * spacing_of(shell.areas)
     judged = judge_vertices(feet, np.asarray(other.faces), stated, bow_at(other, feet.faces, feet.weights), own_rim,
                             _rests_on_nothing(surface), sign, least_to_rim)  # fmt: skip
     sigma, reasons, corners = judged.sigma, judged.reasons, judged.corners
@@ -181,12 +193,30 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     sigma_expected = motion if left is None else _motion_sigma(left, surface.vertices, normals)
     return Side(
         surface, other, keep_on_disk(feet.faces), keep_on_disk(corners), normals, shell.neighbours, shell.areas,
-        keep_on_disk(judged.distances), keep_on_disk(judged.to_rim), keep_on_disk(sigma), keep_on_disk(judged.discord),
-        shared, motion, is_stable, reasons, expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
+        fringe_of(surface, own_rim, shell.areas), keep_on_disk(judged.distances), keep_on_disk(judged.to_rim),
+        keep_on_disk(sigma), keep_on_disk(judged.discord), shared, motion, is_stable, reasons,
+        expected, sigma_expected, np.zeros(len(normals), dtype=np.uint8),
         np.maximum(_gap_of(shell), np.append(_gap_of(other_shell), np.uint8(0))[corners]),
         class_of_stated(sigma, reasons == NotAssessed.ASSESSED),
         thirds_of(surface.vertices, registration.centre, reasons == NotAssessed.ASSESSED, noise),
     )  # fmt: skip
+
+
+def spacing_of(areas: Floats) -> float:
+    """Return the spacing [m] of vertices of such areas (n,) [m2]."""
+    return float(np.sqrt(median(areas)))
+
+
+def fringe_of(surface: Surface, to_own_rim: Floats, areas: Floats) -> Bools:
+    """Return where a surface goes on beyond its samples (n,): next to its own free edges, so far [m] away; nowhere on a
+    surface that does not state how far its samples are, as a finished mesh, which ends where its maker let it end.
+
+    A surface ends where nothing was sampled for some cells. Of plates sampled every 2 and 4 mm the whole surface is 2.2
+    to 3.0 spacings of the points wider than the plate on each side, less its fringe -0.2 to 0.5 (`test_fringe`).
+    """
+    if surface.sample_distance is None or not len(to_own_rim):
+        return np.zeros(len(areas), dtype=np.bool_)
+    return np.asarray(to_own_rim < EXTRAPOLATED * spacing_of(areas))
 
 
 def thirds_of(points: Floats, centre: Floats, is_assessed: Bools, noise: Floats) -> Ints:

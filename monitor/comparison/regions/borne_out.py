@@ -20,7 +20,7 @@ from monitor.comparison.distances.perpendicular import distances_to_shell
 from monitor.comparison.distances.shell import make_shell
 from monitor.comparison.distances.side import Side
 from monitor.comparison.distances.stars import Neighbours
-from monitor.comparison.regions.enclosure import SIGNS
+from monitor.comparison.regions.beyond import SIGNS
 from monitor.comparison.regions.finding import Regions
 from monitor.comparison.regions.moved import name_moved
 from monitor.reconstruction.bow import bow_at

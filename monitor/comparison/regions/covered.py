@@ -12,7 +12,7 @@ import numpy as np
 from monitor.comparison.distances.ahead import first_met
 from monitor.comparison.distances.side import Side
 from monitor.comparison.distances.spreading import spread_along
-from monitor.comparison.regions.enclosure import SIGNS, Beyond
+from monitor.comparison.regions.beyond import SIGNS, Beyond
 from projects.model import Bools, Floats, Ints, NotAssessed
 from projects.triangles import area_vectors, face_areas
 

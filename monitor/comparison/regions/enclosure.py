@@ -1,8 +1,7 @@
 """The body between two surfaces where a region changed: its volume and how sure; open, overhanging, not 2.5-D.
 
-Where a piece broke off, most of what is gone has no counterpart that looks the same way. Its surface before, and the
-fracture, are found by the side of the other surface on which they lie; both patches and a closing surface enclose what
-is gone (divergence theorem).
+In: the vertices of a region on both sides, with what lies beyond the perpendicular (`beyond`) and its margin. Both
+patches and a closing surface enclose what is gone, or came (divergence theorem).
 """
 
 from __future__ import annotations
@@ -13,54 +12,34 @@ from typing import Any
 
 import numpy as np
 from numba import jit
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from monitor.comparison.detection.tested import Detected
-from monitor.comparison.distances.ahead import are_hidden
-from monitor.comparison.distances.offsets import Offsets
-from monitor.comparison.distances.portions import search_offsets
 from monitor.comparison.distances.quantile import median
-from monitor.comparison.distances.rim import distance_to_rim
-from monitor.comparison.distances.scratch import keep_on_disk
-from monitor.comparison.distances.shell import Shell
 from monitor.comparison.distances.side import EXTRAPOLATED, Side
 from monitor.comparison.distances.spreading import spread_along
 from monitor.comparison.noise.correlation import kept_variance
 from monitor.comparison.noise.guesses import sigma_of_guess
 from monitor.comparison.noise.model import Noise
 from monitor.comparison.noise.scan_errors import stated_over
+from monitor.comparison.regions.beyond import Beyond
 from monitor.comparison.regions.closing import Closing, border_edges, close_gap, cone_volume
 from monitor.registration.motion.sampling import motion_rows
-from projects.model import Bools, Floats, Ints, NotAssessed, Registration
-from projects.triangles import area_vectors, face_areas
+from projects.model import Bools, Floats, Ints, Registration
+from projects.triangles import area_vectors, face_areas, unit_normals
 
-SIGNS = (-1.0, 1.0)  # of (reference, compared): outside of the other surface is lost there, gained here
-PIECE = 5.0  # search limits: a piece that broke off may be deeper than any change along the perpendicular
-ROUNDS = 2  # of growing: a piece whose front and back do not hang together is reached through the fracture
 ONE_SIDED = 1.0  # of half the area of both patches: a gap as large, across one direction, is a side nobody saw
 BULGE = 0.25  # of a gap's width: one sigma of how far the surface that was not seen may lie off the closing one
+UNSURE_CUT = 3.0**-0.5  # spacings of the vertices: where samples end is known to one, uniform on either side
 
 
 @dataclass(frozen=True)
-class Beyond:
-    """Both sides' vertices where the perpendicular says nothing.
+class Patch:
+    """The `faces` (m, 3) of a region on one side, which vertices (n,) of the side both epochs have, or lie beside two
+    that they have, `is_matched`, and which lie where the fringe of the surface was cut off, `is_cut`."""
 
-    `change` (n,) [m] is to the nearest point in any direction, positive = gained, NaN where the side is not known or
-    the vertex is assessed; `gaps` (n,) [m] its size, known or not; `nearest` (n,) the vertex of the other surface
-    nearest to it, -1 without; `is_free` (n,) whether it lies on a free edge; `limit` [m] of the search; `is_through`
-    (n,) whether a scan of the other epoch looked through it, which makes it gone or new: nowhere, if none is known;
-    `is_end` (n,) whether it is the end of a surface that lies no farther off than ends do by chance, `ends_by` [m].
-    """
-
-    change: tuple[Floats, Floats]
-    gaps: tuple[Floats, Floats]
-    nearest: tuple[Ints, Ints]
-    is_free: tuple[Bools, Bools]
-    limit: float
-    is_through: tuple[Bools, Bools]
-    is_end: tuple[Bools, Bools]
-    ends_by: tuple[float, float]
+    faces: Ints
+    is_matched: Bools
+    is_cut: Bools
 
 
 @dataclass(frozen=True)
@@ -69,159 +48,6 @@ class Body:
 
     volume: float
     sigma: float
-
-
-def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: float) -> Beyond:
-    """Tell for all vertices that are not assessed on which side of the other surface they lie.
-
-    `limit` [m] is the search limit of the perpendiculars; a piece may be `PIECE` times as deep. Nothing is told where
-    the points are of no one surface, nor that something lies under the other surface where that has ended: the far side
-    of a body of which the other epoch saw the near one is not buried.
-    """
-    limit = PIECE * limit
-    change, gaps, nearest, ends = [], [], [], []
-    for k, side in enumerate(sides):
-        which = np.flatnonzero(~side.is_assessed & (side.reasons != NotAssessed.NO_ONE_SURFACE))
-        found = search_offsets(shells[1 - k], side.surface.vertices[which])
-        here = np.full(len(side.areas), np.nan)
-        is_told = found.is_known & (np.abs(found.distances) <= limit)
-        buried = found.is_past_end & (found.distances < 0.0)
-        here[which] = np.where(is_told & ~buried, SIGNS[k] * found.distances, np.nan)
-        by_chance = found.is_known & (np.abs(found.distances) <= unsure_of_ends(side))
-        ends.append(np.zeros(len(side.areas), dtype=np.bool_))
-        ends[k][which] = by_chance & (is_at_end(side, shells[k], which, found) | buried)
-        change.append(keep_on_disk(here))
-        gap = np.full(len(side.areas), np.nan)
-        gap[which] = np.abs(found.distances)
-        gaps.append(keep_on_disk(gap))
-        nearest.append(keep_on_disk(_nearest_vertices(side, which, found)))
-    none = (np.zeros(len(change[0]), dtype=np.bool_), np.zeros(len(change[1]), dtype=np.bool_))
-    is_free = (shells[0].is_border, shells[1].is_border)
-    return Beyond((change[0], change[1]), (gaps[0], gaps[1]), (nearest[0], nearest[1]), is_free, limit, none,
-                  (ends[0], ends[1]), (unsure_of_ends(sides[0]), unsure_of_ends(sides[1])))  # fmt: skip
-
-
-def is_at_end(side: Side, shell: Shell, which: Ints, found: Offsets) -> Bools:
-    """Return which of some vertices (m,) of a side lie where their own surface goes on beyond its samples, at a free
-    edge, or `found` under the other one where that does.
-
-    At a limb, where beams graze it, such an end stands off the object by many times the level of detection: along it a
-    change found beside it would run all around. Before a surface that ends a vertex is exposed for all that: what broke
-    off hangs together with its foot across the end of the fracture.
-    """
-    own = distance_to_rim(shell.rim, side.surface.vertices[which]) < EXTRAPOLATED * spacing_of(side)
-    return own | ((side.reasons[which] == NotAssessed.FREE_EDGE) & (found.distances < 0.0))
-
-
-def unsure_of_ends(side: Side) -> float:
-    """Return the distance [m] up to which surfaces end off each other by chance: an end is not known better than the
-    spacing of its vertices, on either side."""
-    return 2.0 * EXTRAPOLATED * spacing_of(side)
-
-
-def spacing_of(side: Side) -> float:
-    """Return the spacing [m] of the vertices of a side."""
-    return float(np.sqrt(median(side.areas)))
-
-
-def _nearest_vertices(side: Side, which: Ints, found: Offsets) -> Ints:
-    """Return the vertex of the other surface nearest to each vertex in `which`, -1 for the others."""
-    out = np.full(len(side.areas), -1, dtype=np.int32)
-    has = found.faces >= 0
-    corners = side.other.faces[found.faces[has]]
-    gap = np.linalg.norm(side.other.vertices[corners] - side.surface.vertices[which[has]][:, None], axis=2)
-    out[which[has]] = corners[np.arange(len(corners)), gap.argmin(axis=1)]
-    return out
-
-
-def grow_regions(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, Ints], signs: Floats,
-                 least: float) -> tuple[Ints, Ints]:  # fmt: skip
-    """Return the regions (n,) of both sides with what lies beyond the perpendicular.
-
-    `signs` (r + 1,) of each region; `least` [m] of a change that counts. On the exposed side (before a loss, after a
-    gain) a region spreads along the surface over vertices outside of the other surface, at most as deep as a piece may
-    be. On the buried side it takes the vertices whose nearest point is of it, and what hangs together with them inside
-    of the other surface: of the wall of a hole the nearest point lies on the rim as often as within it. What its own
-    surface hides from there, as the wall behind a figure that gained, is not buried by the change.
-    """
-    grown = [r.copy() for r in regions]
-    outside = [np.nan_to_num(c) * sign > least for c, sign in zip(beyond.change, SIGNS, strict=True)]
-    inside = [np.nan_to_num(c) * sign < -least for c, sign in zip(beyond.change, SIGNS, strict=True)]
-    for _ in range(ROUNDS):
-        for k, side in enumerate(sides):
-            _take_nearest(grown, beyond, k, outside[k], signs == SIGNS[k])
-            _take_connected(grown, side, k, outside[k], signs == SIGNS[k], beyond)
-        for k, side in enumerate(sides):
-            _take_buried(grown, side, k, inside[k], signs == -SIGNS[k], beyond)
-            _take_connected(grown, side, k, inside[k], signs == -SIGNS[k], beyond)
-    return grown[0], grown[1]
-
-
-def _take_nearest(grown: list[Ints], beyond: Beyond, k: int, allowed: Bools, fitting: Bools) -> None:
-    """Give allowed vertices of side k that have no region that of the nearest vertex of the other side, if it fits."""
-    taken, label = _nearest_regions(grown, beyond, k, allowed, fitting)
-    grown[k][taken] = label
-
-
-def _take_buried(grown: list[Ints], side: Side, k: int, allowed: Bools, fitting: Bools, beyond: Beyond) -> None:
-    """Do the same on the buried side k, but for what this side's own surface hides from that vertex."""
-    taken, label = _nearest_regions(grown, beyond, k, allowed, fitting)
-    for number in np.unique(label):
-        which = taken[label == number]
-        is_hidden = are_hidden(side, which, side.other.vertices[beyond.nearest[k][which]])
-        grown[k][which[~is_hidden]] = number
-
-
-def _nearest_regions(grown: list[Ints], beyond: Beyond, k: int, allowed: Bools, fitting: Bools) -> tuple[Ints, Ints]:
-    """Return which allowed vertices of side k that have no region are nearest to one that fits, and which that is."""
-    near = beyond.nearest[k]
-    label = np.where(near >= 0, grown[1 - k][near], 0)
-    taken = np.flatnonzero(allowed & (grown[k] == 0) & (label > 0) & fitting[label])
-    return taken, label[taken]
-
-
-def _take_connected(grown: list[Ints], side: Side, k: int, allowed: Bools, fitting: Bools, beyond: Beyond) -> None:
-    """Spread the fitting regions of side k over allowed vertices: at most as far along the surface as a piece may be
-    deep, and over its ends no farther than ends lie off by chance. Along an end, which stands off a body by many times
-    the level of detection where beams graze its limb, a region would run all around."""
-    is_end = beyond.is_end[k]
-    for which, limit in ((allowed & ~is_end, beyond.limit), (allowed & is_end, beyond.ends_by[k])):
-        is_seed = (grown[k] > 0) & fitting[grown[k]] & ~is_end
-        seeds = np.flatnonzero(is_seed)
-        if len(seeds):
-            source = spread_along(side, seeds, which | is_seed, limit)
-            spread = np.flatnonzero((source >= 0) & (grown[k] == 0))
-            grown[k][spread] = grown[k][source[spread]]
-
-
-def join_grown(sides: tuple[Side, Side], grown: tuple[Ints, Ints], signs: Floats) -> Ints:
-    """Return the number (r + 1,) of each region once those that grew together are one; entry 0 is of no region.
-
-    Grown together are regions of one sign that share an edge from a vertex without a perpendicular: both mouths of a
-    hole, or patches of a piece that broke off, of which the perpendicular tells a part here and a part there. Each by
-    itself would be closed by a surface through the middle of what is gone.
-    """
-    joins = np.vstack([_touching(side, region, signs) for side, region in zip(sides, grown, strict=True)])
-    n = len(signs)
-    graph = coo_matrix((np.ones(len(joins)), joins.T), shape=(n, n))
-    _, part = connected_components(graph, directed=False)
-    _, first, number = np.unique(part, return_index=True, return_inverse=True)
-    return np.asarray(np.argsort(np.argsort(first)).astype(np.int32)[number])
-
-
-def _touching(side: Side, region: Ints, signs: Floats) -> Ints:
-    """Return the pairs (e, 2) of regions of one sign that share an edge from a vertex that is not assessed."""
-    ends = _edges_from(side, np.flatnonzero((region > 0) & ~side.is_assessed))
-    pairs = region[ends].astype(np.int64)
-    return pairs[(pairs[:, 1] > 0) & (signs[pairs[:, 0]] == signs[pairs[:, 1]])]
-
-
-def _edges_from(side: Side, vertices: Ints) -> Ints:
-    """Return the ends (e, 2) of the edges from some vertices: these, and their neighbours."""
-    starts = side.neighbours.starts[vertices]
-    degrees = side.neighbours.starts[vertices + 1] - starts
-    first = np.repeat(starts - np.cumsum(degrees) + degrees, degrees)
-    return np.column_stack([np.repeat(vertices, degrees), side.neighbours.vertices[first + np.arange(len(first))]])
 
 
 def spread_over_assessed(side: Side, region: Ints, widths: Floats) -> Ints:
@@ -250,11 +76,13 @@ def over_each_other(sides: tuple[Side, Side], margins: tuple[Ints, Ints]) -> tup
 
 def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Ints], found: Detected,
                  registration: Registration, beyond: Beyond) -> Body | None:  # fmt: skip
-    """Return the body that the patches of a region (`margins`: with their margin) enclose; None where none can be."""
+    """Return the body that the patches of a region (`margins`: with their margin) enclose; None where none can be.
+
+    A patch ends where the fringe of its surface begins, if there is anything else of it.
+    """
     masks = [m == number for m in margins]
-    faces = [s.surface.faces[_lie_within(np.asarray(s.surface.faces), m)] for s, m in zip(sides, masks, strict=True)]
-    n_first = len(sides[0].areas)
-    patches = np.vstack([faces[0][:, ::-1], faces[1] + n_first])
+    before, after = (cut_fringe(s, m) for s, m in zip(sides, masks, strict=True))
+    patches = np.vstack([before.faces[:, ::-1], after.faces + len(sides[0].areas)])
     used, patches = np.unique(patches, return_inverse=True)
     patches = patches.reshape(-1, 3)
     if len(used) < 4:
@@ -265,13 +93,30 @@ def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Int
     closing = close_gap(local, border)
     if closing is None:
         return None
-    is_matched, is_free = _pick([s.is_assessed for s in sides], used), _pick(beyond.is_free, used)
+    is_matched = _pick([before.is_matched, after.is_matched], used)
     if is_one_sided(closing, is_matched, local[patches]):
         return Body(float("nan"), float("nan"))
     volume = cone_volume(local[patches]) + cone_volume(closing.triangles, closing.weights)
     noise = sigma_of_patches(sides, masks, found, registration)
-    ends = np.where(is_free, EXTRAPOLATED * max(spacing_of(s) for s in sides), 0.0)
-    return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_matched, ends, border))))
+    is_free, is_cut = _pick(beyond.is_free, used), _pick([before.is_cut, after.is_cut], used)
+    ends = max(s.spacing for s in sides) * np.where(is_free, EXTRAPOLATED, np.where(is_cut, UNSURE_CUT, 0.0))
+    normals = _pick([s.normals for s in sides], used)
+    return Body(volume, float(np.hypot(noise, sigma_of_gap(closing, is_matched, ends, border, normals))))
+
+
+def cut_fringe(side: Side, patch: Bools) -> Patch:
+    """Return a patch, given by its vertices (n,), without the faces of which two corners lie in the fringe of the
+    surface: half of its width, in the mean, ends on either side. All of it where it is nothing but fringe."""
+    faces = side.surface.faces[_lie_within(np.asarray(side.surface.faces), patch)]
+    is_matched, is_cut = side.is_assessed.copy(), np.zeros(len(patch), dtype=np.bool_)
+    n_fringe = side.is_fringe[faces].sum(axis=1)
+    is_kept = n_fringe < 2
+    if is_kept.all() or not is_kept.any():
+        return Patch(faces, is_matched, is_cut)
+    is_cut[faces[~is_kept]] = True
+    beside = faces[n_fringe == 1]
+    is_matched[beside[side.is_assessed[beside].sum(axis=1) == 2]] = True
+    return Patch(faces[is_kept], is_matched, is_cut)
 
 
 def is_one_sided(closing: Closing, is_matched: Bools, patches: Floats) -> bool:
@@ -303,24 +148,31 @@ def _pick(both: Sequence[Any], which: Ints) -> Any:
     return np.concatenate([both[0][which[:split]], both[1][which[split:] - n_first]])
 
 
-def sigma_of_gap(closing: Closing, is_matched: Bools, ends: Floats, border: Ints) -> float:
+def sigma_of_gap(closing: Closing, is_matched: Bools, ends: Floats, border: Ints, normals: Floats) -> float:
     """Return one sigma [m3] of what the closing surface may miss where it crosses a gap.
 
     A gap may bulge by a quarter of its width: so much does a surface with a right-angled edge in it, on average; and a
-    surface `ends` (n,) [m] short of what it was measured on. The width at a triangle is its height over the part of the
-    `border` (e, 2) in it. Where the border lies in surface that both epochs have (`is_matched` (n,)), the closing
-    surface is a strip within it and misses nothing. Gaps are taken to err together.
+    surface ends somewhere within `ends` (n,) [m], one sigma: along it, so that only what of the closing surface stands
+    upright on it, by its `normals` (n, 3), sweeps a volume. Where the border (e, 2) lies in surface that both epochs
+    have (`is_matched` (n,)), the closing surface is a strip within it, and misses nothing but where a surface ends.
+    Gaps are taken to err together.
     """
     crosses = ~is_matched[closing.corners].all(axis=1)
-    corners, triangles = closing.corners[crosses], closing.triangles[crosses]
-    length = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-    n = len(is_matched) + 1
-    sides = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)
+    bulge = np.where(crosses, BULGE * widths_of(closing, border), 0.0)
+    lying2 = np.einsum("ij,ikj->ik", unit_normals(closing.triangles), normals[closing.corners]) ** 2
+    upright = np.sqrt(np.maximum(1.0 - lying2.mean(axis=1), 0.0))
+    return float(_areas(closing) @ np.hypot(bulge, upright * ends[closing.corners].max(axis=1, initial=0.0)))
+
+
+def widths_of(closing: Closing, border: Ints) -> Floats:
+    """Return how wide [m] a gap is at each closing triangle (k,): its height over the part of the border (e, 2) in it,
+    or over its shortest side where there is none."""
+    length = np.linalg.norm(np.roll(closing.triangles, -1, axis=1) - closing.triangles, axis=2)
+    n = max(int(closing.corners.max(initial=0)), int(border.max(initial=0))) + 1
+    sides = np.sort(np.stack([closing.corners, np.roll(closing.corners, -1, axis=1)], axis=2), axis=2)
     is_border = np.isin(sides[..., 0] * n + sides[..., 1], np.sort(border, axis=1) @ np.array([n, 1]))
     base = np.where(is_border.any(axis=1), (length * is_border).sum(axis=1), length.min(axis=1))
-    area = _areas(closing)[crosses]
-    bulge = BULGE * 2.0 * area / np.maximum(base, 1e-300)
-    return float(area @ np.hypot(bulge, ends[corners].max(axis=1, initial=0.0)))
+    return np.asarray(2.0 * _areas(closing) / np.maximum(base, 1e-300))
 
 
 def _areas(closing: Closing) -> Floats:

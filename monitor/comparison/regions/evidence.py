@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.comparison.distances.side import Side
 from monitor.comparison.distances.spreading import spread_along
-from monitor.comparison.regions.enclosure import SIGNS, Beyond, unsure_of_ends
+from monitor.comparison.regions.beyond import SIGNS, Beyond, unsure_of_ends
 from monitor.comparison.sight.stations import Sighted, StationSight, look_at, window_width
 from projects.model import Bools, Floats, Ints, NotAssessed, Surface
 from projects.transforms import apply

@@ -18,8 +18,8 @@ from monitor.comparison.distances.side import Side, cosine_to_foot
 from monitor.comparison.noise.correlation import Correlation, kept_variance
 from monitor.comparison.noise.guesses import sigma_of_guess
 from monitor.comparison.noise.scan_errors import ScanErrors, stated_over
+from monitor.comparison.regions.beyond import SIGNS, Beyond
 from monitor.comparison.regions.borders import sigma_of_area, spread_margin
-from monitor.comparison.regions.enclosure import SIGNS, Beyond
 from monitor.registration.motion.sampling import motion_rows
 from projects.model import Z95, Bools, Floats, Ints, NotAssessed, Registration
 
@@ -189,7 +189,8 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
     """Return the figures of a region on one side; `masks` are its assessed vertices, these with what lies
     beyond, and these with their margin.
 
-    The volume here is the sum of prisms over the assessed vertices and their margin.
+    The volume here is the sum of prisms over the assessed vertices and their margin. The area is that without the
+    fringe of the surface, where it goes on beyond its samples.
     """
     here, correlation = found.sides[which], found.noise.correlation
     vertices, whole = np.flatnonzero(masks[0]), np.flatnonzero(masks[1])
@@ -201,7 +202,7 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         mean = float(np.average(change, weights=weight))
         noise2 = float(np.average(found.noise.variance_of(side, vertices), weights=weight))
         spread2 = float(np.average((change - mean) ** 2, weights=weight))
-    area = float(side.areas[whole].sum())
+    area = measured_area(side, whole)
     return RegionView(
         sign=SIGNS[which],
         unmatched_share=1.0 - float(weight.sum()) / area,
@@ -222,6 +223,11 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         centroid=np.average(side.surface.vertices[whole], axis=0, weights=side.areas[whole]),
         unevenness=float(np.sqrt(np.fmax(spread2 - noise2, 0.0))) if len(vertices) else np.nan,
     )
+
+
+def measured_area(side: Side, vertices: Ints) -> float:
+    """Return the area [m2] at some vertices less that beyond the samples; all of it where it is nothing but fringe."""
+    return float(side.measured_areas[vertices].sum()) or float(side.areas[vertices].sum())
 
 
 def sigma_of_mean(side: Side, found: Detected, vertices: Ints, registration: Registration) -> float:

@@ -23,17 +23,11 @@ from monitor.comparison.detection.tested import Detected, Tested
 from monitor.comparison.distances.side import Side
 from monitor.comparison.noise.guesses import BEYOND, SURE, areas_of_guesses, mean_to_samples
 from monitor.comparison.noise.model import Noise
+from monitor.comparison.regions.beyond import Beyond, grow_regions, join_grown
 from monitor.comparison.regions.borders import margin_widths, spread_margin
 from monitor.comparison.regions.chips import HANDFUL, stand_alone, turn_sharply
 from monitor.comparison.regions.covered import take_covered
-from monitor.comparison.regions.enclosure import (
-    Beyond,
-    grow_regions,
-    join_grown,
-    measure_body,
-    over_each_other,
-    spread_over_assessed,
-)
+from monitor.comparison.regions.enclosure import measure_body, over_each_other, spread_over_assessed
 from monitor.comparison.regions.figures import (
     describe_region,
     is_volume_known,

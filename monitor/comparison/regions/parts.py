@@ -13,7 +13,7 @@ import numpy as np
 from monitor.comparison.detection.tested import Detection
 from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.side import Side
-from monitor.comparison.regions.enclosure import SIGNS, Beyond
+from monitor.comparison.regions.beyond import SIGNS, Beyond
 from projects.model import Bools, Floats, Ints
 
 N_SIGNS = 3  # of a change: loss, none, gain

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.comparison.distances.side import Side
+from monitor.comparison.regions.beyond import SIGNS
 from monitor.comparison.regions.borne_out import name_anew
-from monitor.comparison.regions.enclosure import SIGNS
 from monitor.comparison.regions.evidence import Sights
 from monitor.comparison.regions.finding import Regions
 from monitor.comparison.sight.stations import StationSight, goes_on

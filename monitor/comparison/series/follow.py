@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from monitor.comparison.distances.stars import make_mesh, vertex_areas
 from monitor.comparison.regions.told_from import COARSE, coarse_beyond, share_of_coarse
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.footprints import GOES_ON, Footprint, measure_footprint
@@ -72,12 +71,11 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     curve = fit_polynomial(years, distances, sigmas, sigma_reference, degree=2)
     rates = make_rate_side(changes, Fits(line, curve, years, distances, sigmas, sigma_reference))
     going = find_rate_regions(rates, level, seed)
-    surface = changes[0].side.surface
-    areas = vertex_areas(make_mesh(surface.vertices, surface.faces))
+    areas = rates.side.areas
     numbers, signs = [c.places for c in changes], [sign_of_regions(c.comparison) for c in changes]
     followed = follow_rates(follow_regions(numbers, signs, areas), going, areas, len(changes) - 1)
     share = (sigma_reference / np.fmin.reduce(sigmas)) ** 2
-    measured = [measure_footprint(f, changes, areas, share) for f in followed]
+    measured = [measure_footprint(f, changes, rates.side, share) for f in followed]
     courses = [m.course(years, seed) for m in measured]
     identity = np.zeros(len(areas), dtype=np.int32)
     for f in sorted(followed, key=lambda f: -areas[f.footprint].sum()):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.comparison.distances.side import Side
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.identity import Followed
 from monitor.comparison.series.trend import Course, fit_course
@@ -48,9 +49,11 @@ class Footprint:
         return per_metre * course.rate, abs(per_metre) * course.sigma_rate
 
 
-def measure_footprint(followed: Followed, changes: Sequence[EpochChange], areas: Floats, share: Floats) -> Footprint:
-    """Measure a followed region over its whole footprint in every epoch."""
-    at = np.flatnonzero(followed.footprint)
+def measure_footprint(followed: Followed, changes: Sequence[EpochChange], surface: Side, share: Floats) -> Footprint:
+    """Measure a followed region over its whole footprint in every epoch, less where the reference's `surface` goes on
+    beyond its samples; `share` (n,) of the variance of a difference that the reference brings."""
+    areas, measured = surface.areas, followed.footprint & ~surface.is_fringe
+    at = np.flatnonzero(measured if measured.any() else followed.footprint)
     means = np.array([mean_over(c.side, areas, at) for c in changes])
     missed = missed_by_unseen(np.stack([c.side.distances[at] for c in changes]), areas[at])
     means, sigmas = means + missed, np.hypot(sigmas_over(followed, changes, at), missed)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from monitor.comparison.distances.perpendicular import unit_normals
 from monitor.comparison.distances.rim import distance_to_rim, outline
-from monitor.comparison.distances.side import Side, expected_change
+from monitor.comparison.distances.side import Side, expected_change, fringe_of
 from monitor.comparison.distances.stars import gather_neighbours, make_mesh, survey_vertices
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.trend import Polynomial, departures, weights_of_last
@@ -102,8 +102,8 @@ def lay_bare(surface: Surface, motion: Registration) -> Side:
     sigma = propagate(motion.covariance, motion.centre, surface.vertices, normals)
     return Side(
         surface, surface, no_foot, no_foot, normals, gather_neighbours(mesh, survey.n_neighbours), survey.areas,
-        nothing, to_rim, nothing, nothing, nothing, sigma, nothing > 0.0, one_class, nothing, sigma,
-        one_class, one_class, one_class, one_class,
+        fringe_of(surface, to_rim, survey.areas), nothing, to_rim, nothing, nothing, nothing, sigma, nothing > 0.0,
+        one_class, nothing, sigma, one_class, one_class, one_class, one_class,
     )  # fmt: skip
 
 
