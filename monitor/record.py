@@ -24,7 +24,7 @@ METHOD = {
     "targets": 2,
     "network": 16,
     "filtered": 11,
-    "surface": 26,
+    "surface": 27,
     "mesh": 8,
     "quality": 3,
     "comparison": 58,

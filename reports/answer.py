@@ -49,6 +49,7 @@ LAYER_OR_PIECE = (
     "not tell which it was."
 )
 MOVED_OR_WHOLE = "moved, as a part or with the whole"  # where the motion of the whole is in the differences
+NONE_FOUND = "on all of the surface that could be assessed"
 WHY_NOT = {
     NotAssessed.NO_FACE: "the other epoch has no surface there that faces the same way",
     NotAssessed.FREE_EDGE: "it lies beyond the edge of what the other epoch recorded",
@@ -161,7 +162,10 @@ def _what_changed(
     if not regions and _is_all_unknown(comparison):
         return (f"Whether anything changed between {before.date} and {after.date} is not known.",)
     if not regions:
-        return (f"{between} no part of the surface that could be assessed changed by more than errors can make.",)
+        what = "changed"
+        if differs_as_a_whole(comparison):
+            what = "stands out of the rest"
+        return (f"{between} no part of the surface that could be assessed {what} by more than errors can make.",)
     parts: list[str] = []
     for kind, n in Counter(r.kind for r in regions).items():
         numbers = listed([str(r.number) for r in regions if r.kind == kind])
@@ -452,7 +456,8 @@ def _how_many(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> KeyFi
     if not regions and _is_all_unknown(comparison):
         return KeyFigure("Regions of change", NOT_KNOWN, "nothing could be assessed")
     kinds = ", ".join(f"{n}\u00a0{kind}" for kind, n in Counter(r.kind for r in regions).items())
-    return KeyFigure("Regions of change", str(len(regions)), kinds or "on all of the surface that could be assessed")
+    none = "beside what all of the surface differs by" if differs_as_a_whole(comparison) else NONE_FOUND
+    return KeyFigure("Regions of change", str(len(regions)), kinds or none)
 
 
 def print_significance(significance: float) -> str:

@@ -69,7 +69,7 @@ def _say_followed(n: int, going: int) -> str:
     where = "measured over its whole footprint in every epoch that shows most of it"
     if n == 1:
         return f"One region is followed, {where}; {'it goes' if going else 'nothing says that it goes'} on changing."
-    rest = f"{in_words(going)} of them {'goes' if going == 1 else 'go'}" if going else "none goes"
+    rest = f"{in_words(going)} of them {'goes' if going == 1 else 'go'}" if going else "of none it is told that it goes"
     return f"{in_words(n).capitalize()} regions are followed, each {where}; {rest} on changing."
 
 

@@ -93,10 +93,11 @@ def _named(stem: Path, ending: str) -> Path:
 def _add_given(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[str, ...]:
     """Add what was given: scans as measured or the finished mesh, and control points."""
     record = epoch.record
+    held: tuple[str, ...] = ()
     if record.control:
         control = pd.DataFrame([(c.name, *c.position, c.sigma) for c in record.control],
                                columns=["name", "x", "y", "z", "sigma"])  # fmt: skip
-        deposit.add_table(_named(stem, "control.csv"), control, "Control points; project frame, metres")
+        held = deposit.add_table(_named(stem, "control.csv"), control, "Control points; project frame, metres")
     if record.is_mesh:
         path, notes = _named(stem, "origmesh.obj"), ("metres", *system_note(epoch.project.crs))
         write_obj(path, epoch.project.get(record.object_id, record.epoch_id, "mesh"), comments=notes)
@@ -107,7 +108,8 @@ def _add_given(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[str, .
 
     path, told = _named(stem, "scans.e57"), f"epoch {record.epoch_id} of {record.date.isoformat()} {record.label}"
     write_e57(path, (blocks(k) for k in range(len(epoch.headers))), description=told.strip())
-    return deposit.add(path, "Scans as measured, each in its scanner's frame with the pose that was given; metres")
+    told = "Scans as measured, each in its scanner's frame with the pose that was given; metres"
+    return (*deposit.add(path, told), *held)
 
 
 def _add_made(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[dict[str, tuple[str, ...]], Rows]:

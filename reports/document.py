@@ -209,11 +209,13 @@ def with_statistics(epoch: EpochHistory, made: Step | None, comparison: Comparis
 def name_epochs(before: EpochRecord, after: EpochRecord) -> tuple[EpochFacts, EpochFacts]:
     """Return the reference and the compared epoch as captions name them, each with its order in time."""
     if before.date == after.date:
-        orders = ("first", "second")
+        orders, dates = ("first", "second"), [f"{day(r.date)} (epoch {r.epoch_id})" for r in (before, after)]
     else:
         orders = ("earlier", "later") if before.date < after.date else ("later", "earlier")
+        dates = [day(before.date), day(after.date)]
     first, second = (
-        EpochFacts(r.epoch_id, day(r.date), r.label, order) for r, order in zip((before, after), orders, strict=True)
+        EpochFacts(r.epoch_id, date, r.label, order)
+        for r, date, order in zip((before, after), dates, orders, strict=True)
     )
     return first, second
 

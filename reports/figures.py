@@ -19,7 +19,7 @@ from projects.model import Assessment, Comparison, Floats
 from projects.triangles import vertex_areas
 from reports.colours import DOTS, HATCH_DARK, HATCH_LIGHT, UNCHANGED, change_ramp, choose_limit
 from reports.drawing import FAINT, INK, SOFT, WIDTH, drawing, plain_number, say_mm, write_svg
-from reports.quantities import MM
+from reports.quantities import MM, percent
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison
 
 BEFORE, AFTER = "#8a8f98", "#15171c"
@@ -71,9 +71,9 @@ def _add_states(figure: Figure, told_m: float, coarse_m: float) -> None:
     step = 0.44 if len(states) == 2 else 0.32
     for k, (colour, lines, text, hatch) in enumerate(states):
         y = 0.44 + step * (0.5 * (len(states) - 1) - k)
-        box = Rectangle((0.63, y - 0.11), 0.042, 0.26, facecolor=_hex(colour), edgecolor=_hex(lines), lw=0, hatch=hatch)
+        box = Rectangle((0.61, y - 0.11), 0.042, 0.26, facecolor=_hex(colour), edgecolor=_hex(lines), lw=0, hatch=hatch)
         figure.add_artist(box)
-        figure.text(0.685, y + 0.02, text, va="center", ha="left")
+        figure.text(0.665, y + 0.02, text, va="center", ha="left")
 
 
 def _say_unchanged(told_m: float) -> str:
@@ -150,8 +150,9 @@ def _draw_bars(axes: Axes, edges: Floats, bars: tuple[Floats, Floats], limit: fl
 def _say_beyond(axes: Axes, share: float) -> None:
     """Write how much [%] of the surface lies beyond the scale, where any does."""
     if share > 0.0:
-        axes.annotate(f"{share:.1g} % beyond the scale", (1, 1), (0, -3), "axes fraction", textcoords="offset points",
-                      ha="right", va="top", fontsize=7.5, color=SOFT)  # fmt: skip
+        told = f"{percent(share / 100.0)} beyond the scale"
+        axes.annotate(told, (1, 1), (0, -3), "axes fraction", textcoords="offset points", ha="right", va="top",
+                      fontsize=7.5, color=SOFT)  # fmt: skip
 
 
 def _mark_level(axes: Axes, level: float) -> None:

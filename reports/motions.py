@@ -36,16 +36,22 @@ def tell_motions(series: Series) -> Table | None:
     steady = series.statistics.get("steady_motion")
     if steady is not None:
         rows.append(("a year", *(rate.text for rate in _rates(steady)), _course(steady)))
-    worst = series.closures.sort_values("misfit_sigma").iloc[-1]
-    note = (
-        f"All registrations adjusted together, against epoch {series.reference_id}. The one that fits the others "
-        f"least, {worst['reference']} to {worst['compared']}, is off by {float(worst['misfit_sigma']):.1f} sigma."
-    )
+    note = f"All registrations adjusted together, against epoch {series.reference_id}. {_say_closure(series)}"
     unknown = series.motions["probability_unmoved"].isna()
     if unknown.any():
         note += f" Of motions that are {NOT_ASSESSABLE}, {AGREEMENT_UNKNOWN}: control points in both would tell."
     differ = "coordinates differ by" if unknown.all() else "displaced by"
     return Table("The object as a whole", ("epoch", differ, "turned by", "motion"), tuple(rows), note)
+
+
+def _say_closure(series: Series) -> str:
+    """Return how well the registrations fit each other: as many as there are later epochs close no loop, and whatever
+    they say they fit."""
+    if len(series.closures) <= len(series.motions):
+        return "No registration between two later epochs checks them."
+    worst = series.closures.sort_values("misfit_sigma").iloc[-1]
+    return (f"The one that fits the others least, {worst['reference']} to {worst['compared']}, is off by "
+            f"{float(worst['misfit_sigma']):.1f} sigma.")  # fmt: skip
 
 
 def say_steady_motion(series: Series) -> str:

@@ -32,6 +32,7 @@ from monitor.reconstruction.mesh import compact, keep_faces, vertex_normals
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.nearness import has_near
 from monitor.reconstruction.open3d_poisson import poisson_mesh
+from monitor.reconstruction.openings import leave_openings
 from monitor.reconstruction.poisson import screening_by_turn, screening_length
 from monitor.reconstruction.projection import Projection, sum_up_samples
 from monitor.reconstruction.reach import Stated, make_ladder
@@ -106,6 +107,7 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
     stated = None if cloud.sigma is None else Stated(samples, cloud.sigma)
     settled = settle(vertices, faces, (summed_up, ladder, stated), cell_used, settings, near, counts, automatic)
+    settled = leave_openings(settled, finest, samples, sampling, settings.crumb_cells * cell_used, counts)
     settled = invent(settled, ALONG_HOLES * cell_used, settings, counts)
     surface = finish(settled.projection, settled.faces, samples, cloud)
     surface = mark(surface, settled, counts.get("faces_invented", 0))
@@ -150,7 +152,9 @@ def raw_mesh(
     if method == "open3d":
         return poisson_mesh(cloud.points, cloud.normals, cell)
     by_turn = screening_by_turn(cell, sampling.spacing, sampling.noise)
-    vertices, faces = localized_mesh(cloud.points, cloud.normals, cell, sampling.spacing, screening, by_turn=by_turn)
+    vertices, faces = localized_mesh(
+        cloud.points, cloud.normals, cell, sampling.spacing, screening, by_turn=by_turn, noise=sampling.noise
+    )
     return vertices, faces, cell
 
 

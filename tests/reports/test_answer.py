@@ -377,3 +377,18 @@ def test_a_layer_within_its_margin_is_no_headline():
     facts = facts_of(example_comparison(**figures))
     assert plain(facts.answer.headline) == "Two regions changed."
     assert "Regions and their figures are beside that" in said(facts)
+
+
+def test_where_all_of_it_lies_off_it_is_not_said_that_nothing_changed():
+    facts = facts_of(example_comparison(rows=(), offset_is_told=True, offset_m=0.002, sigma_offset_m=1e-4))
+    text = said(facts)
+    assert "no part of the surface that could be assessed stands out of the rest by more than errors" in text
+    assert "changed by more than errors" not in text
+    assert plain(facts.answer.figures[0].note) == "beside what all of the surface differs by"
+
+
+def test_epochs_of_one_day_are_told_apart():
+    before, after = example_epochs()
+    same = dataclasses.replace(after, record=dataclasses.replace(after.record, date=before.record.date, label=""))
+    text = said(facts_of(epochs=(before, same)))
+    assert "Between 12 May 2025 (epoch e1) and 12 May 2025 (epoch e2)" in text

@@ -333,6 +333,8 @@ def test_the_crate_claims_no_origin_that_a_file_does_not_have(
     actions = {e["name"]: e for e in graph.values() if e["@type"] == "CreateAction"}
     processing = {r["@id"] for r in actions["Processing of epoch e1 of column"]["result"]}
     assert "column/e1/column_e1_surface.ply" in processing
+    asked = {r["@id"] for r in actions["Processing of epoch e1 of column"]["object"]}
+    assert asked == {"column/e1/column_e1_scans.e57", "column/e1/column_e1_control.csv"}
     assert "column/e1/column_e1_GRE.txt" not in processing
     compared = actions["Comparison of epochs e1 and e2 of column"]
     assert [o["@id"] for o in compared["object"]] == ["column/e1/column_e1_surface.ply"]  # not the newer one of e2

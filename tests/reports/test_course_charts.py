@@ -35,3 +35,10 @@ def test_charts_of_one_series_have_the_same_dates_however_many_epochs_know_the_r
     months = replace(few, history=few.history.assign(years=[0.05, 0.4]), dates=("2020-02-02", "2020-06-10"))
     assert draw(months)[0] == ["Feb 2020", "Mar 2020", "Apr 2020", "May 2020", "Jun 2020"]
     assert draw(months)[1] == [datetime.date(2020, 2, 2), datetime.date(2020, 6, 9)]
+
+
+def test_the_title_of_a_course_that_is_open_has_room() -> None:
+    series = series_of("accelerating or jump or onset or stopped", (-1e-4, -4e-4))
+    axes = Figure().add_subplot()
+    draw_course(axes, series, series.regions.iloc[0])
+    assert axes.get_title(loc="left") == "region 1: the epochs do not tell its course"

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from series_examples import series_of
+from series_examples import followed, series_of
 
 from reports.courses import tell_series
 
@@ -85,3 +85,10 @@ def test_a_series_says_how_small_a_trend_it_tells_and_where_only_larger_ones() -
     still = replace(series, regions=series.regions[:0], statistics=statistics | {"coarse_area_share": 0.0009})
     lead = tell_series(still).lead.replace("\u00a0", " ")
     assert lead.endswith(f" No region changed in any of them. A steady change would have been {usual}.")
+
+
+def test_of_regions_whose_course_nobody_knows_it_is_not_said_that_none_goes_on() -> None:
+    series = followed({1: 1, 2: 2})
+    for model in ("single", "jump or onset"):
+        lead = tell_series(replace(series, regions=series.regions.assign(model=model))).lead
+        assert "of none it is told that it goes on changing" in lead

@@ -6,14 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from small_comparison import DEPTH, FRONT, LEVEL, PATCH, RADIUS, RIGHT, make_comparison
 
 from projects.errors import ParameterError
 from projects.triangles import vertex_areas
 from reports import pictures
-from reports.drawing import WIDTH, say_mm
+from reports.drawing import WIDTH, drawing, say_mm
 from reports.figures import (
     TALLEST,
+    _add_states,
+    _say_beyond,
     draw_colour_bar,
     draw_histogram,
     draw_section,
@@ -188,3 +192,20 @@ def test_drawings_are_the_same_every_time(comparison):
 )
 def test_millimetres_have_two_digits_and_a_true_minus(metres, text):
     assert say_mm(metres, sign=True) == text
+
+
+def test_a_share_beyond_the_scale_is_said_as_a_reader_writes_it():
+    figure = Figure()
+    axes = figure.add_subplot()
+    _say_beyond(axes, 2e-8)
+    assert [t.get_text().replace("\u00a0", " ") for t in axes.texts] == ["< 0.01 % beyond the scale"]
+
+
+def test_the_words_of_the_colour_bar_end_within_the_picture():
+    """Of fine scans "unchanged (up to 0.075 mm or more)" was cut off."""
+    with drawing(0.78) as figure:
+        _add_states(figure, 3.5e-5, 7.5e-6)
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        ends = [text.get_window_extent(renderer).x1 / figure.dpi for text in figure.texts]
+    assert len(ends) == 3
+    assert max(ends) < WIDTH

@@ -74,3 +74,13 @@ def test_the_row_for_files_has_rates_and_sigmas_of_all_axes() -> None:
     assert row["sigma_turn_y_rad_per_year"] == pytest.approx(1e-4)
     assert row["p_fit"] == 0.4
     assert steady_motion_table(series_of("steady", (-1e-4, -4e-4))) is None
+
+
+def test_registrations_that_close_no_loop_are_not_said_to_fit_each_other() -> None:
+    """Two links to two epochs fit whatever they say: "off by 0.0 sigma" had been told."""
+    series = moving()
+    links = [["a", epoch, 0.0] for epoch in series.motions["epoch"]]
+    table = tell_motions(replace(series, closures=pd.DataFrame(links, columns=list(CLOSURE_COLUMNS))))
+    assert table is not None
+    assert "No registration between two later epochs checks them." in table.note
+    assert "sigma" not in table.note

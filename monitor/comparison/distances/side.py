@@ -33,6 +33,9 @@ Made = TypeVar("Made")
 EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only, or are none
 LEAST_SPREAD = 1.1  # of the farthest third's beginning to the nearest third's end; or, where noise is stated,
 LEAST_NOISES = 20.0  # of noise between them; else noise decides who is in which
+OFF_SAMPLES = (
+    0.3  # spacings of the vertices to the nearest sample, some 0.7 of the samples: the object ends beyond them
+)
 AT_ONCE = 2_000_000  # vertices of either side up to which both are worked on at once
 MOVED_AT_ONCE = 1 << 14  # vertices
 N_DRAWN = 200_000  # vertices that show where a third of the lever arm ends, and what is stated of most, at even steps
@@ -216,7 +219,8 @@ def fringe_of(surface: Surface, to_own_rim: Floats, areas: Floats) -> Bools:
     """
     if surface.sample_distance is None or not len(to_own_rim):
         return np.zeros(len(areas), dtype=np.bool_)
-    return np.asarray(to_own_rim < EXTRAPOLATED * spacing_of(areas))
+    spacing = spacing_of(areas)
+    return np.asarray((to_own_rim < EXTRAPOLATED * spacing) & (surface.sample_distance > OFF_SAMPLES * spacing))
 
 
 def thirds_of(points: Floats, centre: Floats, is_assessed: Bools, noise: Floats) -> Ints:
