@@ -29,7 +29,7 @@ COS_ALIKE = 0.7  # within 45 degrees
 def leave_openings(settled: Settled, samples: Level, tree: cKDTree, sampling: Sampling, crumb: float,
                    counts: dict[str, int]) -> Settled:  # fmt: skip
     """Return what was settled without faces that span an opening seen through, nor pieces that are left smaller than a
-    disc of `crumb` [m]; `tree` is that of the samples."""
+    disc of `crumb` [m]; all of it where nothing else is left. `tree` is that of the samples."""
     projection = settled.projection
     spans = span_openings(projection.vertices, projection.normals, samples, tree, sampling)
     counts["faces_over_openings"] = 0
@@ -37,6 +37,8 @@ def leave_openings(settled: Settled, samples: Level, tree: cKDTree, sampling: Sa
         return settled
     faces = untie(keep_faces(settled.faces, all_corners(~spans, settled.faces)))
     faces = keep_faces(faces, piece_areas(projection.vertices, faces) >= np.pi * crumb**2)
+    if not len(faces):
+        return settled
     counts["faces_over_openings"] = len(settled.faces) - len(faces)
     used, faces = compact(len(projection.vertices), faces)
     return Settled(projection.take(used), faces, settled.beside[used], settled.is_crest[used])
