@@ -189,16 +189,6 @@ def link_nodes(nodes: Ints, index: Any) -> Any:
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def cut_links(links: Any, breaks: Ints) -> None:
-    """Take the edges `breaks` (k,), axis times the number of nodes plus the lower node, out of the links."""
-    n = links.shape[2]
-    for k in range(breaks.shape[0]):
-        axis, i = breaks[k] // n, breaks[k] % n
-        j = links[0, axis, i]
-        links[0, axis, i], links[1, axis, j] = n, n
-
-
-@jit(nopython=True, cache=True, nogil=True)
 def in_box(places: Any, low: Any, high: Any) -> Any:
     """Which places (n, 3) lie in [low, high)."""
     out = np.empty(places.shape[0], np.bool_)

@@ -23,7 +23,6 @@ import numpy as np
 from monitor.boxes import box_of
 from monitor.reconstruction.band import (
     Tiles,
-    cut_links,
     cut_tiles,
     in_box,
     index_nodes,
@@ -41,7 +40,6 @@ from monitor.reconstruction.poisson import (
     blur,
     divergence,
     field_and_start,
-    find_breaks,
     screening_cells,
     screening_rows,
     screening_weights,
@@ -58,8 +56,6 @@ SPLAT_HALO = BLUR_PASSES + BAND + 1  # cells beyond the halo whose points reach 
 SWEEPS = 2  # the first knows no neighbours; after the second the tiles agree within a micrometre (see the tests)
 TILE = 128  # cells
 MOST_ITERATIONS = 1000
-LARGEST_BREAK = 1.5  # cells, by which the distances to the points' planes at the ends of an edge may contradict it
-BREAK_SIGMAS = 3.0  # of noise, by which they do by chance
 ROUGHLY, EXACTLY = 1e-6, 1e-7  # rms residual in cells, of all sweeps but the last and of the last
 
 
@@ -79,12 +75,11 @@ class Lattice(NamedTuple):
     full_cell: float
     longest: float  # cells over which the points hold the field, at most
     by_turn: float  # cells and rad: over how many where normals turn (`screening_by_turn`)
-    break_from: float  # cells, from which on an edge joins two sheets (`find_breaks`)
 
 
 def localized_mesh(
     points: Floats, normals: Floats, cell: float, spacing: float, screening: float = SCREENING_LENGTH, *,
-    by_turn: float = np.inf, noise: float = 0.0, tile: int = TILE, sweeps: int = SWEEPS,
+    by_turn: float = np.inf, tile: int = TILE, sweeps: int = SWEEPS,
     map_tiles: Callable[[Callable[[int], Any], Sequence[int]], Any] | None = None,
 ) -> tuple[Floats, Ints]:  # fmt: skip
     """Return vertices (n, 3) m and faces (m, 3) of the zero level of the field, within reach of the points.
@@ -95,14 +90,13 @@ def localized_mesh(
     cell, spacing : m; the edge of a cell, and the distance between points that makes a cell count as full.
     screening : cells over which the points hold the field (`screening_length`), at most.
     by_turn : cells and rad; this over the turn of the normals at a place is the length there, where that is shorter.
-    noise : m, one sigma of the points along their normals.
     tile, sweeps : cells along a tile's edge; how often the tiles are solved.
     map_tiles : like `map`, over tile numbers; by default threads on this machine.
     """
     low = _place_lattice(points, cell, tile)
     tiles = cut_tiles(_on_lattice(points, cell, low), tile, REACH)
     lattice = Lattice(tiles, normals.astype(np.float32).take(tiles.order, axis=0), (cell / spacing) ** 2, screening,
-                      by_turn, float(np.hypot(LARGEST_BREAK, BREAK_SIGMAS * noise / cell)))  # fmt: skip
+                      by_turn)  # fmt: skip
     run = map_tiles or _map_threads
     numbers = range(len(tiles.corners))
     with tempfile.TemporaryDirectory(prefix="surface-tiles-") as folder:
@@ -157,15 +151,12 @@ def prepare_tile(lattice: Lattice, prepared: Spool, tile: int) -> None:
     sums = blur(sums, link_nodes(band.nodes, band.index), BLUR_PASSES)
     band, keep = restrict(band, low, high)
     mean, start = field_and_start(sums.compress(keep, axis=0), band.nodes)
-    links = link_nodes(band.nodes, band.index)
-    breaks = find_breaks(mean, start, links, lattice.break_from)
-    cut_links(links, breaks)
-    rhs = divergence(mean, links)
+    rhs = divergence(mean, link_nodes(band.nodes, band.index))
     local = local.compress(in_box(local, low - band.low, high - band.low - 1), axis=0)
     cells, places, full = screening_cells(local, band.index.shape, lattice.full_cell)
     holds = screening_weights(cells, full, mean, band.index, lattice.longest, lattice.by_turn)
     frame = np.array([band.low, band.index.shape])
-    prepared.put(tile, frame, band.nodes, start, rhs, cells.astype(np.int16), places, holds, breaks)
+    prepared.put(tile, frame, band.nodes, start, rhs, cells.astype(np.int16), places, holds)
 
 
 def solve_tile(
@@ -176,10 +167,9 @@ def solve_tile(
     What the tile owns goes to `solved`: the numbers of its nodes within the tile, and their values in cells.
     """
     corner, edge = lattice.tiles.corners[tile], lattice.tiles.edge
-    (low, shape), nodes, start, rhs, cells, places, holds, breaks = prepared.get(tile, 8)
+    (low, shape), nodes, start, rhs, cells, places, holds = prepared.get(tile, 7)
     band = Band(index_nodes(nodes, shape), nodes, low)
     links = link_nodes(band.nodes, band.index)
-    cut_links(links, breaks)
     corners, weights = screening_rows(cells, places, band.index)
     is_fixed = np.zeros(len(start), np.bool_)
     if known is not None:

@@ -129,42 +129,6 @@ def field_and_start(sums: Any, nodes: Ints) -> Any:
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def alike(mean: Any, i: int, j: int) -> bool:
-    """Whether the points about two nodes look one way: mean normals (n, 3) nearly of unit length that agree."""
-    own, other, both = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for a in range(3):
-        own += mean[i, a] ** 2
-        other += mean[j, a] ** 2
-        both += mean[i, a] * mean[j, a]
-    return bool(min(own, other, both) > 0.5)
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def find_breaks(mean: Any, start: Any, links: Any, largest: float) -> Any:
-    """Edges between nodes that lean on different sheets, (k,): axis times the number of nodes, plus the lower node.
-
-    Where one sheet lies behind another and both look the same way, as the floor of a crack and what is beside it, no
-    field has both for its zero and the mean normals (n, 3) for its gradient: over some cells along the step it had
-    neither. The first field `start` (n,), the mean distance to the points' planes, jumps from the one sheet to the
-    other by more than `largest` [cells] over what the gradient says; across such edges nothing is asked.
-    """
-    n = mean.shape[0]
-    found = np.empty(16, np.int64)
-    m = 0
-    for axis in range(3):
-        for i in range(n):
-            j = links[0, axis, i]
-            if j >= n or abs(start[j] - start[i] - 0.5 * (mean[i, axis] + mean[j, axis])) <= largest:
-                continue
-            if alike(mean, i, j):
-                if m == len(found):
-                    found = np.append(found, np.empty(m, np.int64))
-                found[m] = axis * n + i
-                m += 1
-    return found[:m].copy()
-
-
-@jit(nopython=True, cache=True, nogil=True)
 def divergence(mean: Any, links: Any) -> Any:
     """Right-hand side (n,): the mean normals along the edges of each node."""
     out = np.zeros(mean.shape[0], np.float32)

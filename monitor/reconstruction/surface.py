@@ -152,9 +152,7 @@ def raw_mesh(
     if method == "open3d":
         return poisson_mesh(cloud.points, cloud.normals, cell)
     by_turn = screening_by_turn(cell, sampling.spacing, sampling.noise)
-    vertices, faces = localized_mesh(
-        cloud.points, cloud.normals, cell, sampling.spacing, screening, by_turn=by_turn, noise=sampling.noise
-    )
+    vertices, faces = localized_mesh(cloud.points, cloud.normals, cell, sampling.spacing, screening, by_turn=by_turn)
     return vertices, faces, cell
 
 

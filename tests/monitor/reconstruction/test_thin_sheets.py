@@ -5,7 +5,7 @@ import pytest
 from free_borders import boundary_vertices
 from pipe_on_a_wall import pipe_before_wall
 
-from monitor.reconstruction import SurfaceSettings, localized, reconstruct_with_record
+from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction import surface as surface_module
 from monitor.reconstruction.cell_size import measure_sampling
 from monitor.reconstruction.coverage import find_uncovered, largest_piece
@@ -102,9 +102,8 @@ def test_the_largest_piece_without_a_surface_is_found_with_its_size_and_place(rn
 
 
 def test_a_thing_that_is_lost_as_a_whole_is_recorded_where_it_stands(rng, monkeypatch):
-    """The pipe before a wall, lost again where one length of the field serves all and the band is cut nowhere."""
+    """The pipe before a wall, lost again where one length of the field serves all."""
     monkeypatch.setattr(surface_module, "screening_by_turn", lambda *_: np.inf)
-    monkeypatch.setattr(localized, "LARGEST_BREAK", np.inf)
     far = np.array([1000.0, -500.0, 20.0])
     points, normals, on_pipe = pipe_before_wall(rng)
     found = reconstruct_with_record(PointCloud(points + far, normals=normals)).automatic
