@@ -211,11 +211,12 @@ def spacing_of(areas: Floats) -> float:
 
 
 def fringe_of(surface: Surface, to_own_rim: Floats, areas: Floats) -> Bools:
-    """Return where a surface goes on beyond its samples (n,): next to its own free edges, so far [m] away; nowhere on a
-    surface that does not state how far its samples are, as a finished mesh, which ends where its maker let it end.
+    """Return where a surface goes on beyond its samples (n,): away from these, next to its own free edges, which are
+    `to_own_rim` (n,) [m] away; nowhere on a surface that does not state how far its samples are, as a finished mesh,
+    which ends where its maker let it end.
 
     A surface ends where nothing was sampled for some cells. Of plates sampled every 2 and 4 mm the whole surface is 2.2
-    to 3.0 spacings of the points wider than the plate on each side, less its fringe -0.2 to 0.5 (`test_fringe`).
+    to 3.0 spacings of the points wider than the plate on each side, less its fringe -0.1 to 0.5 (`test_fringe`).
     """
     if surface.sample_distance is None or not len(to_own_rim):
         return np.zeros(len(areas), dtype=np.bool_)
