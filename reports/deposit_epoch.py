@@ -106,8 +106,8 @@ def _add_given(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[str, .
     def blocks(k: int) -> Iterator[Scan]:
         yield from epoch.project.iterate_scan(record.object_id, record.epoch_id, k)
 
-    path, told = _named(stem, "scans.e57"), f"epoch {record.epoch_id} of {record.date.isoformat()} {record.label}"
-    write_e57(path, (blocks(k) for k in range(len(epoch.headers))), description=told.strip())
+    path, about = _named(stem, "scans.e57"), f"epoch {record.epoch_id} of {record.date.isoformat()} {record.label}"
+    write_e57(path, (blocks(k) for k in range(len(epoch.headers))), description=about.strip())
     told = "Scans as measured, each in its scanner's frame with the pose that was given; metres"
     return (*deposit.add(path, told), *held)
 

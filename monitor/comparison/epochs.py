@@ -31,7 +31,7 @@ from monitor.comparison.regions.shapes import describe_shapes
 from monitor.comparison.regions.stood_there import drop_where_it_stood
 from monitor.comparison.regions.told_from import add_told_from, coarse_figures, tell_smallest
 from monitor.comparison.sight.views import look_from
-from monitor.comparison.summary import areas_by_assessment, areas_met_nothing, summarize
+from monitor.comparison.summary import area_figures, summarize
 from monitor.declare import check_settings, given_or_default, setting
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 
@@ -170,8 +170,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     figures = summarize(on_both[1], told.sides, found, between.stated, tolerance, held=between.held.covariance,
                         knows_frames=frames is not None)  # fmt: skip
     figures |= coarse_figures(on_both[1], told.sides[1].areas, tolerance)
-    figures["areas_by_assessment_m2"] = [areas_by_assessment(*of) for of in zip(on_both, told.sides, strict=True)]
-    figures["met_nothing_area_m2"] = areas_met_nothing(on_both, told.sides, sights, found.test.size)
+    figures |= area_figures(on_both, told.sides, sights, found.test.size)
     table = told.regions.table
     return Comparison(on_both[1], on_both[0], table, between.stated, mode, {**figures, **statistics})
 

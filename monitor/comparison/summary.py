@@ -92,6 +92,16 @@ def tell_motion(registration: Registration, knows_frames: bool) -> dict[str, Any
     }
 
 
+def area_figures(told: tuple[ComparedSurface, ComparedSurface], sides: tuple[Side, Side], sights: Sights | None,
+                 size: float) -> dict[str, list[Any]]:  # fmt: skip
+    """Return which areas [m2] of the reference and of the compared surface are in which state, and which met nothing,
+    in places no smaller than a square of `size` [m]."""
+    return {
+        "areas_by_assessment_m2": [areas_by_assessment(*of) for of in zip(told, sides, strict=True)],
+        "met_nothing_area_m2": areas_met_nothing(told, sides, sights, size),
+    }
+
+
 def areas_by_assessment(told: ComparedSurface, side: Side) -> dict[str, float]:
     """Return which area [m2] of a side, less its fringe, is unchanged, changed and not assessable for each reason."""
     areas, state = side.measured_areas, told.assessment

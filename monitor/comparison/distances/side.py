@@ -33,9 +33,7 @@ Made = TypeVar("Made")
 EXTRAPOLATED = 1.5  # spacings of the vertices from a free edge: samples lie on one side only, or are none
 LEAST_SPREAD = 1.1  # of the farthest third's beginning to the nearest third's end; or, where noise is stated,
 LEAST_NOISES = 20.0  # of noise between them; else noise decides who is in which
-OFF_SAMPLES = (
-    0.3  # spacings of the vertices to the nearest sample, some 0.7 of the samples: the object ends beyond them
-)
+OFF_SAMPLES = 0.3  # spacings of the vertices from the nearest sample, up to which a place was sampled
 AT_ONCE = 2_000_000  # vertices of either side up to which both are worked on at once
 MOVED_AT_ONCE = 1 << 14  # vertices
 N_DRAWN = 200_000  # vertices that show where a third of the lever arm ends, and what is stated of most, at even steps
