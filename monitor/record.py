@@ -105,7 +105,21 @@ def put_step(place: Place, asked: Asked, made: Made, seconds: float) -> Step:
         created=now(),
         seconds=seconds,
     )
-    return place.project.put(place.object_id, place.epoch_id, step, made.noun)
+    with place.project.writing():  # so that nothing changes between the question and the answer
+        _require_inputs(place, asked)
+        return place.project.put(place.object_id, place.epoch_id, step, made.noun)
+
+
+def _require_inputs(place: Place, asked: Asked) -> None:
+    """Raise `StoreError` where what a product was made from was taken out or replaced while it was being made."""
+    epochs = place.project.epochs(place.object_id)
+    present = {s.step_id for e in epochs for s in place.project.steps(place.object_id, e.epoch_id)}
+    gone = [step.product for step in asked.inputs if step.step_id not in present]
+    if gone:
+        raise StoreError(
+            f"object {place.object_id}, epoch {place.epoch_id}: {gone[0]}, of which {asked.product} was made, was "
+            "taken out or replaced by another program meanwhile; nothing was entered: run the command again"
+        )
 
 
 def once_step(place: Place, asked: Asked, make: Callable[[], Made]) -> Step:

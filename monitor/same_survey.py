@@ -72,7 +72,8 @@ def _share_of_mesh(one: Place, other: Place) -> float:
     small, large = sorted(meshes, key=lambda m: len(m.vertices))
     ends = small.vertices[_pick(small.faces)[:, :2]]
     to_next = float(np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)))
-    found = count_at(_pick(small.vertices), [large.vertices], min(ROUNDED, SPARSE * to_next)) > 0
+    corners = [mesh.vertices[np.unique(mesh.faces)] for mesh in (small, large)]
+    found = count_at(_pick(corners[0]), corners[1:], min(ROUNDED, SPARSE * to_next)) > 0
     return float(np.mean(found))
 
 

@@ -19,7 +19,7 @@ from monitor.registration.network.placing import place_scans
 from monitor.registration.targets.finding import find_targets
 from monitor.scan_assembly import assemble_streams
 from monitor.unit_check import UnitCheck
-from monitor.unregistered import forget_common_place
+from monitor.unregistered import UNEVEN, forget_common_place, unevenness
 from monitor.vantage import could_be_measured_from, some_points
 from projects.errors import FormatError, ParameterError
 from projects.extent import Extent, inside
@@ -45,7 +45,8 @@ def open_scans(
     without and then stands in the project's frame. Where all poses are the identity and no line says where its scanner
     stood (`doubt_places`), it stood at 0 0 0 if the points can have been measured from there (`monitor.vantage`), else
     nobody knows; repeated scans are taken at their word. So it is asked of a scan whose file has a pose that is not the
-    identity and no grid that would say the same: an E57 of thinned scans. Where the files put several scans at one
+    identity and no grid that would say the same (an E57 of thinned scans), and of a PTX whose header leaves the
+    scanner's place at its default. Where the files put several scans at one
     place and they cannot have been measured from one, their poses count as unknown (`forget_common_place`).
 
     Raises
@@ -74,7 +75,9 @@ def open_scans(
 
 
 def _is_doubted(stream: ScanStream, lines: Mapping[str, PoseLine]) -> bool:
-    """Return whether a pose line alone says where the scanner stood, and is doubted."""
+    """Return whether a pose line or the default of a format alone says where the scanner stood, and is doubted."""
+    if stream.is_doubted:
+        return True
     own = [line for name, line in lines.items() if name == stream.path.name or name.startswith(f"{stream.path.name}#")]
     return stream.pose is not None and not stream.is_origin_stated and any(line.is_doubted for line in own)
 
@@ -85,7 +88,11 @@ def _brings_pose(stream: ScanStream) -> bool:
 
 
 def _believe(stream: ScanStream) -> ScanStream:
-    """Return the stream with its origin stated where its points bear it out."""
+    """Return the stream with its origin stated where its points bear it out: by the even steps of their grid about
+    0 0 0 where they have one, else by what can be seen from there."""
+    spread = unevenness(next(iter(stream.chunks()))) if stream.is_grid and not stream.origin.any() else np.nan
+    if np.isfinite(spread):
+        return replace(stream, is_origin_stated=spread <= UNEVEN)
     return replace(stream, is_origin_stated=could_be_measured_from(some_points(stream), stream.origin))
 
 

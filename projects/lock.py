@@ -127,7 +127,11 @@ class Lock:
                 return me
             found = read_owner(self.path)
             if found is not None and (is_stale(found) or is_unfinished(self.path)):
-                self._remove_stale(found)
+                if not self._remove_stale(found) and time.monotonic() >= deadline:
+                    raise StoreError(
+                        f"{self.path} was left by a program that has ended ({_describe(found)}) and may not be removed "
+                        f"by this user; it belongs to {_user_of(self.path)}: have it removed by them"
+                    )
             elif found is not None and time.monotonic() >= deadline:
                 raise StoreError(
                     f"{self.path.parent} is being written by {_describe(found)}; wait for it to end, or, if that "
@@ -180,13 +184,19 @@ class Lock:
             advice = "make room on its disk" if is_full else "check its permissions"
             raise StoreError(f"{path.parent} cannot be written ({error.strerror}); {advice}") from error
 
-    def _remove_stale(self, stale: Owner) -> None:
-        """Remove the lock of a process that is gone, unless another has replaced it in the meantime."""
+    def _remove_stale(self, stale: Owner) -> bool:
+        """Remove the lock of a process that is gone, unless another has replaced it in the meantime; return whether
+        that was allowed."""
         aside = self.path.with_name(f"{LOCK_NAME}.{uuid.uuid4().hex}")
-        with suppress(FileNotFoundError, PermissionError), _alone(self.path.parent):
-            if read_owner(self.path) == stale and (is_stale(stale) or is_unfinished(self.path)):
-                os.replace(self.path, aside)
-                aside.unlink()
+        try:
+            with suppress(FileNotFoundError), _alone(self.path.parent):
+                if read_owner(self.path) == stale and (is_stale(stale) or is_unfinished(self.path)):
+                    os.replace(self.path, aside)
+                    aside.unlink()
+        except PermissionError:
+            time.sleep(0.02)
+            return False
+        return True
 
     def clear_drafts(self) -> None:
         """Remove lock drafts that killed processes left; a living one whose draft goes too makes it again."""
@@ -219,6 +229,14 @@ def _alone(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+def _user_of(path: Path) -> str:
+    """Return the name of the user to whom a file belongs."""
+    try:
+        return path.owner()
+    except (OSError, KeyError, NotImplementedError):
+        return "a user without a name here"
 
 
 def _describe(owner: Owner | None) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from projects import hdf5
 from projects.deflated import N_THREADS, ColumnWriter
 from projects.elements import mark, read_mark
-from projects.errors import StoreError
+from projects.errors import ParameterError, StoreError
 from projects.model import EpochRecord, Floats, PointCloud, Scan, Step, Surface
 from projects.provenance import hash_file, step_id
 from projects.transforms import require_rigid
@@ -121,7 +121,14 @@ def sources_of(step: Step) -> tuple[dict[str, Any], ...]:
 
 
 def mesh_step(epoch: EpochRecord, mesh: Surface) -> Step:
-    """Return the step of a finished mesh: identified by its files where the record names them, else by its arrays."""
+    """Return the step of a finished mesh: identified by its files where the record names them, else by its arrays.
+
+    Raises `ParameterError` where a corner of a face is not finite.
+    """
+    if not np.isfinite(mesh.vertices[np.unique(mesh.faces)]).all():
+        raise ParameterError(
+            f"mesh of epoch {epoch.epoch_id!r}: faces have corners that are not finite; leave them out"
+        )
     hashes = [str(s["sha256"]) for s in epoch.sources if "sha256" in s]
     arrays = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
     inputs = tuple(hashes) or (arrays,)

@@ -13,17 +13,19 @@ from projects.errors import ParameterError
 if TYPE_CHECKING:
     from pyproj import CRS
 
+SAME_UNIT = 3e-6  # the foot of surveys in the United States is 2 millionths longer than the foot
 NEEDED = "a projected system in metres of the EPSG register is needed, like EPSG:31256"
 
 
 @dataclass(frozen=True)
 class ReferenceSystem:
-    """What a file says of its coordinates: the system's name (EPSG:n where the register has it), the unit in words, and
-    metres in that unit, None where it is an angle."""
+    """What a file says of its coordinates: the system's name (EPSG:n where the register has it), the unit in words,
+    metres in that unit, None where it is an angle, and the unit of heights where it is another one than the plane's."""
 
     name: str
     unit: str
     metres: float | None
+    heights: str = ""
 
 
 def require_projected_metres(code: str) -> None:
@@ -56,14 +58,18 @@ def name_of_plane(code: str) -> str:
 
 
 def describe_system(system: CRS) -> ReferenceSystem:
-    """Return what is known of a file's system: of its horizontal part where it has heights as well."""
+    """Return what is known of a file's system: of its horizontal part, and whether its heights have another unit."""
     plane = system.sub_crs_list[0] if system.is_compound else system
     stated = plane.to_json_dict().get("id") or {}  # to_epsg() looks for one that is alike, and misses northings first
     name = f"EPSG:{stated['code']}" if stated.get("authority") == "EPSG" else plane.name
     if not plane.axis_info:
         return ReferenceSystem(name, "metre", 1.0)
     axis = plane.axis_info[0]
-    return ReferenceSystem(name, axis.unit_name, None if plane.is_geographic else float(axis.unit_conversion_factor))
+    if plane.is_geographic:
+        return ReferenceSystem(name, axis.unit_name, None)
+    metres = float(axis.unit_conversion_factor)
+    other = [up for up in system.axis_info[2:] if abs(up.unit_conversion_factor / metres - 1.0) > SAME_UNIT]
+    return ReferenceSystem(name, axis.unit_name, metres, other[0].unit_name if other else "")
 
 
 def read_wkt(text: str) -> ReferenceSystem | None:

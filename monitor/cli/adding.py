@@ -20,7 +20,16 @@ from monitor.same_survey import describe_copies, describe_doubles
 from monitor.scans import open_scans
 from monitor.unit_check import UnitCheck, with_questioned_unit
 from projects.errors import ParameterError, StoreError
-from projects.formats import PoseLine, ScanStream, metres_per_unit, question_unit, read_control, read_mesh, read_poses
+from projects.formats import (
+    PoseLine,
+    ScanStream,
+    metres_per_unit,
+    question_unit,
+    read_control,
+    read_mesh,
+    read_poses,
+    sniff_format,
+)
 from projects.identifiers import require_id
 from projects.model import ControlPoint, EpochRecord
 from projects.provenance import hash_file
@@ -66,6 +75,7 @@ def add_epoch_to_project(path: Path, request: EpochRequest, as_json: bool) -> No
         )
     _warn_of_meshes(project, stored, [stream.name for stream in streams if stream.has_faces])
     _warn_of_systems(project, stored, streams)
+    _warn_of_unread(project, stored, streams)
     _tell(project, stored, count_placed(streams), as_json)
 
 
@@ -163,7 +173,7 @@ def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit
     _require_mesh_alone(request)
     mesh = read_mesh(request.files[0], unit=unit.metres)
     bounds = np.array([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-    question_unit(bounds, unit.was_stated, name=request.files[0].name)
+    question_unit(bounds, unit.was_stated, sniff_format(request.files[0]), request.files[0].name)
     source = {"file": request.files[0].name, "sha256": hash_file(request.files[0])}
     return project.add_epoch(dataclasses.replace(record, sources=(source,)), (), mesh=mesh)
 
@@ -203,13 +213,26 @@ def _warn_of_meshes(project: Project, record: EpochRecord, names: Sequence[str])
 def _warn_of_systems(project: Project, record: EpochRecord, streams: Sequence[ScanStream]) -> None:
     """Say of which files the coordinates are in another reference system than the project's, by what they say."""
     own = name_of_plane(project.crs)
-    others = [s for s in streams if own and s.system is not None and s.system.name != own]
+    others = [s for s in streams if own and s.system is not None and s.system.name not in ("", own)]
     if others:
         said = sorted({stream.system.name for stream in others if stream.system})
         typer.echo(
             f"mind: {_name_some([s.name for s in others])}: said to be in {', '.join(said)}, the project is in {own}; "
             f"the coordinates were taken as they are. If they are not in {own}: monitor remove-epoch {project.quoted} "
             f"{record.object_id} {record.epoch_id}, transform them, add the epoch again",
+            err=True,
+        )
+
+
+def _warn_of_unread(project: Project, record: EpochRecord, streams: Sequence[ScanStream]) -> None:
+    """Say of which files columns without names were left out, as nobody could tell what they are."""
+    unread = [stream for stream in streams if stream.unread]
+    if unread:
+        typer.echo(
+            f"mind: {_name_some([s.name for s in unread])}: {unread[0].unread} could not be told and left out. If they "
+            "are of use, name all columns in a first line, such as x y z red green blue or x y z nx ny nz (any other "
+            f"name leaves a column out): monitor remove-epoch {project.quoted} {record.object_id} {record.epoch_id}, "
+            "then add it again",
             err=True,
         )
 

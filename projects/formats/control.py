@@ -21,20 +21,21 @@ def read_control(path: Path, *, unit: float = 1.0) -> tuple[ControlPoint, ...]:
     Parameters
     ----------
     path : lines `name,x,y,z` or `name,x,y,z,sigma`; a first line of names, blank lines and lines that begin with `#`
-        are passed over. Semicolons or tabs may stand for commas.
+        are passed over. Semicolons or tabs may stand for commas, which then are decimal commas.
     unit : metres per unit of its lengths, sigma included.
 
     Raises
     ------
     FormatError
-        A line with the wrong count or a word that is no number, a sigma that is not positive, a name given twice.
+        A line with the wrong count or a word that is no number, a sigma that is not positive and finite, a name given
+        twice.
     """
     path = Path(path)
     require_unit(unit)
     points: dict[str, ControlPoint] = {}
-    for number, words in _rows(path):
+    for k, (number, words) in enumerate(_rows(path)):
         where = f"{path}, line {number}"
-        if not points and len(words) in (4, 5) and not any(is_number(word) for word in words[1:]):
+        if not k and len(words) in (4, 5) and not any(is_number(word) for word in words[1:]):
             continue  # the names of the columns
         point = _control_point(words, unit, where)
         if point.name in points:
@@ -57,7 +58,10 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         raise FormatError(f"{path}: is no text in UTF-8 ({problem})") from problem
     told = [(k, line) for k, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     separator = next((mark for mark in (";", "\t") if told and mark in told[0][1]), ",")
-    return [(k, [word.strip() for word in next(csv.reader([line], delimiter=separator))]) for k, line in told]
+    rows = [(k, [word.strip() for word in next(csv.reader([line], delimiter=separator))]) for k, line in told]
+    if separator == ",":
+        return rows
+    return [(k, [*words[:1], *(word.replace(",", ".") for word in words[1:])]) for k, words in rows]
 
 
 def _control_point(words: list[str], unit: float, where: str) -> ControlPoint:
@@ -70,6 +74,6 @@ def _control_point(words: list[str], unit: float, where: str) -> ControlPoint:
     sigma = unit * float(words[4]) if len(words) == 5 and words[4] else np.nan
     if not np.isfinite(position).all():
         raise FormatError(f"{where}: a coordinate is not finite")
-    if sigma <= 0:
-        raise FormatError(f"{where}: sigma {words[4]} is not positive; leave it out where it is unknown")
+    if sigma <= 0 or np.isinf(sigma):
+        raise FormatError(f"{where}: sigma {words[4]} is not positive and finite; leave it out where it is unknown")
     return ControlPoint(words[0], position, sigma)

@@ -199,7 +199,7 @@ def _columns(fields: dict[str, Any], limits: dict[str, tuple[float, float]]) -> 
         values = fields["intensity"]
         if "isIntensityInvalid" in fields:
             values = np.where(fields["isIntensityInvalid"] != 0, np.nan, values)
-        columns["intensity"] = within_unit_range(values, *limits["intensity"])
+        columns["intensity"] = within_unit_range(np.clip(values, *limits["intensity"]), *limits["intensity"])
     if set(COLOURS) <= set(fields):
         columns["colors"] = np.column_stack([_bytes(fields[name], limits[name]) for name in COLOURS])
     if set(NORMALS) <= set(fields):

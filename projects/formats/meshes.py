@@ -21,7 +21,8 @@ MESH_FORMATS = ("ply", "obj", "stl", "glb")
 
 
 def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None) -> Surface:
-    """Return the triangle mesh of a file, polygons cut into triangles, triangles without three corners left out.
+    """Return the triangle mesh of a file, polygons cut into triangles; triangles without three corners and vertices of
+    no triangle are left out.
 
     Corners at exactly one place, and those of free edges that all but touch, are one vertex: files with textures part
     them along seams, others part all faces, and each seam would be a free edge.
@@ -34,7 +35,7 @@ def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None
     Raises
     ------
     FormatError
-        Another format, a broken file, no faces, faces that name vertices that are not there, vertices not finite.
+        Another format, a broken file, no faces, faces that name vertices that are not there, corners not finite.
     """
     path, limits = Path(path), limits or ReadLimits()
     require_unit(unit)
@@ -45,7 +46,8 @@ def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None
     vertices = _joined([piece for piece in pieces if "points" in piece])
     faces = _joined([piece for piece in pieces if "faces" in piece]).get("faces", np.empty((0, 3), np.int64))
     faces = _true_triangles(path, faces, len(vertices.get("points", ())))
-    _require_places(path, vertices["points"][np.unique(faces)])
+    vertices, faces = _only_corners(vertices, faces)
+    _require_places(path, vertices["points"])
     for join in (_joined_at_seams, _joined_where_parted):
         vertices, faces = join(vertices, faces)
         faces = _true_triangles(path, faces, len(vertices["points"]))
@@ -71,11 +73,17 @@ def _true_triangles(path: Path, faces: np.ndarray, n_vertices: int) -> np.ndarra
     return kept
 
 
-def _require_places(path: Path, used: np.ndarray) -> None:
+def _only_corners(vertices: Columns, faces: np.ndarray) -> tuple[Columns, np.ndarray]:
+    """Return vertices and faces without the vertices of no face: others would measure them as part of the surface."""
+    used, places = np.unique(faces, return_inverse=True)
+    return {name: values[used] for name, values in vertices.items()}, places.reshape(-1, 3)
+
+
+def _require_places(path: Path, corners: np.ndarray) -> None:
     """Raise where corners of faces (n, 3) are not finite, or all at one place."""
-    if not np.isfinite(used).all():
+    if not np.isfinite(corners).all():
         raise FormatError(f"{path}: has faces with corners that are not finite; the file is broken")
-    if (used == used[0]).all():
+    if (corners == corners[0]).all():
         raise FormatError(f"{path}: all its corners lie at one place; the file is broken")
 
 
@@ -84,7 +92,7 @@ def _joined_at_seams(vertices: Columns, faces: np.ndarray) -> tuple[Columns, np.
     points = vertices["points"]
     order = np.lexsort(points.T)
     is_new = np.ones(len(points), dtype=bool)
-    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)  # NaN, of no face, is no other's place
+    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
     first = np.empty(len(points), dtype=np.int64)
     first[order] = order[is_new][np.cumsum(is_new) - 1]  # the sort is stable, so the first in the file
     return _joined_as(vertices, faces, first)

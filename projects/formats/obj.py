@@ -16,6 +16,7 @@ from projects.formats.plyfaces import fan, stack_by_length
 from projects.formats.rawscan import Columns, ScanHeader, scaled
 from projects.formats.text import line_blocks, numbers_of_lines
 
+VERTEX = re.compile(rb"v([ \t]|\r?$)")
 FACE = re.compile(rb"^[ \t]*f[ \t]", re.MULTILINE)
 
 
@@ -34,12 +35,13 @@ def _read_blocks(path: str) -> Iterator[Columns]:
     line, n_columns = 1, 0
     for block in line_blocks(path, 0):
         lines = [text.lstrip() for text in block.split(b"\n")]
-        told = [text[2:].split(b"#")[0] for text in lines if text.startswith((b"v ", b"v\t")) or text.strip() == b"v"]
+        told = {k: text[2:].split(b"#")[0] for k, text in enumerate(lines, line) if VERTEX.match(text)}
         if told:
-            if not all(text.strip() for text in told):
-                raise FormatError(f"has a vertex without numbers after line {line}; the file is broken")
-            n_columns = n_columns or len(told[0].split())
-            yield _columns(numbers_of_lines(told, n_columns, line))
+            empty = [k for k, text in told.items() if not text.strip()]
+            if empty:
+                raise FormatError(f"line {empty[0]} has a vertex without numbers; the file is broken")
+            n_columns = n_columns or len(next(iter(told.values())).split())
+            yield _columns(numbers_of_lines(told, n_columns))
         line += block.count(b"\n")
 
 
@@ -73,6 +75,8 @@ def _polygons(path: str) -> Iterator[list[int]]:
             if words[:1] == [b"v"]:
                 n_vertices += 1
             elif words[:1] == [b"f"]:
+                if len(words) < 4:
+                    raise FormatError(f"line {line} has a face of {len(words) - 1} corners; three or more are needed")
                 yield [_index(word, n_vertices, line) for word in words[1:]]
 
 

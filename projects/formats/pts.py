@@ -19,7 +19,7 @@ from projects.formats.text import skip_blank, skip_rows, whole_numbers
 
 def list_scans(path: str) -> list[ScanHeader]:
     """Return the one scan of the file; its count is the sum of those of its clouds, or None without counts."""
-    header = xyz.find_layout(path)
+    header = xyz.find_layout(path, is_pts=True)
     if header.n_declared is None:
         return [header]
     parts = list(_parts(path))

@@ -87,12 +87,14 @@ def _header(numbers: Any, layout: dict[str, Any], size: tuple[int, int]) -> Scan
     """Return the header made of the 28 numbers after the size."""
     position, axes = numbers[:3], numbers[3:12].reshape(3, 3)
     pose = numbers[12:].reshape(4, 4).T
+    origin = _origin(position, axes, pose)
     return ScanHeader(
         pose=pose.tolist(),
-        origin=_origin(position, axes, pose),
+        origin=origin,
         n_declared=size[0] * size[1],
         is_grid=min(size) > 1,
         is_centred=True,
+        is_doubted=origin is None,
         place={"layout": layout, "n_grid_rows": max(size[0], 1)},
     )
 

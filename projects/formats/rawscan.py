@@ -33,9 +33,11 @@ class ScanHeader:
     """One scan of a file, before its points are read.
 
     `pose` is T_project_scanner in file units and `origin` the scanner's position in the scan's frame, each None where
-    the file does not say. `is_centred`: the format puts the scanner at 0 0 0, so a point there has no range.
-    `has_faces`: the points are the vertices of a mesh. `system`: the fields of a `ReferenceSystem`, where the file
-    names one. `place` is whatever the reader needs to find the scan again.
+    the file does not say. `is_centred`: the format puts the scanner at 0 0 0, so a point there has no range;
+    `is_doubted`: so it would by the format, whose place for the position was left at its default. `has_faces`: the
+    points are the vertices of a mesh. `system`: the fields of a `ReferenceSystem`, where the file names one. `unread`:
+    which columns without names could not be told, in words. `place` is whatever the reader needs to find the scan
+    again.
     """
 
     label: str = ""
@@ -45,8 +47,10 @@ class ScanHeader:
     scanner: str | None = None
     is_grid: bool = False
     is_centred: bool = False
+    is_doubted: bool = False
     has_faces: bool = False
     system: Mapping[str, Any] | None = None
+    unread: str = ""
     place: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:

@@ -38,6 +38,7 @@ class ScanStream:
     pose : (4, 4) T_project_scanner, m; None where neither the file nor a poses file says.
     origin : (3,) m, the scanner's position in the scan's frame; 0 0 0 where nothing says otherwise.
     is_origin_stated : whether the origin comes from the file, the poses file or the format's definition.
+    is_doubted : the origin would be 0 0 0 by the format's definition, but the file left its place for it untouched.
     n_declared : how many points the file promises, no-returns included; None where it does not say.
     scanner : instrument as the file names it.
     is_grid : whether points carry row and column.
@@ -47,7 +48,9 @@ class ScanStream:
         dropped since the chunk before. Raises `FormatError` where the file is broken or holds no measurement.
     placed_by : what the pose was found by where nobody stated it, in words; empty where it was stated.
     has_faces : whether the points are the vertices of a mesh.
-    system : reference system of the coordinates, where the file names one.
+    system : reference system of the coordinates, where the file names one; its name is empty where it names the unit
+        alone.
+    unread : which columns of a text file without names could not be told and are left out, in words.
     """
 
     name: str
@@ -65,6 +68,8 @@ class ScanStream:
     placed_by: str = ""
     has_faces: bool = False
     system: ReferenceSystem | None = None
+    unread: str = ""
+    is_doubted: bool = False
 
 
 def read_scans(
@@ -74,7 +79,7 @@ def read_scans(
     pose_lines: Mapping[str, PoseLine] | None = None,
     limits: ReadLimits | None = None,
 ) -> Iterator[ScanStream]:
-    """Yield the scans of a file.
+    """Yield the scans of a file; of several, those without a single point are passed over.
 
     Parameters
     ----------
@@ -93,6 +98,8 @@ def read_scans(
     format_name = sniff_format(path)
     headers = _list_scans(path, format_name, limits)
     for index, header in enumerate(headers):
+        if header.n_declared == 0:
+            continue
         name = path.name if len(headers) == 1 else f"{path.name}#{index + 1}"
         line = find_pose_line(pose_lines or {}, path.name, index, len(headers))
         yield _stream(path, format_name, header, (name, index), unit, line, limits)
@@ -111,9 +118,8 @@ def _list_scans(path: Path, format_name: str, limits: ReadLimits) -> list[ScanHe
             raise FormatError(
                 f"{path}: scan {k + 1} promises {header.n_declared} points, which {n_bits // 8} bytes cannot hold"
             )
-        if header.n_declared == 0:
-            which = f"scan {k + 1} of {len(headers)} " if len(headers) > 1 else ""
-            raise FormatError(f"{path}: {which}holds no points; leave it out")
+    if all(header.n_declared == 0 for header in headers):
+        raise FormatError(f"{path}: holds no points; leave it out")
     return headers
 
 
@@ -129,7 +135,8 @@ def _stream(
     """Return the stream of one scan, with its pose from the poses file or from its own header."""
     name, index = name_and_index
     pose = line.T_project_scanner if line else _own_pose(path, name, header, unit)
-    stated = header.origin is not None or header.is_centred or (line is not None and not line.is_doubted)
+    by_format = header.is_centred and not header.is_doubted
+    stated = header.origin is not None or by_format or (line is not None and not line.is_doubted)
     origin: Floats = np.zeros(3) if header.origin is None else unit * np.asarray(header.origin, dtype=np.float64)
     if line is not None and line.is_origin_stated:
         origin = line.origin
@@ -147,7 +154,8 @@ def _stream(
     return ScanStream(
         name, index, path, pose, origin, stated, header.n_declared, header.scanner, header.is_grid, header.label,
         format_name, chunks, has_faces=header.has_faces,
-        system=None if header.system is None else ReferenceSystem(**header.system),
+        system=None if header.system is None else ReferenceSystem(**header.system), unread=header.unread,
+        is_doubted=header.is_doubted and not stated,
     )  # fmt: skip
 
 

@@ -71,8 +71,8 @@ def _text_corners(path: str) -> NDArray[np.float64]:
     blocks, line, last = [np.empty((0, 3))], 1, b""
     for block in line_blocks(path, 0):
         lines = [text.lstrip() for text in block.split(b"\n")]
-        told = [text[6:] for text in lines if text.startswith(b"vertex")]
-        blocks.append(numbers_of_lines(told, 3, line) if told else np.empty((0, 3)))
+        told = {k: text[6:] for k, text in enumerate(lines, line) if text.startswith(b"vertex")}
+        blocks.append(numbers_of_lines(told, 3) if told else np.empty((0, 3)))
         line += block.count(b"\n")
         last = next((text for text in reversed(lines) if text), last)
     corners = np.concatenate(blocks)

@@ -9,10 +9,9 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ LONGEST_LINE = 2**20
 SLOWLY_PARSED = 4 * 2**20  # bytes
 NOT_A_NUMBER = [sign + word for sign in ("", "-", "+") for word in ("nan", "NaN", "NAN", "Nan")]  # as numpy reads them
 NEWLINE, SPACE = 10, 32
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _SIGNS = tuple(bytes([c]) for c in b"-+.0123456789")
 SHORTEST_ROW = len("0 0 0\n")
 
@@ -55,16 +55,18 @@ def read_table(path: str, layout: TableLayout) -> Iterator[NDArray[np.float64]]:
     n_read, line = 0, layout.first_line
     for block in line_blocks(path, layout.offset, layout.n_rows):
         plain = _plain(block, layout)
-        rows = _numbers(plain, layout.n_columns, line)
+        n_lines = block.count(b"\n")
+        rows = _numbers(plain, layout.n_columns, range(line, line + n_lines))
         n_read += len(rows)
-        line += block.count(b"\n")
+        line += n_lines
         yield rows
     if layout.n_rows is not None and n_read != layout.n_rows:
         raise FormatError(f"promises {layout.n_rows} rows of numbers, {n_read} are there; the file is cut off")
 
 
 def line_blocks(path: str, offset: int, n_lines: int | None = None) -> Iterator[bytes]:
-    """Yield whole lines from an offset on, many at a time; the last one gets a line end if it has none."""
+    """Yield whole lines from an offset on, many at a time; the last one gets a line end if it has none. A byte-order
+    mark at the beginning of the file is passed over."""
     rest, before = b"", b""
     left = n_lines
     with Path(path).open("rb") as file:
@@ -73,6 +75,9 @@ def line_blocks(path: str, offset: int, n_lines: int | None = None) -> Iterator[
             block = file.read(BLOCK)
             if not block:
                 break
+            require_line_feeds(block)
+            if file.tell() == len(block):
+                block = block.removeprefix(BYTE_ORDER_MARK)
             whole, mark, tail = block.rpartition(b"\n")
             block, rest = (rest + whole + mark, tail) if mark else (b"", rest + tail)
             if len(rest) > LONGEST_LINE:
@@ -86,6 +91,12 @@ def line_blocks(path: str, offset: int, n_lines: int | None = None) -> Iterator[
     if rest.strip() and (left is None or left > 0):
         _require_whole_line(rest, before)
         yield rest + b"\n"
+
+
+def require_line_feeds(text: bytes) -> None:
+    """Raise where lines end with a carriage return alone: all of them would be one line."""
+    if b"\r" in text.strip() and b"\n" not in text:
+        raise FormatError("its lines end with a carriage return alone (CR); save it with line ends LF or CR LF")
 
 
 def _first_lines(block: bytes, n: int) -> bytes:
@@ -125,31 +136,30 @@ def _plain(block: bytes, layout: TableLayout) -> bytes:
     return block.translate(bytes.maketrans(old, new))
 
 
-def _numbers(plain: bytes, n_columns: int, first_line: int) -> NDArray[np.float64]:
-    """Return the numbers of a block of lines, (n, n_columns)."""
+def _numbers(plain: bytes, n_columns: int, lines: Sequence[int]) -> NDArray[np.float64]:
+    """Return the numbers of a block of lines, (n, n_columns); `lines` are the numbers of its lines in the file."""
     counts = _counts_by_line(plain)
     wrong = np.flatnonzero((counts != n_columns) & (counts > 0))
     if len(wrong):
-        which, n = first_line + wrong[0], counts[wrong[0]]
-        raise FormatError(f"line {which} has {n} values, the lines before it {n_columns}")
+        raise FormatError(f"line {lines[wrong[0]]} has {counts[wrong[0]]} values, the lines before it {n_columns}")
     if not counts.any():
         return np.empty((0, n_columns))
     try:
         return _parsed(plain)
     except (ValueError, UnicodeDecodeError) as problem:
-        raise FormatError(_say_no_number(plain, first_line)) from problem
+        raise FormatError(_say_no_number(plain, lines)) from problem
 
 
-def _say_no_number(plain: bytes, first_line: int) -> str:
+def _say_no_number(plain: bytes, lines: Sequence[int]) -> str:
     """Return in words which is the first line of a block with something that is no number, and what that is."""
-    for k, line in enumerate(plain.split(b"\n"), first_line):
+    for k, line in zip(lines, plain.split(b"\n"), strict=False):
         for word in line.split():
             try:
                 float(word)
             except ValueError:
                 text = word[:40].decode("ascii", "replace")
                 return f"line {k} has {text!r}, which is no number; mend that line or take it out"
-    return f"has something that is no number from line {first_line} on"
+    return f"has something that is no number from line {lines[0]} on"
 
 
 def _parsed(plain: bytes) -> NDArray[np.float64]:
@@ -163,9 +173,9 @@ def _parsed(plain: bytes) -> NDArray[np.float64]:
     return table.to_numpy()
 
 
-def numbers_of_lines(lines: list[bytes], n_columns: int, first_line: int) -> NDArray[np.float64]:
-    """Return the numbers of lines that were picked from a file, (n, n_columns)."""
-    return _numbers(b"\n".join(lines) + b"\n", n_columns, first_line)
+def numbers_of_lines(lines: Mapping[int, bytes], n_columns: int) -> NDArray[np.float64]:
+    """Return the numbers of lines that were picked from a file, (n, n_columns), given by their numbers there."""
+    return _numbers(b"\n".join(lines.values()) + b"\n", n_columns, list(lines))
 
 
 def _counts_by_line(plain: bytes) -> NDArray[np.int64]:
@@ -216,15 +226,3 @@ def whole_numbers(line: bytes) -> list[int] | None:
     """Return the whole numbers of a line, or None if it holds anything else or nothing."""
     words = line.split()
     return [int(word) for word in words] if words and all(re.fullmatch(rb"\d{1,18}", w) for w in words) else None
-
-
-def are_colours(values: NDArray[Any]) -> bool:
-    """Return whether columns (n, 3) look like 8-bit or 16-bit colours: whole, not negative, not all 0 or 1."""
-    whole = np.isfinite(values).all() and (values == np.floor(values)).all()
-    return bool(values.size and values.shape[1] == 3 and whole and values.min() >= 0 and 1 < values.max() <= 65535)
-
-
-def are_unit_vectors(values: NDArray[Any]) -> bool:
-    """Return whether columns (n, 3) look like normals: nine in ten of length one within a hundredth."""
-    length = np.linalg.norm(values, axis=1)
-    return bool(values.size and values.shape[1] == 3 and (np.abs(length - 1.0) < 0.01).mean() > 0.9)

@@ -13,12 +13,11 @@ import numpy as np
 
 from projects.errors import ParameterError, UnitError
 from projects.model import Floats
-from projects.reference_systems import ReferenceSystem
+from projects.reference_systems import SAME_UNIT, ReferenceSystem
 
 METRES = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
 SMALLEST, LARGEST, LARGEST_WHERE_METRES_ARE_DEFINED = 0.005, 100.0, 2000.0  # m
 DEFINED_IN_METRES = ("e57", "ptx", "glb")
-SAME_UNIT = 3e-6  # the foot of surveys in the United States is 2 millionths longer than the foot
 
 
 def metres_per_unit(name: str) -> float:
@@ -44,7 +43,15 @@ def question_system(system: ReferenceSystem | None, unit_stated: bool, name: str
     unit_stated : the user named the unit, which goes before what the file says.
     name : of the file, for the message.
     """
-    if unit_stated or system is None or system.metres == 1.0:
+    if unit_stated or system is None:
+        return
+    of_system = f" ({system.name})" if system.name else ""
+    if system.heights:
+        raise UnitError(
+            f"{name} says that its heights are in {system.heights} and its plane coordinates in {system.unit}"
+            f"{of_system}; bring all three into metres first, or say with --unit that they have one unit"
+        )
+    if system.metres == 1.0:
         return
     if system.metres is None:
         raise UnitError(
@@ -53,7 +60,7 @@ def question_system(system: ReferenceSystem | None, unit_stated: bool, name: str
         )
     fitting = [unit for unit, metres in METRES.items() if abs(metres / system.metres - 1.0) < SAME_UNIT]
     what = f"--unit {fitting[0]}" if fitting else "bring them into metres first, or say with --unit what they are"
-    raise UnitError(f"{name} says that its coordinates are in {system.unit} ({system.name}); state it: {what}")
+    raise UnitError(f"{name} says that its coordinates are in {system.unit}{of_system}; state it: {what}")
 
 
 def question_unit(bounds: Floats, unit_stated: bool, format_name: str = "", name: str = "the scan") -> None:

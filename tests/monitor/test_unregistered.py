@@ -1,13 +1,16 @@
 """Files that put all scans at one place are not believed where the scans contradict it."""
 
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from monitor.scans import open_scans
+from monitor.unit_check import UnitCheck
 from monitor.unregistered import UNEVEN, are_of_two_places, forget_common_place, unevenness
-from projects.formats import ScanStream
+from projects.formats import ScanStream, write_ptx
 from projects.model import PointCloud, Scan
 from projects.transforms import apply
 
@@ -69,3 +72,18 @@ def test_steps_of_a_grid_are_even_from_where_it_was_measured() -> None:
 def test_windows_in_other_directions_contradict_nothing() -> None:
     behind = scan_room(HERE, 0.3, reach=0.4).cloud.points * [-1.0, -1.0, 1.0]
     assert not are_of_two_places(scan_room(THERE, 2.0, reach=0.4).cloud.points, behind)
+
+
+@pytest.mark.parametrize(("flat", "is_known"), [(False, True), (True, False)])
+def test_the_untouched_station_of_a_ptx_is_believed_where_the_grid_is_even_from_there(
+    tmp_path: Path, flat: bool, is_known: bool
+) -> None:
+    """A scan of a room in its own frame, and the same in the room's, which a program wrote without its station."""
+    scan = scan_room(HERE, 0.3, flat=flat)
+    unknown = np.full(3, np.nan)
+    write_ptx(tmp_path / "a.ptx", [dataclasses.replace(scan, origin=unknown)])
+    (opened,) = open_scans([tmp_path / "a.ptx"], {}, UnitCheck())
+    assert np.isfinite(opened.origin).all() == opened.is_origin_stated == is_known
+    write_ptx(tmp_path / "b.ptx", [dataclasses.replace(scan, origin=np.array([0.0, 0.0, 0.5]))])
+    (stated,) = open_scans([tmp_path / "b.ptx"], {}, UnitCheck())
+    np.testing.assert_array_equal(stated.origin, [0.0, 0.0, 0.5])

@@ -202,7 +202,7 @@ def test_points_flagged_invalid_and_not_finite_are_counted_apart(tmp_path, read_
         (lambda i: libe57.IntegerNode(i, 0, 0, 2000), None, [0, 500, 2000], [0.0, 0.25, 1.0]),
         (lambda i: libe57.FloatNode(i), None, [-4.0, 0.0, 12.0], [0.0, 0.25, 1.0]),
         (lambda i: libe57.FloatNode(i), None, [0.2, 0.3, 0.4], [0.2, 0.3, 0.4]),
-        (lambda i: libe57.FloatNode(i), (0.0, 1.0), [0.2, 7.0, 0.4], [0.2, np.nan, 0.4]),
+        (lambda i: libe57.FloatNode(i), (0.0, 1.0), [0.2, 7.0, np.nan], [0.2, 1.0, np.nan]),
     ],
     ids=["limits stated", "bounds of an integer", "unbounded", "unbounded within 0 to 1", "one beyond its limits"],
 )

@@ -148,6 +148,27 @@ def test_obj_polygons_and_corners_counted_from_the_end_are_understood(tmp_path):
     assert got.vertices.max() == 0.001
 
 
+def test_vertices_of_no_face_are_no_part_of_the_mesh(tmp_path):
+    text = "v 9 9 9 1 0 0\nv 1 0 0 0 255 0\nv nan nan nan 0 0 0\nv 1 1 0 0 0 255\nv 0 1 0 1 1 1\nf 2 4 5\n"
+    (tmp_path / "a.obj").write_text(text)
+    got = read_mesh(tmp_path / "a.obj")
+    np.testing.assert_array_equal(got.vertices, [[1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    np.testing.assert_array_equal(got.faces, [[0, 1, 2]])
+    np.testing.assert_array_equal(got.colors, [[0, 255, 0], [0, 0, 255], [1, 1, 1]])
+
+
+def test_a_byte_order_mark_costs_no_vertex(tmp_path):
+    (tmp_path / "a.obj").write_bytes(b"\xef\xbb\xbfv 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
+    assert len(read_mesh(tmp_path / "a.obj").vertices) == 3
+
+
+def test_line_of_a_broken_text_stl_is_named_as_the_file_counts_it(tmp_path):
+    facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 {y} 0\nendloop\nendfacet\n"
+    (tmp_path / "a.stl").write_text("solid a\n" + facet.format(y="1") + facet.format(y="1x") + "endsolid a\n")
+    with pytest.raises(FormatError, match="line 13 has '1x', which is no number"):
+        read_mesh(tmp_path / "a.stl")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -157,7 +178,9 @@ def test_obj_polygons_and_corners_counted_from_the_end_are_understood(tmp_path):
         ("v 0 0 0\nv 1 0 0\nf 1 2 2\n", "no faces with three different corners"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\n", "holds no faces"),
         ("v 0 0 0\nv nan 0 0\nv 1 1 0\nf 1 2 3\n", "not finite"),
-        ("v 0 0 0\nv 1 0\nv 1 1 0\nf 1 2 3\n", "has 2 values"),
+        ("# a\nv 0 0 0\nvt 0 0\nv 1 0\nv 1 1 0\nf 1 2 3\n", "line 4 has 2 values"),
+        ("v 0 0 0\n\nv\nf 1 2 3\n", "line 3 has a vertex without numbers"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\nf 3 2", "line 5 has a face of 2 corners"),
     ],
 )
 def test_mesh_that_is_none_is_refused(tmp_path, text, message):

@@ -115,6 +115,8 @@ def test_control_points_are_read_with_and_without_sigma(tmp_path, separator):
         ("T1,1,2\n", "line 1: 3 values"),
         ("T1,1,2,3\nT2,1,two,3\n", "line 2: .* are not all numbers"),
         ("T1,1,2,3,0\n", "sigma 0 is not positive"),
+        ("T1,1,2,3,inf\n", "sigma inf is not positive and finite"),
+        ("name;x;y;z\nT1;one;two;three\nT2;1;2;3\n", "line 2: .* are not all numbers"),
         ("T1,1,2,3\nT1,4,5,6\n", "line 2: control point T1 is there already"),
         ("T1,1,inf,3\n", "not finite"),
         ("name,x,y,z\n", "holds no control points"),
@@ -123,6 +125,13 @@ def test_control_points_are_read_with_and_without_sigma(tmp_path, separator):
 def test_control_that_is_none_is_refused_with_its_line(tmp_path, text, message):
     with pytest.raises(FormatError, match=message):
         control(tmp_path, text)
+
+
+def test_decimal_commas_are_understood_between_other_marks(tmp_path):
+    points = control(tmp_path, "T1;1,5;2,25;3,125;0,5\nT2;4;5;6\n")
+    assert [point.name for point in points] == ["T1", "T2"]
+    np.testing.assert_array_equal(points[0].position, [1.5, 2.25, 3.125])
+    assert points[0].sigma == 0.5
 
 
 def box(size):

@@ -125,3 +125,15 @@ def test_scan_without_grid_is_one_column(tmp_path, read_whole):
     write_ptx(tmp_path / "a.ptx", [scan])
     (got,) = read_whole(tmp_path / "a.ptx")
     np.testing.assert_array_equal(got.cloud.points, scan.cloud.points)
+
+
+def test_scan_without_a_single_cell_is_passed_over_and_a_file_of_such_refused(tmp_path):
+    empty = ptx([]).replace("2\n3\n", "0\n0\n", 1)
+    (tmp_path / "a.ptx").write_text(empty + ptx() + empty + ptx())
+    assert [(stream.name, stream.index) for stream in read_scans(tmp_path / "a.ptx")] == [
+        ("a.ptx#2", 1),
+        ("a.ptx#4", 3),
+    ]
+    (tmp_path / "b.ptx").write_text(empty + empty)
+    with pytest.raises(FormatError, match="holds no points"):
+        list(read_scans(tmp_path / "b.ptx"))

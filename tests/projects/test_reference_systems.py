@@ -104,6 +104,26 @@ def test_e57_names_its_system(tmp_path, cloud):
     ]
 
 
+def test_heights_in_another_unit_than_the_plane_are_questioned(tmp_path, cloud):
+    mixed = describe_system(CRS("EPSG:26918+6360"))
+    assert mixed == ReferenceSystem("EPSG:26918", "metre", 1.0, "US survey foot")
+    told = r"^a says that its heights are in US survey foot and its plane coordinates in metre \(EPSG:26918\); bring"
+    with pytest.raises(UnitError, match=told):
+        question_system(mixed, False, "a")
+    question_system(mixed, True, "a")
+    for alike in ("EPSG:26918+5703", "EPSG:2263+6360"):
+        assert not describe_system(CRS(alike)).heights
+    assert describe_system(CRS("EPSG:2263+5703")).heights == "metre"
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.add_crs(CRS("EPSG:26918+6360"))
+    header.scales = np.full(3, 1e-4)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = (cloud.points - cloud.points[0]).T
+    las.write(tmp_path / "a.las")
+    (stream,) = read_scans(tmp_path / "a.las")
+    assert stream.system == mixed
+
+
 def test_coordinates_that_are_said_to_be_no_metres_are_questioned_unless_the_user_says_what_they_are():
     feet, degrees = describe_system(CRS(FEET)), describe_system(CRS(DEGREES))
     with pytest.raises(UnitError, match=r"^a says .* in US survey foot \(EPSG:2263\); state it: --unit ft$"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import json
 import multiprocessing
@@ -128,6 +129,24 @@ def test_the_lock_of_another_stays_where_ours_cannot_be_made(project, monkeypatc
     lock.touch()  # another writer took it over meanwhile, and is about to write it
     Lock(project.path)._remove_stale(stale)
     assert lock.exists()
+
+
+def test_a_lock_left_over_that_may_not_be_removed_is_refused_with_its_owner(project, monkeypatch):
+    """As in a folder with the sticky bit, where each user may remove only files of their own."""
+    lock = project.path / LOCK_NAME
+    gone = dataclasses.replace(this_process(), pid=2**22 + 1)
+    lock.write_text(json.dumps(dataclasses.asdict(gone)))
+
+    def refuse(source, target):
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr("projects.lock.os.replace", refuse)
+    told = rf"left by a program that has ended \(process {gone.pid} .*belongs to {lock.owner()}"
+    with pytest.raises(StoreError, match=told), project.writing(wait=0.1):
+        pass
+    monkeypatch.undo()
+    with project.writing(wait=0.1):
+        pass
 
 
 def test_an_empty_lock_is_taken_over_once_it_is_old(project, monkeypatch):

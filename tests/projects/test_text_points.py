@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from projects.errors import FormatError
 from projects.formats import pts, xyz
 from projects.formats.measured import keep_measurements
+from projects.formats.units import METRES
 
 POINTS = [[1.5, 2.25, -3.0], [4.0, 5.5, 6.125], [7.0, 8.0, 9.5]]
 
@@ -61,7 +62,10 @@ def test_coordinates_are_right_however_they_are_written(tmp_path, text, newline)
         ("1 2 {k} -1000 10 20 30", {"colors": [10, 20, 30], "intensity": 1048 / 4095}),
         ("1 2 {k} 10.0 20.0 30.0 255.0", {"colors": [10, 20, 30]}),
         ("1 2 {k} 0.5 10 20 30", {"colors": [10, 20, 30], "intensity": 0.5}),
-        ("1 2 {k} 10 20 30 0.6 0.0 0.8", {"colors": [10, 20, 30]}),
+        ("1 2 {k} 10 20 30 0.6 0.0 0.8", {"colors": [10, 20, 30], "normals": [0.6, 0.0, 0.8]}),
+        ("1 2 {k} 0.6 0.0 0.8 10 20 30", {"colors": [10, 20, 30], "normals": [0.6, 0.0, 0.8]}),
+        ("1 2 {k} 4095 10 20 {k}", {"colors": [10, 20, 3], "intensity": 1.0}),
+        ("1 2 {k} 10 20 30 100{k}", {"colors": [10, 20, 30], "intensity": 1003 / 4095}),
         ("1 2 {k} 17.25 0.001 88.5 3 4", {}),
     ],
 )
@@ -71,6 +75,62 @@ def test_columns_without_names_are_told_by_what_they_hold(tmp_path, row, expecte
     np.testing.assert_array_equal(got["points"][:, 2], range(5))
     for name, value in expected.items():
         np.testing.assert_allclose(got[name][3], value, atol=1e-6)
+
+
+def test_whole_numbers_that_may_be_intensity_or_a_colour_are_refused_but_in_pts(tmp_path):
+    """Four columns of 0 to 255: PTS puts intensity first, other programs write it last."""
+    rows = "".join(f"1 2 {k} {10 + k} 20 30 {40 + k}\n" for k in range(5))
+    with pytest.raises(FormatError, match="columns 4 to 7 may be intensity red green blue or red green blue intensity"):
+        read(saved(tmp_path, rows))
+    for path, reader in ((saved(tmp_path, rows, "a.pts"), pts), (saved(tmp_path, "5\n" + rows, "b.txt"), xyz)):
+        np.testing.assert_array_equal(read(path, reader)["colors"][3], [20, 30, 43])
+
+
+def test_colours_of_a_file_that_begins_in_the_dark_are_colours(tmp_path):
+    dark = [f"{k}.5 2 3 0 0 0\n" for k in range(2000)]
+    bright = [f"{k}.5 2 3 200 100 50\n" for k in range(2000, 4000)]
+    got = read(saved(tmp_path, "".join(dark + bright)))
+    np.testing.assert_array_equal(got["colors"][[0, -1]], [[0, 0, 0], [200, 100, 50]])
+
+
+@pytest.mark.parametrize(
+    ("row", "unread"),
+    [
+        ("1 2 {k} 0.25 0.5 0.7{k}", "columns 4 to 6"),
+        ("1 2 {k} 10 20 30 0.{k}5", "column 7"),
+        ("1 2 {k} 7 0.1", "columns 4 to 5"),
+        ("1 2 {k} 10 20 30 255", ""),
+        ("1 2 {k} 10 20 30", ""),
+    ],
+)
+def test_columns_that_nobody_can_tell_are_named(tmp_path, row, unread):
+    (header,) = xyz.list_scans(str(saved(tmp_path, "".join(row.format(k=k) + "\n" for k in range(5)))))
+    assert header.unread == unread
+
+
+@pytest.mark.parametrize(
+    ("names", "unit", "heights"),
+    [
+        ("X [ft] Y [ft] Z [ft]", "ft", ""),
+        ("X(mm),Y(mm),Z(mm)", "mm", ""),
+        ("// id; X Coordinate [millimetres]; Y Coordinate [millimetres]; Z Coordinate [Meters]", "mm", "m"),
+        ("x y z [cm]", "cm", ""),
+        ("# X [m] Y [m] Z [m] i [dB]", "m", ""),
+    ],
+)
+def test_units_in_the_names_of_columns_are_told(tmp_path, names, unit, heights):
+    separator = next((mark for mark in ",;" if mark in names), " ")
+    n = 3 + ("id" in names) + ("i [" in names)
+    rows = "".join(separator.join(str(k + column) for column in range(n)) + "\n" for k in range(3))
+    (header,) = xyz.list_scans(str(saved(tmp_path, f"{names}\n{rows}")))
+    assert header.system == {"name": "", "unit": unit, "metres": METRES[unit], "heights": heights}
+
+
+def test_names_without_units_say_nothing_of_them_and_two_units_of_the_plane_are_refused(tmp_path):
+    (header,) = xyz.list_scans(str(saved(tmp_path, "X [E] Y (north) Z\n1 2 3\n4 5 6\n")))
+    assert header.system is None
+    with pytest.raises(FormatError, match="names x in mm and y in m; bring all"):
+        xyz.list_scans(str(saved(tmp_path, "X [mm] Y [m] Z [m]\n1 2 3\n4 5 6\n")))
 
 
 def test_named_columns_of_no_use_are_left_out(tmp_path):
@@ -104,6 +164,7 @@ def test_named_columns_of_no_use_are_left_out(tmp_path):
             r"none of its 3 points is a measurement \(not finite: 1, at exactly 0 0 0: 2\)",
         ),
         ("1 1 1\n1 1 1\n", "all its 2 points lie at one place"),
+        ("1 2 3\r4 5 6\r7 8 9\r", "carriage return alone"),
     ],
 )
 def test_what_is_wrong_or_ambiguous_is_refused(tmp_path, text, message):

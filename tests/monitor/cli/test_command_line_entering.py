@@ -165,3 +165,43 @@ def test_a_point_where_the_scanner_is_said_to_have_stood_is_no_measurement(
     assert run([*added, "--json", str(tmp_path / "a.xyz")]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["n_points"], told["dropped"]) == (len(points) + 1 - len(dropped), dropped)
+
+
+def add_file(project: Path, epoch: str, file: Path, *options: str) -> int:
+    """Add an epoch of one file to the object of a project, which is made where it is not there."""
+    if not project.exists():
+        assert run(["init", str(project)]) == run(["add-object", str(project), "head"]) == 0
+    return run(["add-epoch", str(project), "head", epoch, "--date", "2026-05-01", *options, str(file)])
+
+
+def test_columns_that_could_not_be_told_and_units_in_their_names_are_told(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points, project = rng.random((300, 3)), tmp_path / "p"
+    np.savetxt(tmp_path / "a.xyz", np.column_stack([points, rng.random((300, 2))]), fmt="%.6f")
+    assert add_file(project, "e1", tmp_path / "a.xyz") == 0
+    assert "mind: a.xyz: columns 4 to 5 could not be told and left out" in capsys.readouterr().err
+    np.savetxt(tmp_path / "b.xyz", points, fmt="%.6f", header="X [ft] Y [ft] Z [ft]")
+    assert add_file(project, "e2", tmp_path / "b.xyz") == 2
+    assert "b.xyz says that its coordinates are in ft; state it: --unit ft" in capsys.readouterr().err
+    assert add_file(project, "e2", tmp_path / "b.xyz", "--unit", "ft") == 0
+    assert "could not be told" not in capsys.readouterr().err
+    header = Project.open(project).scan_headers("head", "e2")[0]
+    assert np.ptp(header.bounds, axis=0).max() == pytest.approx(0.3048, rel=0.05)
+
+
+def test_a_vertex_of_no_face_is_nowhere_in_the_project(tmp_path: Path) -> None:
+    ball, project = trimesh.creation.icosphere(subdivisions=2, radius=0.1), tmp_path / "p"
+    for name, last in (("a", "nan nan nan"), ("b", "0 0 500")):
+        vertices = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in ball.vertices + 0.01 * (name == "b"))
+        faces = "".join(f"f {a} {b} {c}\n" for a, b, c in ball.faces + 1)
+        (tmp_path / f"{name}.obj").write_text(f"{vertices}v {last}\n{faces}")
+        assert add_file(project, name, tmp_path / f"{name}.obj", "--mesh") == 0
+        assert len(Project.open(project).get("head", name, "mesh").vertices) == len(ball.vertices)
+
+
+def test_a_mesh_of_a_building_in_a_format_that_defines_metres_is_not_questioned(tmp_path: Path) -> None:
+    trimesh.creation.box((300.0, 40.0, 20.0)).export(tmp_path / "palace.glb")
+    trimesh.creation.box((300.0, 40.0, 20.0)).export(tmp_path / "palace.ply")
+    assert add_file(tmp_path / "p", "e1", tmp_path / "palace.glb", "--mesh") == 0
+    assert add_file(tmp_path / "p", "e2", tmp_path / "palace.ply", "--mesh") == 2

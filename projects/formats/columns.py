@@ -1,0 +1,171 @@
+"""What each column of a table of points is: by a line of names where there is one, else by what the columns hold.
+
+Runs in the child process. What cannot be told with certainty is refused, or left out and said; nothing is guessed.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from projects.errors import FormatError
+from projects.formats.units import METRES
+from projects.reference_systems import ReferenceSystem
+
+SYNONYMS = {
+    "x": "x", "y": "y", "z": "z", "easting": "x", "northing": "y", "east": "x", "north": "y", "e": "x", "n": "y",
+    "height": "z", "elevation": "z", "h": "z", "coordx": "x", "coordy": "y", "coordz": "z", "xcoordinate": "x",
+    "ycoordinate": "y", "zcoordinate": "z", "intensity": "intensity", "scalarintensity": "intensity", "i": "intensity",
+    "reflectance": "intensity", "r": "red", "g": "green", "b": "blue", "red": "red", "green": "green", "blue": "blue",
+    "nx": "nx", "ny": "ny", "nz": "nz", "normalx": "nx", "normaly": "ny", "normalz": "nz",
+    "rf": "red", "gf": "green", "bf": "blue",
+}  # fmt: skip
+SPELT = {"metre": "m", "meter": "m", "millimetre": "mm", "millimeter": "mm", "centimetre": "cm", "centimeter": "cm",
+         "inch": "in", "inche": "in", "foot": "ft", "feet": "ft"}  # fmt: skip
+UNIT = re.compile(r"([^,;\t\[\]()]*?)\s*[\[(]\s*([A-Za-z]+)\.?\s*[\])]")  # of a column, in brackets behind its name
+COLOUR, NORMAL = ["red", "green", "blue"], ["nx", "ny", "nz"]
+BRIGHTEST = 255  # of 8 bits
+
+
+def are_names(text: str) -> bool:
+    """Return whether a line holds names of columns: x, y and z among its words."""
+    roles = {SYNONYMS.get(_key(word)) for word in re.split(r"[\s,;]+", without_units(text))}
+    return {"x", "y", "z"} <= roles
+
+
+def without_units(names: str) -> str:
+    """Return a line of names without what stands in brackets."""
+    return re.sub(r"\s*[\[(].*?[\])]", "", names).strip()
+
+
+def _key(word: str) -> str:
+    """Return a column's name without case, quotes, units and punctuation."""
+    return re.sub(r"[^a-z]", "", without_units(word.lower()))
+
+
+def named_unit(names: str) -> ReferenceSystem | None:
+    """Return the unit of the coordinates that a line of names states in brackets, such as X [ft]; None without.
+
+    Raises `FormatError` where x and y have different ones.
+    """
+    stated: dict[str, str] = {}
+    for name, word in UNIT.findall(names):
+        role = SYNONYMS.get(_key(name)) or SYNONYMS.get(_key((name.split() or [""])[-1]))
+        short = SPELT.get(word.lower().removesuffix("s"), word.lower())
+        if role in ("x", "y", "z") and short in METRES:
+            stated[role] = short
+    if not stated:
+        return None
+    plane = stated.get("x") or stated.get("y") or stated["z"]
+    if stated.get("y", plane) != plane:
+        raise FormatError(f"names x in {stated['x']} and y in {stated['y']}; bring all coordinates into one unit")
+    height = stated.get("z", plane)
+    return ReferenceSystem("", plane, METRES[plane], height if height != plane else "")
+
+
+def named_roles(names: str, separator: str, n_columns: int) -> list[str]:
+    """Return the role of each column by its name; columns of no use here are called by a dash."""
+    names = without_units(names)
+    words = [w for w in (names.split() if separator == " " else re.split(r"[,;\t]", names)) if w.strip()]
+    if len(words) != n_columns:
+        words = re.split(r"[\s,;]+", names.strip())
+    if len(words) != n_columns:
+        raise FormatError(f"names {len(words)} columns ({names[:80]}), but its lines hold {n_columns} values")
+    roles = [SYNONYMS.get(_key(word), "-") for word in words]
+    twice = [words[k] for k, role in enumerate(roles) if role != "-" and role in roles[:k]]
+    if twice:
+        raise FormatError(f"names two columns for the same thing ({', '.join(twice)}); rename or remove one")
+    whole = [set("xyz"), set(COLOUR), set(NORMAL), {"intensity"}]
+    complete = set().union(*(group for group in whole if group <= set(roles)))
+    return [role if role in complete else "-" for role in roles]
+
+
+def roles_by_content(table: NDArray[np.float64], is_pts: bool) -> list[str]:
+    """Return the role of each column of a table without names; what nobody can tell is called by a question mark.
+
+    x y z come first. After them: one column is intensity; three are colours or normals, by what they hold, and the
+    other of the two may follow; four are intensity with colours before or after it.
+
+    Parameters
+    ----------
+    table : (n, columns), rows from all over the file.
+    is_pts : the file is laid out as PTS, where intensity comes before colours.
+
+    Raises
+    ------
+    FormatError
+        Four columns that may be intensity and colours as well as colours and intensity.
+    """
+    rest = table[:, 3:]
+    n = rest.shape[1]
+    after = ["intensity"] if n == 1 else _colours_or_normals(rest, is_pts)
+    return ["x", "y", "z", *after, *["?"] * (n - len(after))]
+
+
+def _colours_or_normals(rest: NDArray[np.float64], is_pts: bool) -> list[str]:
+    """Return the roles of the columns after x y z as far as they are told, of two columns or more."""
+    first, second = are_colours(rest[:, :3]), are_colours(rest[:, 1:4])
+    if first and second:
+        after = _intensity_beside_colours(rest, is_pts)
+    elif second:
+        after = ["intensity", *COLOUR]
+    elif first:
+        after = COLOUR + (["-"] if _is_alpha(rest) else [])
+    elif are_unit_vectors(rest[:, :3]):
+        return NORMAL + (COLOUR if are_colours(rest[:, 3:6]) else [])
+    else:
+        return []
+    n = len(after)
+    return after + (NORMAL if are_unit_vectors(rest[:, n : n + 3]) else [])
+
+
+def _intensity_beside_colours(rest: NDArray[np.float64], is_pts: bool) -> list[str]:
+    """Return the roles of four columns of which the first three and the last three may be colours."""
+    if _is_alpha(rest):
+        return [*COLOUR, "-"]
+    highest = rest[:, :4].max(axis=0)
+    if is_pts or are_unit_vectors(rest[:, 4:7]) or highest[0] > BRIGHTEST >= highest[1:].max():
+        return ["intensity", *COLOUR]
+    if highest[3] > BRIGHTEST >= highest[:3].max():
+        return [*COLOUR, "intensity"]
+    raise FormatError(
+        "its columns 4 to 7 may be intensity red green blue or red green blue intensity; name the columns in a first "
+        "line, such as: x y z intensity red green blue"
+    )
+
+
+def _is_alpha(rest: NDArray[np.float64]) -> bool:
+    """Return whether a fourth column holds one whole number throughout, as behind colours."""
+    fourth = rest[:, 3:4]
+    return bool(fourth.size and (fourth == fourth[0]).all() and fourth[0, 0] == np.floor(fourth[0, 0]))
+
+
+def refuse_line_numbers(table: NDArray[np.float64]) -> None:
+    """Raise where the first column counts the lines (rows that follow each other), so that x is the second."""
+    steps = np.diff(table[:, :2], axis=0)
+    counts = len(table) > 3 and (steps[:, 0] == 1).all() and not (steps[:, 1] == 1).all()
+    if counts and table.shape[1] > 3 and (table[:, 0] == np.floor(table[:, 0])).all():
+        raise FormatError("its first column counts the points; name the columns in a first line, such as: id x y z")
+
+
+def unread_columns(roles: list[str]) -> str:
+    """Return in words which columns nobody could tell, empty where there are none."""
+    unknown = [k + 1 for k, role in enumerate(roles) if role == "?"]
+    if not unknown:
+        return ""
+    return f"column {unknown[0]}" if len(unknown) == 1 else f"columns {unknown[0]} to {unknown[-1]}"
+
+
+def are_colours(values: NDArray[Any]) -> bool:
+    """Return whether columns (n, 3) look like 8-bit or 16-bit colours: whole, not negative, not all 0 or 1."""
+    whole = np.isfinite(values).all() and (values == np.floor(values)).all()
+    return bool(values.size and values.shape[1] == 3 and whole and values.min() >= 0 and 1 < values.max() <= 65535)
+
+
+def are_unit_vectors(values: NDArray[Any]) -> bool:
+    """Return whether columns (n, 3) look like normals: nine in ten of length one within a hundredth."""
+    length = np.linalg.norm(values, axis=1)
+    return bool(values.size and values.shape[1] == 3 and (np.abs(length - 1.0) < 0.01).mean() > 0.9)
