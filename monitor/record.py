@@ -27,7 +27,7 @@ METHOD = {
     "surface": 27,
     "mesh": 8,
     "quality": 3,
-    "comparison": 58,
+    "comparison": 59,
     "series": 16,
 }
 

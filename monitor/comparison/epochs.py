@@ -26,6 +26,7 @@ from monitor.comparison.regions.borne_out import Points, drop_guessed, keep_born
 from monitor.comparison.regions.chips import drop_unexplained
 from monitor.comparison.regions.evidence import Sights, look_through
 from monitor.comparison.regions.finding import Regions, area_looked_through, find_regions, least_area, least_beyond
+from monitor.comparison.regions.hollows import enter_hollows, may_hide_hollows
 from monitor.comparison.regions.plain_change import changed_plainly
 from monitor.comparison.regions.shapes import describe_shapes
 from monitor.comparison.regions.stood_there import drop_where_it_stood
@@ -194,6 +195,8 @@ def tell_regions(sides: tuple[Side, Side], beyond: Beyond, found: Detected, aske
     if sights is not None:
         least = least_beyond(sides, found) + abs(between.layer)
         sides, beyond = look_through(sides, beyond, sights, between.T_compared_reference, least)
+    if asked.points is not None and any(may_hide_hollows(s, found, k).any() for k, s in enumerate(sides)):
+        sides, beyond, found = enter_hollows(sides, beyond, found, asked.points(), least_beyond(sides, found))
     are_asked = asked.points is not None
     regions = find_regions(sides, found, beyond, between.held, asked.rate, are_asked, asked.apart)
     needs = patches_needed(sides, found)

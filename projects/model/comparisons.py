@@ -27,7 +27,8 @@ class ComparedSurface:
     say; to the flat face it is up to the bow more or less. `distances` and `lod95` [m] are NaN where `assessment` is
     NOT_ASSESSABLE, and `reasons` (`NotAssessed`) says why. Where a vertex is CHANGED because a scan of the other epoch
     looked through it (reason LOOKED_THROUGH), it is gone, or new, as a whole: `distances` is then that to the nearest
-    point of the other surface in any direction, and `lod95` the median of the side.
+    point of the other surface in any direction, or, over a crack or another hollow too narrow for a surface, how deep
+    the deepest of the points in it lies there; `lod95` is then the median of the side.
     `region` is 0 outside of regions. A region also holds vertices that are NOT_ASSESSABLE, where what hangs together
     with its changed vertices lies outside or inside of the other surface without a perpendicular, as a piece that broke
     off and its fracture do: its area is that of all of them, the mean of both sides, but of a piece that is gone, or

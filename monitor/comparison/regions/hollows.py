@@ -1,0 +1,216 @@
+"""Hollows narrower than a surface follows, as cracks: told by the points of one epoch that lie in under the other's
+surface.
+
+In: both sides, what lies beyond their perpendiculars, and the points of both epochs. Out: the same, where hollows
+opened, or were filled, as looked through. A surface needs some five points across a hollow to follow it; with fewer it
+bridges the mouth, or ends there, and the perpendicular tells nothing. The points do: an epoch that measured the surface
+at a place has them on it, and where the other epoch has hardly any but many far behind, what lay there is gone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from monitor.comparison.detection.tested import Detected
+from monitor.comparison.distances.connected import connect_like
+from monitor.comparison.distances.side import EXTRAPOLATED, Side
+from monitor.comparison.distances.stars import Neighbours
+from monitor.comparison.regions.beyond import SIGNS, Beyond
+from monitor.comparison.regions.borne_out import spread_rings
+from monitor.comparison.regions.chips import HANDFUL, is_strewn_once, levels_off
+from monitor.comparison.regions.evidence import ABSENT
+from monitor.comparison.regions.figures import MOST_UNKNOWN
+from projects.model import Bools, Floats, Ints, NotAssessed
+
+SUNK, DEEP = 1.5, 3.0  # spacings behind a surface: no point of it; and farther than its own bends leave any
+LEVELS = 3.0  # median levels of detection that a point must lie behind, too; what is asked differs by as many
+BESIDE = 1.5  # spacings beside a vertex: points farther off belong to none
+FEWEST_SUNK = 2  # points around a vertex
+FEWEST_DEEP, SHARE_DEEP = 8, 0.1  # points of a hollow that lie deep; and of those sunk
+FEWEST_ON, MOST_SUNK = 3, 0.1  # points on its surface around a vertex; share of those sunk, in the epoch that has it
+AS_DENSE = 0.5  # of what its points should be there by how many the other epoch has: else it bridged the place, too
+AWAY = -0.3  # cosine between two surfaces: what lies on one that looks the other way was not measured through this one
+ON = 2.0  # spacings of the vertices from a surface, within which points lie on it
+
+
+class Hollows(NamedTuple):
+    """Of a side's vertices (n,) which lie over a hollow; how deep [m] the deepest point under each and its neighbours
+    lies; and over which no surface of the other epoch follows it to there."""
+
+    is_open: Bools
+    depth: Floats
+    is_unfollowed: Bools
+
+
+class Under(NamedTuple):
+    """The vertex next to each point (m,) and how far [m] the point lies outside of the surface there."""
+
+    vertex: Ints
+    height: Floats
+
+
+def enter_hollows(sides: tuple[Side, Side], beyond: Beyond, found: Detected, points: tuple[Floats | None, ...],
+                  least: float) -> tuple[tuple[Side, Side], Beyond, Detected]:  # fmt: skip
+    """Return sides, what lies beyond them and what was found, with what was looked into as looked through.
+
+    The surface that bridges the mouth in the other epoch is none: its vertices are not assessed.
+
+    Parameters
+    ----------
+    points : those (m, 3) m of both epochs, in the coordinates of the sides, None where an epoch has none.
+    least : m, a change that counts.
+    """
+    before, after = points
+    if before is None or after is None:
+        return sides, beyond, found
+    for k, both in enumerate(((before, after), (after, before))):
+        hollows = find_hollows(sides, k, both, least)
+        if hollows is not None:
+            sides, beyond, found = _as_looked_through(sides, beyond, found, k, hollows)
+    return sides, beyond, found
+
+
+def may_hide_hollows(side: Side, found: Detected, k: int) -> Bools:
+    """Return where (n,) a side, k of both, would show a hollow of the other epoch: not at its own ends, without a
+    counterpart, far off, or with many points off one of both surfaces only."""
+    is_absent = np.isin(side.reasons, ABSENT) & ~(side.to_rim < EXTRAPOLATED * side.spacing)
+    return is_absent & ~side.is_fringe | (levels_off(side, found.sides[k]) > LEVELS) | is_strewn_once(side)
+
+
+def find_hollows(sides: tuple[Side, Side], k: int, points: tuple[Floats, Floats], least: float) -> Hollows | None:
+    """Return where the other epoch's points (m, 3) lie in under side k, on which its own (l, 3) lie; None if nowhere.
+
+    Around a vertex, it and its neighbours, at least as many of the other epoch's points are sunk as lie on it, and
+    hardly any of its own; hollows hang together, hold `FEWEST_DEEP` points that lie deep, and a handful of vertices,
+    over which its own epoch has as many points as the other one has, by what both have in all.
+    """
+    own, theirs_all = sides[k], points[1]
+    sunk_by = max(SUNK * own.spacing, LEVELS * least)
+    by = sunk_by, max(DEEP * own.spacing, 2.0 * sunk_by)
+    tree = cKDTree(own.surface.vertices)
+    theirs = _without_far_sides(sides, k, theirs_all, place_under(own, tree, theirs_all), sunk_by)
+    if np.count_nonzero(theirs.height < -by[1]) < FEWEST_DEEP:
+        return None
+    mine = place_under(own, tree, points[0])
+    part = connect_like(np.where(_lie_over_sunk(own, mine, theirs, sunk_by), 0, -1), [own.neighbours])
+    is_hollow = _are_hollows(own, part, mine, theirs, by)
+    number = np.append(np.where(is_hollow, np.cumsum(is_hollow) - 1, -1), -1)
+    return _measure(sides, k, theirs_all, theirs, number[part], by) if is_hollow.any() else None
+
+
+def _lie_over_sunk(side: Side, mine: Under, theirs: Under, sunk_by: float) -> Bools:
+    """Return the vertices (n,) around which the other epoch's points are sunk and the side's own lie on it, and what
+    lies between them."""
+
+    def around(under: Under, which: Bools) -> Ints:
+        """Return how many of the points `which` (m,) lie next to each vertex (n,) and its neighbours."""
+        return sum_around(side.neighbours, np.bincount(under.vertex[which], minlength=len(side.areas)))
+
+    sunk, own_sunk = (around(under, under.height < -sunk_by) for under in (theirs, mine))
+    on, own_on = (around(under, under.height >= -sunk_by) for under in (theirs, mine))
+    is_sunk = (sunk >= FEWEST_SUNK) & (sunk >= on)
+    return _fill_gaps(side, is_sunk & (own_on >= FEWEST_ON) & (own_sunk <= MOST_SUNK * own_on) & ~side.is_fringe)
+
+
+def _are_hollows(side: Side, part: Ints, mine: Under, theirs: Under, by: tuple[float, float]) -> Bools:
+    """Return which parts (p,) of a side, -1 in `part` (n,) for none, are hollows by what lies in them."""
+    n_parts = int(part.max(initial=-1)) + 1
+
+    def count(under: Under, which: Bools) -> Ints:
+        """Return how many of the points `which` (m,) lie under each part (p,)."""
+        at = part[under.vertex[which]]
+        return np.bincount(at[at >= 0], minlength=n_parts)
+
+    n_sunk, n_deep = (count(theirs, theirs.height < -depth) for depth in by)
+    n_theirs, n_mine = count(theirs, np.isfinite(theirs.height)), count(mine, mine.height >= -by[0])
+    is_measured = n_mine >= AS_DENSE * n_theirs * len(mine.vertex) / len(theirs.vertex)
+    area = np.bincount(part[part >= 0], side.areas[part >= 0], minlength=n_parts)
+    is_deep = (n_deep >= FEWEST_DEEP) & (n_deep >= SHARE_DEEP * n_sunk)
+    return np.asarray(is_deep & is_measured & (area >= HANDFUL * side.spacing**2))
+
+
+def place_under(side: Side, tree: cKDTree, points: Floats) -> Under:
+    """Return the vertex next to each of the points (m, 3) that lies over or under one; others are left out."""
+    distance, vertex = tree.query(points, workers=2)
+    height = np.einsum("ij,ij->i", points - side.surface.vertices[vertex], side.normals[vertex])
+    beside = np.sqrt(np.maximum(distance**2 - height**2, 0.0)) < BESIDE * side.spacing
+    return Under(np.where(beside, vertex, -1), np.where(beside, height, np.nan))
+
+
+def sum_around(neighbours: Neighbours, values: Ints) -> Ints:
+    """Return the sum of the values (n,) of each vertex and its neighbours."""
+    own = np.repeat(np.arange(len(values)), np.diff(neighbours.starts))
+    return values + np.bincount(own, values[neighbours.vertices], minlength=len(values)).astype(values.dtype)
+
+
+def largest_around(neighbours: Neighbours, values: Floats) -> Floats:
+    """Return the largest of the values (n,) of each vertex and its neighbours."""
+    out = values.copy()
+    np.maximum.at(out, np.repeat(np.arange(len(values)), np.diff(neighbours.starts)), values[neighbours.vertices])
+    return out
+
+
+def _without_far_sides(sides: tuple[Side, Side], k: int, points: Floats, under: Under, sunk_by: float) -> Under:
+    """Return where points lie, without those sunk that lie on a surface of their epoch that looks the other way: the
+    back of what side k is the front of."""
+    other = sides[1 - k]
+    at = np.flatnonzero(under.height < -sunk_by)
+    if not len(at):
+        return under
+    distance, nearest = cKDTree(other.surface.vertices).query(points[at], workers=2)
+    cosine = np.einsum("ij,ij->i", other.normals[nearest], sides[k].normals[under.vertex[at]])
+    height = under.height.copy()
+    height[at[(distance < ON * other.spacing) & (cosine < AWAY)]] = np.nan
+    return Under(under.vertex, height)
+
+
+def _fill_gaps(side: Side, is_open: Bools) -> Bools:
+    """Return the vertices (n,) with what lies between them, no farther than an edge from either side."""
+    grown = spread_rings(side.neighbours, is_open, 1)
+    return np.asarray(grown & ~spread_rings(side.neighbours, ~grown, 1))
+
+
+def _measure(sides: tuple[Side, Side], k: int, points: Floats, theirs: Under, part: Ints,
+             by: tuple[float, float]) -> Hollows:  # fmt: skip
+    """Return the hollows, whose `part` (n,) is 0 or more, with how deep they are, and which no surface of the other
+    epoch follows: where more than `MOST_UNKNOWN` of the deep points lie on none. `by` [m] are those sunk and deep."""
+    own, other = sides[k], sides[1 - k]
+    at = np.flatnonzero(theirs.height < -by[0])
+    at = at[part[theirs.vertex[at]] >= 0]
+    deepest = np.zeros(len(own.areas))
+    np.maximum.at(deepest, theirs.vertex[at], -theirs.height[at])
+    deep = at[theirs.height[at] < -by[1]]
+    is_off = cKDTree(other.surface.vertices).query(points[deep], workers=2)[0] > ON * other.spacing
+    of_deep = part[theirs.vertex[deep]]
+    share_off = np.bincount(of_deep, is_off) / np.maximum(np.bincount(of_deep), 1)
+    is_unfollowed = np.append(share_off > MOST_UNKNOWN, False)[part]
+    return Hollows(part >= 0, largest_around(own.neighbours, deepest), is_unfollowed)
+
+
+def _as_looked_through(sides: tuple[Side, Side], beyond: Beyond, found: Detected, k: int,
+                       hollows: Hollows) -> tuple[tuple[Side, Side], Beyond, Detected]:  # fmt: skip
+    """Return sides, what lies beyond them and what was found, with the hollows of side k as looked through."""
+    own, other = sides[k], sides[1 - k]
+    is_open, film = hollows.is_open, np.zeros(len(other.areas), dtype=np.bool_)
+    has_foot = np.flatnonzero(other.is_assessed & (other.foot_vertices >= 0))
+    film[has_foot] = is_open[other.foot_vertices[has_foot]]
+    new = own.without(own.is_assessed & is_open, NotAssessed.NO_FACE), other.without(film, NotAssessed.NO_ONE_SURFACE)
+
+    change, gaps, through, unfollowed = (
+        _with_own(both, k, np.where(is_open, made, both[k]))
+        for both, made in ((beyond.change, SIGNS[k] * hollows.depth), (beyond.gaps, hollows.depth),
+                           (beyond.is_through, is_open), (beyond.is_unfollowed, hollows.is_unfollowed))
+    )  # fmt: skip
+    beyond = replace(beyond, change=change, gaps=gaps, is_through=through, is_unfollowed=unfollowed)
+    told = list(found.sides)
+    told[1 - k] = replace(told[1 - k], is_changed=told[1 - k].is_changed & ~film)
+    return (new if k == 0 else new[::-1]), beyond, replace(found, sides=(told[0], told[1]))
+
+
+def _with_own(both: tuple[Any, Any], k: int, own: Any) -> tuple[Any, Any]:
+    """Return what both sides have, with another of side k."""
+    return (own, both[1]) if k == 0 else (both[0], own)
