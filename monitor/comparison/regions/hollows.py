@@ -10,7 +10,7 @@ at a place has them on it, and where the other epoch has hardly any but many far
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,8 +23,9 @@ from monitor.comparison.regions.beyond import SIGNS, Beyond
 from monitor.comparison.regions.borne_out import spread_rings
 from monitor.comparison.regions.chips import HANDFUL, is_strewn_once, levels_off
 from monitor.comparison.regions.evidence import ABSENT
-from monitor.comparison.regions.figures import MOST_UNKNOWN
 from projects.model import Bools, Floats, Ints, NotAssessed
+
+Number = TypeVar("Number", Ints, Floats)
 
 SUNK, DEEP = 1.5, 3.0  # spacings behind a surface: no point of it; and farther than its own bends leave any
 LEVELS = 3.0  # median levels of detection that a point must lie behind, too; what is asked differs by as many
@@ -141,7 +142,7 @@ def place_under(side: Side, tree: cKDTree, points: Floats) -> Under:
     return Under(np.where(beside, vertex, -1), np.where(beside, height, np.nan))
 
 
-def sum_around(neighbours: Neighbours, values: Ints) -> Ints:
+def sum_around(neighbours: Neighbours, values: Number) -> Number:
     """Return the sum of the values (n,) of each vertex and its neighbours."""
     own = np.repeat(np.arange(len(values)), np.diff(neighbours.starts))
     return values + np.bincount(own, values[neighbours.vertices], minlength=len(values)).astype(values.dtype)
@@ -177,18 +178,21 @@ def _fill_gaps(side: Side, is_open: Bools) -> Bools:
 def _measure(sides: tuple[Side, Side], k: int, points: Floats, theirs: Under, part: Ints,
              by: tuple[float, float]) -> Hollows:  # fmt: skip
     """Return the hollows, whose `part` (n,) is 0 or more, with how deep they are, and which no surface of the other
-    epoch follows: where more than `MOST_UNKNOWN` of the deep points lie on none. `by` [m] are those sunk and deep."""
+    epoch follows: where the deepest points, around most vertices, lie on none. `by` [m] are those sunk and deep."""
     own, other = sides[k], sides[1 - k]
     at = np.flatnonzero(theirs.height < -by[0])
     at = at[part[theirs.vertex[at]] >= 0]
-    deepest = np.zeros(len(own.areas))
-    np.maximum.at(deepest, theirs.vertex[at], -theirs.height[at])
-    deep = at[theirs.height[at] < -by[1]]
-    is_off = cKDTree(other.surface.vertices).query(points[deep], workers=2)[0] > ON * other.spacing
-    of_deep = part[theirs.vertex[deep]]
-    share_off = np.bincount(of_deep, is_off) / np.maximum(np.bincount(of_deep), 1)
-    is_unfollowed = np.append(share_off > MOST_UNKNOWN, False)[part]
-    return Hollows(part >= 0, largest_around(own.neighbours, deepest), is_unfollowed)
+    at = at[np.argsort(-theirs.height[at], kind="stable")]
+    deepest = np.full(len(own.areas), -1)
+    deepest[theirs.vertex[at]] = at  # the last one written is the deepest
+    over = np.flatnonzero(deepest >= 0)
+    depth, n_off, n_all = np.zeros((3, len(own.areas)))
+    depth[over] = -theirs.height[deepest[over]]
+    deep = over[depth[over] > by[1]]
+    n_all[deep] = 1.0
+    n_off[deep] = cKDTree(other.surface.vertices).query(points[deepest[deep]], workers=2)[0] > ON * other.spacing
+    is_off = 2.0 * sum_around(own.neighbours, n_off) > sum_around(own.neighbours, n_all)
+    return Hollows(part >= 0, largest_around(own.neighbours, depth), (part >= 0) & is_off)
 
 
 def _as_looked_through(sides: tuple[Side, Side], beyond: Beyond, found: Detected, k: int,
