@@ -24,7 +24,7 @@ from reports.crate import write_crate
 from reports.deposit import Deposit
 from reports.deposit_comparison import add_comparison, add_series_actions
 from reports.deposit_epoch import add_epoch
-from reports.document import kept_comparisons
+from reports.kept import kept_comparisons, lost_results
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,14 @@ def write_archive(
     ParameterError
         If `out` holds anything, lies within the project or cannot be written.
     StoreError
-        If an object has no epoch, or a file of the project is damaged.
+        If an object has no epoch, or a file of the project is missing or damaged.
     """
     if out.resolve().is_relative_to(project.path.resolve()):
         raise ParameterError(f"{out}: lies within the project; give a folder outside of {project.path}")
     for object_id in object_ids:
         if not project.epochs(object_id):
             raise StoreError(f"object {object_id} has no epoch yet, so there is nothing to archive; add one first")
+        _require_none_lost(project, object_id)
     title = _title(project, object_ids)
     with complete_folder(out) as folder:
         deposit = Deposit(folder / PAYLOAD)
@@ -71,6 +72,16 @@ def write_archive(
         write_crate(deposit.payload, title, subjects, deposit.contents, deposit.actions)
         n_files, n_bytes = write_bag(folder, _about(object_ids, title))
     return ArchiveFacts(n_files, n_bytes, tuple(deposit.minds))
+
+
+def _require_none_lost(project: Project, object_id: str) -> None:
+    """Raise `StoreError` where an archive would leave out what the index lists."""
+    lost = lost_results(project, object_id)
+    if lost:
+        raise StoreError(
+            f"{lost[0]} was made, but its file is missing or cut off; monitor verify {project.quoted} names it: "
+            f"restore it from a copy, or make it anew with: monitor compare {project.quoted} {object_id}"
+        )
 
 
 def _add_object(deposit: Deposit, project: Project, object_id: str, notify: Callable[[str], None]) -> None:

@@ -9,14 +9,15 @@ from projects.identifiers import series_product
 from projects.store import Project
 from reports.crate import Action
 from reports.deposit import Deposit
-from reports.document import (
-    gather_facts,
+from reports.document import gather_facts
+from reports.exports import export_comparison, export_series
+from reports.kept import (
     kept_comparisons,
     outdated_epochs,
     require_comparison,
     series_resting_on,
+    tell_old_series,
 )
-from reports.exports import export_comparison, export_series
 from reports.report import write_report
 
 MEANINGS = {
@@ -47,6 +48,8 @@ def add_comparison(deposit: Deposit, project: Project, object_id: str, pair: tup
     written = write_report(stem.with_name(f"{stem.name}_report"), gather_facts(project, object_id, *pair))
     made += deposit.add(written, "Report: what changed, where, how much and how sure")
     deposit.add_provenance(stem.with_name(f"{stem.name}_provenance.json"), steps)
+    if told := tell_old_series(project, object_id, pair, step):
+        deposit.minds.append(told)
     outdated = outdated_epochs(project, object_id, pair, step)
     for epoch_id in outdated:
         deposit.minds.append(

@@ -11,9 +11,8 @@ from dataclasses import replace
 
 import pandas as pd
 
-from projects.errors import StoreError
 from projects.extent import Extent
-from projects.identifiers import comparison_product, series_product
+from projects.identifiers import comparison_product
 from projects.model import Comparison, EpochRecord, ObjectRecord, Step
 from projects.store import Project
 from reports.answer import MOVED_OR_WHOLE, holds_whole, state_answer
@@ -39,6 +38,7 @@ from reports.history import (
     tell_uncovered,
     versions_table,
 )
+from reports.kept import require_comparison, series_resting_on
 from reports.opinion import opinion_tables
 from reports.quantities import MM, Measures, choose_measures, day, estimate, estimate_size, listed, percent
 from reports.ranging import gather_calibrations
@@ -75,40 +75,6 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
         return facts
     series = project.get(object_id, compared_id, followed.product, followed.step_id)
     return replace(facts, series=place_courses(tell_series(series), comparison, record.front))
-
-
-def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
-    """Return the step of a comparison that the project holds; raise `StoreError` that says how to make it."""
-    step = project.latest(object_id, compared_id, comparison_product(reference_id))
-    if step is None:
-        raise StoreError(
-            f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
-            f"monitor compare {project.quoted} {object_id} {reference_id} {compared_id}"
-        )
-    return step
-
-
-def kept_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
-    """Return every comparison (reference, compared) that the project holds of an object."""
-    ids = [e.epoch_id for e in project.epochs(object_id)]
-    return [
-        (before, after)
-        for after in ids
-        for before in ids
-        if before != after and project.latest(object_id, after, comparison_product(before)) is not None
-    ]
-
-
-def outdated_epochs(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> list[str]:
-    """Return which epochs of a comparison were processed again after its step was made."""
-    made_of = {epoch_id: project.latest(object_id, epoch_id, "surface") for epoch_id in pair}
-    return [e for e, surface in made_of.items() if surface is not None and surface.step_id not in step.inputs]
-
-
-def series_resting_on(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> Step | None:
-    """Return the series that the compared epoch ends, where there is one that rests on the comparison of `step`."""
-    followed = project.latest(object_id, pair[1], series_product(pair[0]))
-    return followed if followed is not None and step.step_id in followed.inputs else None
 
 
 def gather_history(project: Project, object_id: str, epoch_id: str, reference_id: str) -> EpochHistory:

@@ -24,9 +24,10 @@ from projects.model import EpochRecord
 from projects.store import Project
 from reports.cameras import choose_one
 from reports.colours import choose_limit
-from reports.document import gather_facts, kept_comparisons, require_comparison
+from reports.document import gather_facts
 from reports.facts import Answer
 from reports.history import describe_object
+from reports.kept import kept_comparisons, require_comparison
 from reports.quantities import count, day
 from reports.report import write_report
 from reports.views import draw_difference, draw_surface

@@ -21,7 +21,7 @@ from monitor.settings import read_settings
 from projects.errors import MonitorError, StoreError
 from projects.index_file import INDEX_NAME
 from projects.store import Project
-from reports.document import kept_comparisons
+from reports.kept import kept_comparisons
 
 
 def run_campaign(path: Path, settings_file: Path | None = None, where: Where = HERE) -> None:

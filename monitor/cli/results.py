@@ -12,11 +12,19 @@ from monitor.reconstruction.screen import decimate_for_screen
 from monitor.record import Place, latest_step
 from projects.errors import ParameterError, StoreError
 from projects.formats import write_screen_glb
-from projects.identifiers import series_product
 from projects.model import Comparison, Step, Surface
 from projects.store import Project
-from reports.document import gather_facts, kept_comparisons, outdated_epochs, require_comparison
+from reports.document import gather_facts
 from reports.exports import FORMATS, export_comparison, export_series, export_surface
+from reports.kept import (
+    end_of_longest_series,
+    kept_comparisons,
+    lost_results,
+    outdated_epochs,
+    require_comparison,
+    series_resting_on,
+    tell_old_series,
+)
 from reports.report import is_current, write_report
 
 SCREEN = "screen"  # a GLB for viewers: few faces and a normal map
@@ -48,6 +56,9 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
             notify(f"{compared_id}: writing the comparison with {reference_id}")
             step = require_comparison(project, object_id, reference_id, compared_id)
             _mind_outdated(project, object_id, (reference_id, compared_id), step)
+            _mind_old_series(project, object_id, (reference_id, compared_id), step)
+            if pair[1]:
+                _mind_shorter_series(project, object_id, (reference_id, compared_id), step)
             comparison = project.get(object_id, compared_id, step.product, step.step_id)
             ids = (object_id, reference_id, compared_id)
             plain = tuple(f for f in wanted if f != SCREEN)
@@ -78,20 +89,31 @@ def _export_screen(path: Path, surface: Surface) -> Path:
 def _export_series(
     project: Project, out: Path, ids: tuple[str, str, str], made: tuple[Step, Comparison], formats: tuple[str, ...]
 ) -> list[Path]:
-    """Write the series that the compared epoch ends, where there is one that rests on the comparison `made`."""
+    """Write the series that the compared epoch ends, where it is current and none from the reference is longer: all
+    have the same names."""
     object_id, reference_id, compared_id = ids
-    step = project.latest(object_id, compared_id, series_product(reference_id))
-    if step is None:
-        return []
-    if made[0].step_id not in step.inputs:
-        typer.echo(
-            f"mind: {reference_id} and {compared_id} were compared anew since change was followed over the epochs, so "
-            f"the series is left out; bring it up to date: monitor compare {project.quoted} {object_id}", err=True,
-        )  # fmt: skip
+    step = series_resting_on(project, object_id, (reference_id, compared_id), made[0])
+    if step is None or end_of_longest_series(project, object_id, reference_id) != compared_id:
         return []
     series = project.get(object_id, compared_id, step.product, step.step_id)
     front = project.object(object_id).front
     return export_series(out, object_id, series, made[1], formats, bearing=front, crs=project.crs)
+
+
+def _mind_old_series(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> None:
+    """Say so where the series that the compared epoch ends does not rest on the present comparisons."""
+    if told := tell_old_series(project, object_id, pair, step):
+        typer.echo(f"mind: {told}; bring it up to date: monitor compare {project.quoted} {object_id}", err=True)
+
+
+def _mind_shorter_series(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> None:
+    """Say so where the series that the compared epoch ends gives way to a longer one."""
+    longest = end_of_longest_series(project, object_id, pair[0])
+    if series_resting_on(project, object_id, pair, step) is not None and longest != pair[1]:
+        typer.echo(
+            f"mind: the series from {pair[0]} to {pair[1]} is left out, since change is followed to {longest}; that "
+            f"series is written with {pair[0]} {longest}", err=True,
+        )  # fmt: skip
 
 
 def parse_formats(text: str) -> tuple[str, ...]:
@@ -117,7 +139,17 @@ def _what_to_export(project: Project, object_id: str, pair: Pair) -> tuple[list[
         raise StoreError(
             f"object {object_id} has nothing to export yet; run: monitor process {project.quoted} {object_id}"
         )
-    return epochs, kept_comparisons(project, object_id)
+    return epochs, _all_comparisons(project, object_id)
+
+
+def _all_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
+    """Return the comparisons of an object; say which of them and of its series are left out, lost."""
+    for lost in lost_results(project, object_id):
+        typer.echo(
+            f"mind: {lost} is left out: its file is missing or cut off; monitor verify {project.quoted} names it, and "
+            f"monitor compare {project.quoted} {object_id} makes it anew", err=True,
+        )  # fmt: skip
+    return kept_comparisons(project, object_id)
 
 
 def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Path]:
@@ -128,7 +160,8 @@ def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Pat
     written: list[Path] = []
     with show_progress() as notify:
         for reference_id, compared_id in pairs:
-            require_comparison(project, object_id, reference_id, compared_id)
+            step = require_comparison(project, object_id, reference_id, compared_id)
+            _mind_old_series(project, object_id, (reference_id, compared_id), step)
             notify(f"{compared_id}: drawing the report of the comparison with {reference_id}")
             facts = gather_facts(project, object_id, reference_id, compared_id)
             written += write_report(_stem(out, object_id, (reference_id, compared_id)), facts)
@@ -145,7 +178,7 @@ def update_reports(path: Path, object_id: str, out: Path) -> list[Path]:
     written: list[Path] = []
     n_kept = 0
     with show_progress() as notify:
-        for pair in kept_comparisons(project, object_id):
+        for pair in _all_comparisons(project, object_id):
             facts, stem = gather_facts(project, object_id, *pair), _stem(out, object_id, pair)
             if is_current(stem, facts):
                 n_kept += 1
@@ -169,7 +202,7 @@ def _what_to_report(project: Project, object_id: str, pair: Pair) -> list[tuple[
     named = named_pair(project, object_id, pair)
     if named is not None:
         return [named]
-    pairs = kept_comparisons(project, object_id)
+    pairs = _all_comparisons(project, object_id)
     if not pairs:
         raise StoreError(f"object {object_id} has no comparison yet; run: monitor compare {project.quoted} {object_id}")
     return pairs

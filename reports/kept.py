@@ -1,0 +1,81 @@
+"""Which comparisons and series a project holds of an object, which of them are lost, and which are out of date.
+
+In: an open project and ids. Out: pairs of epochs (reference, compared), steps, and sentences.
+"""
+
+from __future__ import annotations
+
+from projects.errors import StoreError
+from projects.identifiers import comparison_product, series_product, split_product
+from projects.model import Step
+from projects.store import Project
+
+
+def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
+    """Return the step of a comparison that the project holds; raise `StoreError` that says how to make it."""
+    step = project.latest(object_id, compared_id, comparison_product(reference_id))
+    if step is None:
+        raise StoreError(
+            f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
+            f"monitor compare {project.quoted} {object_id} {reference_id} {compared_id}"
+        )
+    return step
+
+
+def kept_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
+    """Return every comparison (reference, compared) that the project holds of an object."""
+    ids = [e.epoch_id for e in project.epochs(object_id)]
+    return [
+        (before, after)
+        for after in ids
+        for before in ids
+        if before != after and project.latest(object_id, after, comparison_product(before)) is not None
+    ]
+
+
+def lost_results(project: Project, object_id: str) -> list[str]:
+    """Return in words each comparison and series of an object that the index lists and whose file is missing or cut
+    off."""
+    lost = []
+    for epoch in project.epochs(object_id):
+        for step in project.steps(object_id, epoch.epoch_id):
+            kind, reference_id = split_product(step.product)
+            if kind in ("comparison", "series") and project.latest(object_id, epoch.epoch_id, step.product) is None:
+                lost.append(f"the {kind} of {object_id} from {reference_id} to {epoch.epoch_id}")
+    return lost
+
+
+def outdated_epochs(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> list[str]:
+    """Return which epochs of a comparison were processed again after its step was made."""
+    made_of = {epoch_id: project.latest(object_id, epoch_id, "surface") for epoch_id in pair}
+    return [e for e, surface in made_of.items() if surface is not None and surface.step_id not in step.inputs]
+
+
+def series_resting_on(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> Step | None:
+    """Return the series that the compared epoch ends, where there is one that rests on the comparison of `step`, and
+    all others that it rests on are the present ones, too."""
+    followed = project.latest(object_id, pair[1], series_product(pair[0]))
+    if followed is None or step.step_id not in followed.inputs:
+        return None
+    present = {s.step_id for e in project.epochs(object_id) for s in project.steps(object_id, e.epoch_id)}
+    return followed if present.issuperset(followed.inputs) else None
+
+
+def tell_old_series(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> str:
+    """Return that the series which the compared epoch ends is left out, "" where it is current or there is none."""
+    is_kept = project.latest(object_id, pair[1], series_product(pair[0])) is not None
+    if not is_kept or series_resting_on(project, object_id, pair, step) is not None:
+        return ""
+    return (
+        f"epochs of {object_id} were compared anew since change was followed from {pair[0]} to {pair[1]}, so the "
+        "series is left out"
+    )
+
+
+def end_of_longest_series(project: Project, object_id: str, reference_id: str) -> str | None:
+    """Return the last epoch to which change is followed from a reference by a series that is current."""
+    ends = [pair for pair in kept_comparisons(project, object_id) if pair[0] == reference_id]
+    current = [
+        p[1] for p in ends if series_resting_on(project, object_id, p, require_comparison(project, object_id, *p))
+    ]
+    return current[-1] if current else None
