@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from projects.errors import MonitorError, StoreError
@@ -105,9 +106,8 @@ def put_step(place: Place, asked: Asked, made: Made, seconds: float) -> Step:
         created=now(),
         seconds=seconds,
     )
-    with place.project.writing():  # so that nothing changes between the question and the answer
-        _require_inputs(place, asked)
-        return place.project.put(place.object_id, place.epoch_id, step, made.noun)
+    require = partial(_require_inputs, place, asked)
+    return place.project.put(place.object_id, place.epoch_id, step, made.noun, require=require)
 
 
 def _require_inputs(place: Place, asked: Asked) -> None:

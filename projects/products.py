@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import h5py
 
 from projects import hdf5
-from projects.atomic import draft, place
+from projects.atomic import draft, flush, move
 from projects.elements import VERSION, mark
 from projects.errors import StoreError
 from projects.identifiers import product_file
@@ -26,26 +26,43 @@ CONTENT = "content"
 GIVEN = ("raw", "mesh")  # products that nothing makes anew: what was measured, or given as a finished mesh
 
 
-def write_product(root: Path, epoch: EpochRecord, write: Callable[[h5py.File], Step]) -> ProductEntry:
-    """Write a product's file durably and return its entry for the index.
+@contextmanager
+def drafted_product(
+    root: Path, epoch: EpochRecord, write: Callable[[h5py.File], Step]
+) -> Iterator[tuple[Path, ProductEntry]]:
+    """Yield a product's file, its bytes on the disk but not in its place yet, and its entry for the index.
 
     `write` puts `content` into the open file and returns the step that it was (the id of raw scans is known only
-    when all of them were read). Whatever fails, no file is left and nothing was entered.
+    when all of them were read). No lock is needed. A file that was not placed by the end is removed.
     """
-    try:
-        with draft(root) as path:
+    with ExitStack() as stack:
+        with _told_as_refusal(root):
+            path = stack.enter_context(draft(root))
             with hdf5.create_file(path) as file:
                 step = complete(write(file))
                 _write_header(file, epoch, step)
             name = product_file(epoch.object_id, epoch.epoch_id, step.product, step.step_id)
-            if not (root / name).resolve().is_relative_to(root.resolve()):
-                raise StoreError(f"{root / name} leads out of the project by a symbolic link; remove the link")
             entry = ProductEntry(step, name.as_posix(), hash_file(path), path.stat().st_size)
-            place(path, root / name)
+            flush(path)
+        yield path, entry
+
+
+def place_product(root: Path, path: Path, entry: ProductEntry) -> None:
+    """Move a drafted product to where its entry says; under the project's lock, just before it is entered."""
+    if not (root / entry.file).resolve().is_relative_to(root.resolve()):
+        raise StoreError(f"{root / entry.file} leads out of the project by a symbolic link; remove the link")
+    with _told_as_refusal(root):
+        move(path, root / entry.file)
+
+
+@contextmanager
+def _told_as_refusal(root: Path) -> Iterator[None]:
+    """Tell an error of the disk as one line."""
+    try:
+        yield
     except OSError as error:
         why = hdf5.in_one_line(error)
         raise StoreError(f"{root}: a product could not be written ({why}); nothing was entered") from error
-    return entry
 
 
 def complete(step: Step) -> Step:

@@ -40,12 +40,12 @@ from projects.index import (
 from projects.index_file import INDEX_NAME, read_index, write_index
 from projects.lock import LOCK_NAME, Lock
 from projects.model import EpochRecord, ObjectRecord, Scan, Step, Surface
-from projects.products import CONTENT, is_whole, open_product, require_bytes, write_product
+from projects.products import CONTENT, drafted_product, is_whole, open_product, place_product, require_bytes
 from projects.provenance import now
 from projects.raw import Progress, ScanHeader, ScanStream
 from projects.verify import VerifyReport, delete_unnamed, verify_project
 
-LOCK_WAIT = 10.0  # s that a writer waits for another: they hold the lock for one product at a time
+LOCK_WAIT = 10.0  # s that a writer waits for another: they hold the lock to enter what lies written, not to write it
 
 
 class Project:
@@ -204,24 +204,29 @@ class Project:
     ) -> EpochRecord:  # fmt: skip
         """Enter an epoch with its scans, streamed (product `raw`), or with a finished mesh (product `mesh`).
 
-        Any error, of a reader or of the disk, leaves the project as it was. Returns the record with its sources.
+        Any error, of a reader or of the disk, leaves the project as it was. Others may write while the scans stream.
+        Returns the record with its sources.
         """
-        with self.writing():
-            if type(record.date) is not datetime.date:
-                raise ParameterError(
-                    f"date {record.date!r} of epoch {record.epoch_id!r}: a date (YYYY-MM-DD) is needed"
-                )
-            require_new_id(record.epoch_id, find_object(self.index(), record.object_id).epochs, "epoch")
-            if mesh is None:
-                entry = write_product(self.path, record, lambda f: raw.write_scans(f, record, scans, progress))
-                record = replace(record, sources=raw.sources_of(entry.step))
-            else:
-                step = raw.mesh_step(record, mesh)
-                entry = write_product(self.path, record, lambda f: _write_content(f, step, mesh))
-                record = replace(record, is_mesh=True)
-            epoch = EpochEntry(record, {entry.step.product: entry})
-            self._commit(with_epoch(self.index(), epoch), entry)
+        with self.writing():  # what would be refused is refused before the scans are read
+            self._require_new_epoch(record)
+        if mesh is None:
+            drafted = drafted_product(self.path, record, lambda f: raw.write_scans(f, record, scans, progress))
+        else:
+            step = raw.mesh_step(record, mesh)
+            drafted = drafted_product(self.path, record, lambda f: _write_content(f, step, mesh))
+        with drafted as (path, entry), self.writing():
+            self._require_new_epoch(record)
+            known = {"sources": raw.sources_of(entry.step)} if mesh is None else {"is_mesh": True}
+            record = replace(record, **known)
+            place_product(self.path, path, entry)
+            self._commit(with_epoch(self.index(), EpochEntry(record, {entry.step.product: entry})), entry)
         return record
+
+    def _require_new_epoch(self, record: EpochRecord) -> None:
+        """Raise where an epoch has no date, or its object is not there, or has one of its id."""
+        if type(record.date) is not datetime.date:
+            raise ParameterError(f"date {record.date!r} of epoch {record.epoch_id!r}: a date (YYYY-MM-DD) is needed")
+        require_new_id(record.epoch_id, find_object(self.index(), record.object_id).epochs, "epoch")
 
     def remove_epoch(self, object_id: str, epoch_id: str, *, purge: bool = False) -> None:
         """Take an epoch out of the index, with the comparisons made from it; `purge` also deletes its files.
@@ -260,26 +265,39 @@ class Project:
         """Check every file against the index; `progress` is told each file and its size in bytes."""
         return verify_project(self.path, progress)
 
-    def put(self, object_id: str, epoch_id: str, step: Step, noun: Any) -> Step:
+    def put(
+        self, object_id: str, epoch_id: str, step: Step, noun: Any, *, require: Callable[[], None] = lambda: None
+    ) -> Step:
         """Store a product and enter it: a noun, an array, a table, or a mapping of such and of JSON values.
 
-        The same step put twice is stored once. Returns the step with its time and versions.
+        The same step put twice is stored once. `require` is called when nobody else can write any more, just before the
+        product is entered; where it raises, nothing is. Returns the step with its time and versions.
         """
-        _, reference = split_product(step.product)
         require_step_id(step.step_id)
-        with self.writing():
-            epoch = find_epoch(self.index(), object_id, epoch_id)
-            if reference is not None:
-                self.epoch(object_id, reference)
-            present = epoch.products.get(step.product)
-            if present is not None and present.step.step_id == step.step_id:
+        epoch, present = self._present(object_id, epoch_id, step)
+        if present is not None and self._is_intact(present):
+            return present.step
+        drafted = drafted_product(self.path, epoch.record, lambda f: _write_content(f, step, noun))
+        with drafted as (path, entry), self.writing():
+            require()
+            epoch, present = self._present(object_id, epoch_id, step)
+            if present is not None:
                 if self._is_intact(present):
                     return present.step
                 # its file is about to be replaced: first no longer claim the old bytes
                 self._commit(without_product(self.index(), epoch.record, step.product))
-            entry = write_product(self.path, epoch.record, lambda f: _write_content(f, step, noun))
+            place_product(self.path, path, entry)
             self._commit(with_product(self.index(), epoch.record, entry), entry)
         return entry.step
+
+    def _present(self, object_id: str, epoch_id: str, step: Step) -> tuple[EpochEntry, ProductEntry | None]:
+        """Return an epoch, and the product of just this step where the index holds it; the epochs must be there."""
+        _, reference = split_product(step.product)
+        epoch = find_epoch(self.index(), object_id, epoch_id)
+        if reference is not None:
+            self.epoch(object_id, reference)
+        present = epoch.products.get(step.product)
+        return epoch, present if present is not None and present.step.step_id == step.step_id else None
 
     # contents
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from projects.atomic import PARTIAL
+from projects.atomic import PARTIAL, is_being_written
 from projects.errors import MonitorError
 from projects.identifiers import PRODUCT_FILE_PATTERN, object_folder
 from projects.index import Index, all_products
@@ -83,6 +83,8 @@ def _judge(path: Path, name: str) -> Finding:
         if owner is not None and (is_stale(owner) or is_unfinished(path)):
             return Finding(WARNING, name, "was left by a process that is gone; the next writer removes it")
         return Finding(NOTE, name, "the project is being written now")
+    if name.startswith(f"{PARTIAL}/") and is_being_written(path):
+        return Finding(NOTE, name, "is being written now")
     if name.startswith((f"{PARTIAL}/", f"{LOCK_NAME}.")):
         return Finding(WARNING, name, "was left by an interrupted writer; the next writer removes it")
     if _is_product_file(name):

@@ -7,12 +7,14 @@ import errno
 import json
 import multiprocessing
 import os
+import signal
 import socket
 import time
 
 import pytest
-from store_examples import example_project, example_step, example_surface, findings
+from store_examples import example_project, example_step, example_stream, example_surface, findings, later_epoch
 
+from projects.atomic import ABANDONED, PARTIAL
 from projects.errors import StoreError
 from projects.lock import LOCK_NAME, Lock, read_owner, this_process
 from projects.model import ObjectRecord
@@ -160,3 +162,75 @@ def test_an_empty_lock_is_taken_over_once_it_is_old(project, monkeypatch):
     with project.writing():
         pass
     assert not lock.exists()
+
+
+class SlowStream:
+    """A scan that says when its first points were read, and gives the others when it is told to."""
+
+    def __init__(self, stream, reading, more):
+        self.stream, self.reading, self.more = stream, reading, more
+
+    def __getattr__(self, name):
+        return getattr(self.stream, name)
+
+    def chunks(self):
+        for scan in self.stream.chunks():
+            yield scan
+            self.reading.set()
+            assert self.more.wait(60)
+
+
+def start_adding(project, stream):
+    """Begin to add an epoch in another process; return it and the event that lets it go on."""
+    context = multiprocessing.get_context("fork")
+    reading, more = context.Event(), context.Event()
+    slow = SlowStream(stream, reading, more)
+    writer = context.Process(target=lambda: Project.open(project.path).add_epoch(later_epoch(), [slow]))
+    writer.start()
+    assert reading.wait(60)
+    return writer, more
+
+
+def test_what_was_computed_is_entered_while_another_program_reads_its_scans(project, tmp_path, rng, monkeypatch):
+    monkeypatch.setattr("projects.store.LOCK_WAIT", 0.5)
+    writer, more = start_adding(project, example_stream(tmp_path, rng, name="s2.ptx"))
+    project.put("stove", "E1", example_step(), example_surface(rng))
+    assert [(severity, told) for severity, told in findings(project)] == [("note", "is being written now")]
+    assert more.is_set() is False
+    more.set()
+    writer.join()
+    assert writer.exitcode == 0
+    assert [e.epoch_id for e in project.epochs("stove")] == ["E1", "E2"]
+    assert project.latest("stove", "E1", "surface") is not None
+    assert findings(project) == []
+
+
+def test_an_epoch_that_another_added_meanwhile_is_not_entered_twice(project, tmp_path, rng):
+    stream = example_stream(tmp_path, rng, name="s2.ptx")
+    writer, more = start_adding(project, stream)
+    project.add_epoch(later_epoch(), [example_stream(tmp_path, rng, n=8, name="s3.ptx")])
+    more.set()
+    writer.join()
+    assert writer.exitcode == 1
+    assert [h.n_points for h in project.scan_headers("stove", "E2")] == [8]
+    assert findings(project) == []
+
+
+def test_the_draft_of_a_process_that_was_killed_goes_with_the_next_change(project, tmp_path, rng):
+    writer, _ = start_adding(project, example_stream(tmp_path, rng, name="s2.ptx"))
+    os.kill(writer.pid, signal.SIGKILL)
+    writer.join()
+    assert findings(project) == [("warning", "was left by an interrupted writer; the next writer removes it")]
+    project.add_object(ObjectRecord("later"))
+    assert findings(project) == []
+
+
+def test_a_draft_of_another_machine_is_left_alone_for_a_day(project):
+    draft = project.path / PARTIAL / f"{16 * 'a'}-7-1700000000-{32 * 'b'}"
+    draft.touch()
+    (draft.parent / (32 * "c")).touch()  # of an older version, which wrote drafts under the lock alone
+    project.add_object(ObjectRecord("later"))
+    assert [p.name for p in draft.parent.iterdir()] == [draft.name]
+    os.utime(draft, (time.time() - ABANDONED - 60.0,) * 2)
+    project.add_object(ObjectRecord("last"))
+    assert list(draft.parent.iterdir()) == []
