@@ -66,7 +66,12 @@ def add_epoch(deposit: Deposit, project: Project, record: EpochRecord) -> None:
     deposit.add_provenance(_named(stem, "provenance.json"), history.steps)
     surface = history.step("surface")
     if surface is None:
-        deposit.minds.append(f"epoch {epoch_id} of {object_id} is not processed: the archive holds no surface of it")
+        poses = (
+            ", and its scans stand as given, not registered" if epoch.headers and not history.step("network") else ""
+        )
+        deposit.minds.append(
+            f"epoch {epoch_id} of {object_id} is not processed: the archive holds no surface of it{poses}"
+        )
         return
     newer = _newer_than(surface, history)
     if newer:
@@ -140,15 +145,17 @@ def _add_made(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[dict[st
 
 
 def _add_poses(deposit: Deposit, stem: Path, epoch: EpochSource, network: Step | None) -> tuple[str, ...]:
-    """Add where each scan stood, as registered: a table of all and a matrix of each, T_project_scanner."""
+    """Add where each scan stood, as registered or else as given: a table of all and a matrix of each,
+    T_project_scanner."""
+    known = "as registered" if network is not None else "as given, not registered"
     motions: Sequence[Floats | None] = [None] * len(epoch.headers)
     if network is not None:
         motions = list(np.asarray(epoch.get(network)["T_project_given"], dtype=float))
     poses = [pose_of(header, motion) for header, motion in zip(epoch.headers, motions, strict=True)]
-    told = "The scans: original files with their SHA-256, points, stations as registered; project frame, metres"
+    told = f"The scans: original files with their SHA-256, points, stations {known}; project frame, metres"
     made = deposit.add_table(_named(stem, "scans.csv"), scans_table(epoch.headers, poses), told)
     for k, pose in enumerate(poses, start=1):
         path = _named(stem, f"GRmatrices_scan{k}.txt")
         path.write_text("".join(f"{' '.join(map(repr, row))}\n" for row in pose.tolist()), encoding="ascii")
-        made += deposit.add(path, f"Registered pose of scan {k}: 4 x 4, scanner to project frame, row by row, metres")
+        made += deposit.add(path, f"Pose of scan {k}, {known}: 4 x 4, scanner to project frame, row by row, metres")
     return made

@@ -72,7 +72,7 @@ def _originals(record: EpochRecord) -> str:
 def registration_rows(network: Step | None) -> Rows:
     """Return how the scans of an epoch were brought together (section 3.3)."""
     if network is None:
-        return _rows("registration", {"Registration method": "none: one frame as given"})
+        return _rows("registration", {"Registration method": "none: the poses are as given, not registered"})
     found = network.automatic
     return _rows("registration", {
         "Registration method": "one adjustment of all scans: surfaces, survey targets and control, with covariance",

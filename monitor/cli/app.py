@@ -357,7 +357,9 @@ def plan(
     beside: Annotated[
         list[Path] | None, typer.Option(metavar="FILE", help="Mesh of what else stands there; may be repeated.")
     ] = None,
-    unit: Annotated[str, typer.Option(metavar="m|mm|cm|in|ft", help="Unit of the files.")] = "m",
+    unit: Annotated[
+        str | None, typer.Option(metavar="m|mm|cm|in|ft", help="Unit of the files; metres where not given.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Plan a campaign: from where is a change seen?

@@ -24,7 +24,7 @@ def run_demo(out: Path) -> Path:
     A demo that was interrupted goes on where it stopped; one that is complete is only reported again.
     """
     _require_own_folder(out)
-    make_folder(out / "scans")
+    make_folder(out)
     with show_progress() as notify:
         notify("scanning a carved figure in two epochs (simulated)")
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,10 +28,11 @@ from monitor.simulation.resolution import (
 )
 from monitor.simulation.scenes import Body
 from projects.errors import ParameterError
-from projects.formats import metres_per_unit, read_mesh, write_csv, write_ply_mesh
+from projects.formats import metres_per_unit, question_unit, read_mesh, sniff_format, write_csv, write_ply_mesh
 from projects.model import Floats, Surface
 
 SHOWN, NOT_SHOWN, UNSEEN = (70, 150, 90), (214, 96, 60), (150, 150, 150)  # colours of the written surface
+SMALLEST_TURN = 1.0  # degrees: 360 places a ring are more than anybody tries
 
 
 @dataclass(frozen=True)
@@ -48,29 +50,31 @@ class PlanRequest:
     every: float
     reflectance: float
     beside: tuple[Path, ...]
-    unit: str
+    unit: str | None
 
 
 def plan_for_mesh(request: PlanRequest, as_json: bool) -> None:
     """Plan, write stations and surface, and say where to stand, at which resolution, and what is not seen."""
     if request.scanner not in INSTRUMENTS:
         raise ParameterError(f"--scanner {request.scanner}: known presets are {', '.join(sorted(INSTRUMENTS))}")
+    _require_place(request.out)
     instrument = INSTRUMENTS[request.scanner]
+    distances, heights = _numbers(request.distances, "--distances"), _numbers(request.heights, "--heights")
+    if not SMALLEST_TURN <= request.every <= 360.0:  # NaN too
+        raise ParameterError(f"--every {request.every:g}: degrees from {SMALLEST_TURN:g} to 360 are needed")
+    if not 0.0 <= request.registration < np.inf:
+        raise ParameterError(f"--registration {request.registration:g}: millimetres are needed, 0 or more")
     task = Task(
         change=metres_from_millimetres(request.change, "--change"),
         extent=metres_from_millimetres(request.width, "--width"),
         reflectance=request.reflectance,
         sigma_registration=request.registration / 1000.0,
     )
-    unit = metres_per_unit(request.unit)
-    surface = read_mesh(request.mesh, unit=unit)
+    surface = _read(request.mesh, request.unit)
     shift = 0.5 * (surface.vertices.min(axis=0) + surface.vertices.max(axis=0))  # rays are float32
     body = _body(request.mesh, surface, shift)
-    beside = [_body(path, read_mesh(path, unit=unit), shift) for path in request.beside]
-    candidates = stand_around_body(
-        body, distances=_numbers(request.distances, "--distances"), heights=_numbers(request.heights, "--heights"),
-        every=np.radians(request.every),
-    )  # fmt: skip
+    beside = [_body(path, _read(path, request.unit), shift) for path in request.beside]
+    candidates = stand_around_body(body, distances=distances, heights=heights, every=np.radians(request.every))
     plans = plan_resolutions(body, beside, instrument, candidates, task)
     best = choose_plan(plans)
     if not best.taken:
@@ -88,6 +92,21 @@ def plan_for_mesh(request: PlanRequest, as_json: bool) -> None:
         typer.echo(json.dumps(_as_mapping(request, instrument, plans, best, table), indent=2))
     else:
         _say(request, instrument, plans, best, table)
+
+
+def _require_place(out: Path) -> None:
+    """Refuse a folder that cannot be made or written, before any work; it is made when there is something for it."""
+    there = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        raise ParameterError(f"--out {out}: {there} {'may not be written' if there.is_dir() else 'is a file'}")
+
+
+def _read(path: Path, unit: str | None) -> Surface:
+    """Return a mesh in metres; raise `UnitError` where nobody named the unit and its size is improbable."""
+    surface = read_mesh(path, unit=metres_per_unit(unit or "m"))
+    bounds = np.array([surface.vertices.min(axis=0), surface.vertices.max(axis=0)])
+    question_unit(bounds, unit is not None, sniff_format(path), path.name)
+    return surface
 
 
 def _body(path: Path, surface: Surface, shift: Floats) -> Body:

@@ -89,6 +89,8 @@ def write_demo_campaign(
     cell : m, edge length of the figure's triangles.
     spacing : m, between neighbouring pulses at the figure.
     """
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    (Path(folder) / "truth.json").touch()  # at once: it names the folder as ours, and what it holds takes seconds
     preset, dates = "phase-2020", (datetime.date(2025, 5, 12), datetime.date(2026, 5, 18))
     epochs = []
     for epoch, date in enumerate(dates, start=1):
@@ -96,8 +98,7 @@ def write_demo_campaign(
         stations = demo_stations(seed=seed + epoch, spacing=spacing, heading=0.15 * (epoch - 1))
         epochs.append(SurveyedEpoch(scene, stations, date))
     truth = describe_truth(motion(), true_changes())
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    (Path(folder) / "truth.json").write_text(json.dumps(truth, indent=2) + "\n")  # first: it names the folder as ours
+    (Path(folder) / "truth.json").write_text(json.dumps(truth, indent=2) + "\n")
     written = write_campaign(folder, epochs, INSTRUMENTS[preset], box=EXTENT, seed=seed)
     return DemoCampaign(
         (written.epochs[0], written.epochs[1]), written.extent, dates, ("before the winter", "after the restoration"),

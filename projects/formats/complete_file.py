@@ -52,8 +52,8 @@ def complete_folder(path: Path) -> Iterator[Path]:
     Raises
     ------
     ParameterError
-        If `path` is a file or holds anything, is being written by another process, lies where no folder can be made, or
-        the disk is full.
+        If `path` is a file, holds anything or is where a disk is mounted, is being written by another process, lies
+        where no folder can be made, or the disk is full.
     """
     path = Path(path).absolute()
     room = path.with_name(f".{path.name}-{uuid.uuid4().hex[:8]}.unfinished")
@@ -62,6 +62,10 @@ def complete_folder(path: Path) -> Iterator[Path]:
         with _told_as_refusal(path):
             if path.exists() and (not path.is_dir() or any(path.iterdir())):
                 raise ParameterError(f"{path}: is there already; give a folder that is new or empty")
+            if os.path.ismount(path):  # no finished folder can take its place
+                raise ParameterError(
+                    f"{path}: is where a disk is mounted; give a new folder on it, such as {path / 'new'}"
+                )
             _clear_left(path)
             room.mkdir(parents=True)
             (room / OWNER).write_text(json.dumps(asdict(this_process())), encoding="utf-8")

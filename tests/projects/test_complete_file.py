@@ -67,3 +67,15 @@ def test_a_name_that_a_folder_has_is_told(tmp_path):
     with pytest.raises(ParameterError, match=r"regions\.csv: cannot be written"):
         write_csv(tmp_path / "regions.csv", pd.DataFrame({"x": [1.0]}))
     assert [p.name for p in tmp_path.iterdir()] == ["regions.csv"]
+
+
+def test_a_folder_where_a_disk_is_mounted_is_refused_before_anything_is_written(tmp_path, monkeypatch):
+    stick = tmp_path / "stick"
+    stick.mkdir()
+    monkeypatch.setattr(os.path, "ismount", lambda path: path == stick)
+    told = f"{stick}: is where a disk is mounted; give a new folder on it, such as {stick}/new$"
+    with pytest.raises(ParameterError, match=told), complete_folder(stick):
+        pytest.fail("written")
+    with complete_folder(stick / "new") as unfinished:
+        (unfinished / "a").touch()
+    assert [p.name for p in (stick / "new").iterdir()] == ["a"]

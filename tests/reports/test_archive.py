@@ -313,10 +313,27 @@ def test_what_is_not_processed_or_out_of_date_is_said_in_the_archive(
     assert run(["archive", str(copy.path), "--out", str(tmp_path / "archive")]) == 0
     told = capsys.readouterr().err
     readme = (tmp_path / "archive" / "data" / "README.txt").read_text(encoding="utf-8")
-    for text in ("epoch e3 of column is not processed", "epoch e2 of column was processed again after it was compared"):
+    as_given = "the archive holds no surface of it, and its scans stand as given, not registered"
+    for text in (
+        f"epoch e3 of column is not processed: {as_given}",
+        "epoch e2 of column was processed again after it was compared",
+    ):
         assert text in told
         assert text in readme
     assert archive._today() in readme
+    data = tmp_path / "archive" / "data"
+    graph = {e["@id"]: e for e in json.loads((data / "ro-crate-metadata.json").read_text(encoding="utf-8"))["@graph"]}
+    for epoch, known in (("e1", "as registered"), ("e3", "as given, not registered")):
+        told = [
+            graph[f"column/{epoch}/column_{epoch}_{name}"]["description"]
+            for name in ("scans.csv", "GRmatrices_scan1.txt")
+        ]
+        assert all(known in text for text in told)
+        rows = {
+            r.field: r.value for r in pd.read_csv(data / "column" / epoch / f"column_{epoch}_metadata.csv").itertuples()
+        }
+        assert rows["Registration method"].startswith("one adjustment") == (epoch == "e1")
+        assert rows["Registration method"].endswith("the poses are as given, not registered") == (epoch == "e3")
 
 
 def test_the_crate_claims_no_origin_that_a_file_does_not_have(

@@ -70,11 +70,14 @@ def test_little_of_the_unchanged_surface_is_called_changed(answer: tuple[DemoCam
     assert called < 0.01
 
 
-def test_a_demo_that_was_interrupted_while_it_scanned_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("where", ["carved_figure", "write_campaign"])
+def test_a_demo_that_was_interrupted_while_it_scanned_goes_on(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("monitor.simulation.demo_campaign.write_campaign", interrupt)
+    monkeypatch.setattr(f"monitor.simulation.demo_campaign.{where}", interrupt)
     for _ in range(2):
         assert run(["demo", "--out", str(tmp_path / "demo")]) == 130
     (tmp_path / "mine" / "scans").mkdir(parents=True)

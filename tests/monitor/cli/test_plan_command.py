@@ -129,10 +129,13 @@ def test_what_stands_beside_hides_and_a_program_reads_the_answer(ball_file, tmp_
         (["--scanner", "tape"], "--scanner tape: known presets are faro-ls880"),
         (["--change", "0"], "--change 0.0: a length above 0 mm is needed"),
         (["--distances", "3,far"], "--distances 3,far: metres above 0 are needed"),
-        (["--every", "0"], "above 0"),
+        (["--every", "0"], "--every 0: degrees from 1 to 360 are needed"),
+        (["--every", "0.001"], "--every 0.001: degrees from 1 to 360 are needed"),
+        (["--every", "nan"], "--every nan: degrees from 1 to 360 are needed"),
         (["--reflectance", "2"], "reflectance 2.0"),
         (["--distances", "200"], "shows nowhere from 16 places"),
-        (["--registration", "-1"], "registration -0.001 m"),
+        (["--registration", "-1"], "--registration -1: millimetres are needed, 0 or more"),
+        (["--registration", "inf"], "--registration inf: millimetres are needed, 0 or more"),
     ],
 )
 def test_a_question_without_an_answer_is_refused_in_one_line(ball_file, tmp_path, capsys, words, says):
@@ -141,3 +144,21 @@ def test_a_question_without_an_answer_is_refused_in_one_line(ball_file, tmp_path
     assert says in complaint
     assert complaint.count("\n") == 1
     assert not (tmp_path / "none").exists()
+
+
+def test_a_drawing_in_millimetres_is_questioned_as_an_epoch_is(tmp_path, capsys):
+    for name, size in (("figure", 1000.0), ("wall", 1.0)):
+        trimesh.creation.box(extents=[size] * 3).export(tmp_path / f"{name}.ply")
+    told = "figure.ply is 1000 m across if its numbers are metres, which is improbable"
+    for words in ((tmp_path / "figure.ply",), (tmp_path / "wall.ply", "--beside", tmp_path / "figure.ply")):
+        code, _, complaint = ask(capsys, *words, "--out", tmp_path / "out", "--heights", "0.5")
+        assert (code, told in complaint) == (2, True)
+    asked = [tmp_path / "figure.ply", "--out", tmp_path / "out", "--heights", "0.5", "--unit", "mm"]
+    assert ask(capsys, *asked)[0] == 0
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_mesh_is_read(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    code, _, complaint = ask(capsys, tmp_path / "none.ply", "--out", tmp_path / "file" / "out")
+    assert code == 2
+    assert complaint == f"monitor: --out {tmp_path}/file/out: {tmp_path}/file is a file\n"
