@@ -19,12 +19,14 @@ from projects.verify import ERROR, WARNING, Finding, VerifyReport
 PAYLOAD = "data"
 DECLARATION = "bagit.txt"
 ALGORITHM = "sha256"
+MANIFEST = f"manifest-{ALGORITHM}.txt"
+DECLARED = ("BagIt-Version: 1.0", "Tag-File-Character-Encoding: UTF-8")
 _ESCAPED = {"%": "%25", "\r": "%0D", "\n": "%0A"}  # RFC 8493, section 2.1.3
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a folder says that it is a bag."""
-    return (path / DECLARATION).is_file()
+    """Return whether a folder says that it is a bag, or is one that lost the file which says so."""
+    return (path / DECLARATION).is_file() or ((path / MANIFEST).is_file() and (path / PAYLOAD).is_dir())
 
 
 def write_bag(folder: Path, about: Mapping[str, str]) -> tuple[int, int]:
@@ -37,8 +39,8 @@ def write_bag(folder: Path, about: Mapping[str, str]) -> tuple[int, int]:
     """
     payload = [p for p in sorted((folder / PAYLOAD).rglob("*")) if p.is_file()]
     n_bytes = sum(p.stat().st_size for p in payload)
-    _write(folder / f"manifest-{ALGORITHM}.txt", _manifest(folder, payload))
-    _write(folder / DECLARATION, ("BagIt-Version: 1.0", "Tag-File-Character-Encoding: UTF-8"))
+    _write(folder / MANIFEST, _manifest(folder, payload))
+    _write(folder / DECLARATION, DECLARED)
     labels = {**about, "Payload-Oxum": f"{n_bytes}.{len(payload)}"}
     _write(folder / "bag-info.txt", [f"{label}: {' '.join(text.split())}" for label, text in labels.items()])
     tags = [p for p in sorted(folder.iterdir()) if p.is_file()]
@@ -52,6 +54,11 @@ def verify_bag(path: Path) -> VerifyReport:
     Every file at fault is named: the library's own validation ends at the first kind of fault.
     """
     logging.getLogger(bagit.__name__).setLevel(logging.CRITICAL)  # it tells again what it raises
+    if not (path / DECLARATION).is_file():
+        told = f"{DECLARATION} is missing: restore it from a copy, or write it anew, of the lines {DECLARED[0]!r} and "
+        return VerifyReport((Finding(ERROR, DECLARATION, f"{told}{DECLARED[1]!r}; then verify again"),), 0, 0)
+    if links := tuple(_links(path)):  # the library follows them
+        return VerifyReport(links, 0, 0)
     try:
         bag = bagit.Bag(str(path))
         findings = list(_faults(bag, path))
@@ -61,6 +68,13 @@ def verify_bag(path: Path) -> VerifyReport:
         return VerifyReport((Finding(ERROR, DECLARATION, f"is not read as a bag: {in_one_line(error)}"),), 0, 0)
     n_bytes = sum(p.stat().st_size for p in (path / PAYLOAD).rglob("*") if p.is_file())
     return VerifyReport(tuple(findings), len(bag.entries), n_bytes)
+
+
+def _links(path: Path) -> Iterator[Finding]:
+    """Yield each symbolic link in a bag, whose bytes may lie elsewhere and stay behind when it is copied."""
+    for link in sorted(p for p in path.rglob("*") if p.is_symlink()):
+        name = link.relative_to(path).as_posix()
+        yield Finding(ERROR, name, f"{name} is a symbolic link; put the file itself there, then verify again")
 
 
 def _faults(bag: bagit.Bag, path: Path) -> Iterator[Finding]:

@@ -28,6 +28,7 @@ NAMES = {
     "colors": ("red", "green", "blue"),
 }
 COMPARED = ("distances", "lod95", "assessment", "region", "reasons", "told_from")
+READ = {"Normals": "normals", "RGB": "colors", "RGBA": "colors"}  # as pyvista's readers and filters name them
 INVENTED, COARSE = "face_invented", "coarse_from"  # of each face, and of a whole side
 
 
@@ -125,15 +126,14 @@ def surface_to_trimesh(surface: Surface) -> trimesh.Trimesh:
 
 def surface_from_trimesh(mesh: trimesh.Trimesh) -> Surface:
     """Return a surface from a `trimesh.Trimesh` (metres), with its vertex normals, colours and known attributes."""
-    names = {field.name for field in dataclasses.fields(Surface)}
-    known = {name: values for name, values in mesh.vertex_attributes.items() if name in names}
+    names = {field.name for field in dataclasses.fields(Surface)} - {"vertices", "faces", INVENTED}
+    known = {name: np.array(values) for name, values in mesh.vertex_attributes.items() if name in names}
+    known.setdefault("normals", np.array(mesh.vertex_normals))
     if INVENTED in mesh.face_attributes:
         known[INVENTED] = np.array(mesh.face_attributes[INVENTED])
     if mesh.visual.kind == "vertex":
         known["colors"] = np.asarray(mesh.visual.vertex_colors)[:, :3]
-    return Surface(
-        vertices=np.array(mesh.vertices), faces=np.array(mesh.faces), normals=np.array(mesh.vertex_normals), **known
-    )
+    return Surface(vertices=np.array(mesh.vertices), faces=np.array(mesh.faces), **known)
 
 
 def cloud_to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
@@ -199,9 +199,13 @@ def compared_from_pyvista(mesh: pyvista.PolyData) -> ComparedSurface:
 
 
 def _point_data(mesh: pyvista.PolyData, noun: type) -> dict[str, Any]:
-    """Return the point data that a noun has a field for."""
-    names = {field.name for field in dataclasses.fields(noun)}
-    return {name: np.array(mesh.point_data[name]) for name in mesh.point_data if name in names}
+    """Return the point data that a noun has a field for, normals and colours also under the names of `READ`."""
+    names = {field.name for field in dataclasses.fields(noun)} - {"points", "vertices", "faces"}
+    known = {name: np.array(mesh.point_data[name]) for name in mesh.point_data if name in names}
+    for name, own in READ.items():
+        if name in mesh.point_data and own not in known:
+            known[own] = np.array(mesh.point_data[name])[:, :3]
+    return known
 
 
 def cloud_to_open3d(cloud: PointCloud) -> Any:

@@ -113,6 +113,8 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
     """Write a table column by column in its order; rows are numbered from 0, other row labels are not kept."""
     mark(group, "table")
     columns = [str(c) for c in table.columns]
+    if twice := [name for name in columns if columns.count(name) > 1]:
+        raise StoreError(f"a table has two columns {twice[0]!r}; give each a name of its own")
     hdf5.write_record(group, "columns", columns)
     for k, column in enumerate(columns):
         values = table.iloc[:, k]

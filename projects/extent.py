@@ -180,8 +180,12 @@ def _crosses_itself(corners: Floats) -> bool:
     """Return whether two edges that are not neighbours cross."""
     n = len(corners)
     following = np.roll(corners, -1, axis=0)
-    for i in range(n):
-        others = np.array([j for j in range(i + 2, n) if (j + 1) % n != i], dtype=int)
+    low, high = np.minimum(corners, following)[:, 0], np.maximum(corners, following)[:, 0]
+    order = np.argsort(low, kind="stable")
+    ends = np.searchsorted(low[order], high[order], side="right")
+    for k, i in enumerate(order):
+        others = order[k + 1 : ends[k]]  # edges that begin along x before this one ends
+        others = others[(others != (i + 1) % n) & ((others + 1) % n != i)]
         if len(others) == 0:
             continue
         a, b, c, d = corners[i], following[i], corners[others], following[others]

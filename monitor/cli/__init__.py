@@ -6,6 +6,7 @@ Exit codes: 0, 2 for a user's error (one clear line on stderr), 1 for ours, 130 
 from __future__ import annotations
 
 import errno
+import io
 import sys
 import traceback
 import warnings
@@ -22,6 +23,9 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and end the process with its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that the output has no letters for is told with their numbers
+            stream.reconfigure(errors="backslashreplace")
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in arguments
     arguments = [a for a in arguments if a != "--debug"]

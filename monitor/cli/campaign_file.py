@@ -103,6 +103,12 @@ def _require_places(campaign: Campaign, path: Path) -> None:
     for name, place in places.items():
         if place is not None and place.exists() and not place.is_dir():
             raise ParameterError(f"{path}: {name} {place} is a file; a folder is needed")
+    for name, place in places.items():
+        is_within = place is not None and place.resolve().is_relative_to(campaign.project.resolve())
+        if is_within and name != "archive":
+            raise ParameterError(
+                f"{path}: {name} {place} lies within the project {campaign.project}; give another folder"
+            )
     if campaign.archive is None:
         return
     archive = campaign.archive.resolve()

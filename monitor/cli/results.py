@@ -41,7 +41,7 @@ def export_results(path: Path, object_id: str, pair: Pair, out: Path, formats: s
             f"--format {formats}: {SCREEN} is the light model of one epoch; of a comparison take {', '.join(FORMATS)}"
         )
     surfaces = [latest_step(Place(project, object_id, epoch_id), "surface") for epoch_id in epochs]
-    make_folder(out)
+    _make_folder_outside(project, out)
     written: list[Path] = []
     with show_progress() as notify:
         for epoch_id, made in zip(epochs, surfaces, strict=True):
@@ -156,7 +156,7 @@ def write_reports(path: Path, object_id: str, pair: Pair, out: Path) -> list[Pat
     """Write the report of one comparison, or of all that the project holds, and name the files."""
     project = Project.open(path)
     pairs = _what_to_report(project, object_id, pair)
-    make_folder(out)
+    _make_folder_outside(project, out)
     written: list[Path] = []
     with show_progress() as notify:
         for reference_id, compared_id in pairs:
@@ -174,7 +174,7 @@ def update_reports(path: Path, object_id: str, out: Path) -> list[Path]:
     """Write the reports of all comparisons of an object that are not there as the project and this program would make
     them; name the files written, and how many others stay."""
     project = Project.open(path)
-    make_folder(out)
+    _make_folder_outside(project, out)
     written: list[Path] = []
     n_kept = 0
     with show_progress() as notify:
@@ -206,6 +206,13 @@ def _what_to_report(project: Project, object_id: str, pair: Pair) -> list[tuple[
     if not pairs:
         raise StoreError(f"object {object_id} has no comparison yet; run: monitor compare {project.quoted} {object_id}")
     return pairs
+
+
+def _make_folder_outside(project: Project, out: Path) -> None:
+    """Make the folder of `--out`; refuse one within the project, which holds nothing but what the index names."""
+    if out.resolve().is_relative_to(project.path.resolve()):
+        raise ParameterError(f"--out {out}: lies within the project; give a folder outside of {project.path}")
+    make_folder(out)
 
 
 def make_folder(out: Path) -> None:

@@ -138,3 +138,28 @@ def test_cloud_survives_open3d(cloud):
     np.testing.assert_allclose(back.points, cloud.points)
     np.testing.assert_allclose(back.normals, cloud.normals)
     np.testing.assert_array_equal(back.colors, cloud.colors)
+
+
+def test_normals_among_the_attributes_of_a_trimesh_are_taken(surface):
+    mesh = convert.surface_to_trimesh(dataclasses.replace(surface, normals=None))
+    mesh.vertex_attributes["normals"] = surface.normals
+    assert_same(convert.surface_from_trimesh(mesh), surface)
+
+
+def test_normals_and_colours_go_along_as_pyvista_reads_them_from_a_file(surface, tmp_path):
+    import pyvista
+
+    from projects.formats import write_ply_mesh
+
+    channels = {name: surface.colors[:, k].astype(np.uint8) for k, name in enumerate(("red", "green", "blue"))}
+    normals = {f"n{axis}": surface.normals[:, k] for k, axis in enumerate("xyz")}
+    write_ply_mesh(tmp_path / "a.ply", surface, {**normals, **channels})
+    read = pyvista.read(tmp_path / "a.ply")
+    read.point_data["Normals"] = surface.normals  # its reader leaves them out, its filters call them so
+    back = convert.surface_from_pyvista(read)
+    np.testing.assert_array_equal(back.colors, surface.colors)
+    np.testing.assert_allclose(back.normals, surface.normals, atol=1e-7)
+    read.point_data["RGBA"] = np.c_[read.point_data["RGB"], np.full(4, 255, np.uint8)]
+    del read.point_data["RGB"]
+    np.testing.assert_array_equal(convert.surface_from_pyvista(read).colors, surface.colors)
+    assert convert.cloud_from_pyvista(read).normals.shape == (4, 3)

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from projects.errors import FormatError
-from projects.extent import Extent, inside, read_extent
+from projects.errors import FormatError, ParameterError
+from projects.extent import Extent, _crosses_itself, inside, read_extent
 
 L_SHAPE = {"polygon": [[0, 0], [2, 0], [2, 1], [1, 1], [1, 3], [0, 3]], "bottom": 0.5, "top": 2}
 
@@ -96,3 +96,40 @@ def test_bad_extents_are_refused_in_one_clear_line(tmp_path, content, message):
 def test_missing_extent_file_is_named(tmp_path):
     with pytest.raises(FormatError, match=r"nothing\.json cannot be read"):
         read_extent(tmp_path / "nothing.json")
+
+
+def crosses_pair_by_pair(corners):
+    """Return whether two edges that are not neighbours cross, asked of each pair by itself."""
+
+    def side(a, b, p):
+        return np.sign((b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]))
+
+    n = len(corners)
+    edges = [(corners[k], corners[(k + 1) % n]) for k in range(n)]
+    pairs = [(edges[i], edges[j]) for i in range(n) for j in range(i + 2, n) if (j + 1) % n != i]
+    return any(side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0 for (a, b), (c, d) in pairs)
+
+
+def test_polygons_that_cross_themselves_are_those_of_which_a_pair_of_edges_crosses(rng):
+    found = []
+    for k in range(300):
+        n = 4 + k % 9
+        angles = np.sort(rng.uniform(0, 2 * np.pi, n))
+        corners = rng.uniform(0.3, 1.0, (n, 1)) * np.c_[np.cos(angles), np.sin(angles)]
+        corners = np.round(corners, 1) if k % 3 == 0 else corners  # edges along x and y, and corners on edges
+        if k % 2:
+            i, j = rng.integers(0, n, 2)
+            corners[[i, j]] = corners[[j, i]]
+        found.append(_crosses_itself(corners))
+        assert found[-1] == crosses_pair_by_pair(corners), corners.tolist()
+    assert 50 < sum(found) < 250
+
+
+def test_an_outline_of_many_corners_is_read_at_once():
+    """Asked of each pair of its edges, it took minutes."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 60_000, endpoint=False)
+    outline = np.c_[np.cos(angles), np.sin(angles)]
+    assert len(Extent.from_mapping({"polygon": outline.tolist()}).corners) == 60_000
+    outline[[100, 40_000]] = outline[[40_000, 100]]
+    with pytest.raises(ParameterError, match="crosses itself"):
+        Extent.from_mapping({"polygon": outline.tolist()})

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 from store_examples import (
     example_project,
@@ -402,6 +403,7 @@ def test_nouns_that_cannot_be_kept_are_refused(project):
         ({"x": object()}, "a object cannot be kept"),
         ({1: 2}, "text is needed"),
         (np.zeros(3, dtype=complex), "complex128 cannot be stored"),
+        (pd.DataFrame([[1, 2]], columns=["a", "a"]), "a table has two columns 'a'"),
     ):
         with pytest.raises(StoreError, match=message):
             project.put("stove", "E1", example_step(), noun)

@@ -172,6 +172,20 @@ def test_the_server_answers_on_this_machine_and_a_port_in_use_is_refused(site: S
         server.shutdown()
 
 
+def test_a_browser_that_went_away_is_no_error_and_any_other_is_told(
+    site: Site, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with open_server(site.path, 0) as server:
+        for error, told in ((ConnectionResetError("gone"), ""), (ValueError("ours"), "ValueError: ours")):
+            try:
+                raise error
+            except (ConnectionResetError, ValueError):
+                server.handle_error(None, ("127.0.0.1", 1))
+            said = capsys.readouterr().err
+            assert told in said
+            assert bool(said) == bool(told)
+
+
 @pytest.mark.page
 def test_a_browser_shows_every_picture_of_an_object(site: Site) -> None:
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

@@ -3,7 +3,10 @@
 import dataclasses
 import hashlib
 import json
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -425,6 +428,31 @@ def test_epochs_are_purged_one_by_one_and_afterwards_too(project: Path, capsys: 
     capsys.readouterr()
     assert run(["remove-epoch", str(project), "relief", "e1", "--purge"]) == 2
     assert "no epoch" in capsys.readouterr().err
+
+
+def test_names_that_the_screen_has_no_letters_for_are_told_with_their_numbers(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-c",
+        "from monitor.cli import main; main()",
+        "init",
+        str(tmp_path / "p"),
+        "--name",
+        "Säule 柱",
+    ]
+    told = subprocess.run(command, capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": "latin-1"})
+    assert (told.returncode, told.stderr) == (0, b"")
+    assert told.stdout.startswith(b"project S\xe4ule \\u67f1 started in ")
+
+
+@pytest.mark.parametrize("command", ["export", "report"])
+def test_nothing_is_written_into_the_project_but_what_it_keeps(
+    made: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = made / "project"
+    assert run([command, str(project), "relief", "e1", "e2", "--out", str(project / "out")]) == 2
+    assert f"--out {project}/out: lies within the project; give a folder outside of" in capsys.readouterr().err
+    assert not (project / "out").exists()
 
 
 def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

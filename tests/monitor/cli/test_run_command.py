@@ -219,6 +219,7 @@ def test_an_object_that_fails_is_named_and_the_others_are_done(
         ('report = "out/reports"', 'report = "box.json"', "box.json is a file; a folder is needed"),
         ('archive = "out/archive"', 'archive = "juno.ply"', "juno.ply is a file; a folder is needed"),
         ('archive = "out/archive"', 'archive = "project/archive"', "lie within each other"),
+        ('report = "out/reports"', 'report = "project/reports"', "project/reports lies within the project"),
         ('archive = "out/archive"', 'archive = "out"', "reports and archive"),
         ('archive = "out/archive"', 'archive = "."', "lie within each other"),
     ],
