@@ -74,8 +74,8 @@ def tell_old_series(project: Project, object_id: str, pair: tuple[str, str], ste
 
 def end_of_longest_series(project: Project, object_id: str, reference_id: str) -> str | None:
     """Return the last epoch to which change is followed from a reference by a series that is current."""
-    ends = [pair for pair in kept_comparisons(project, object_id) if pair[0] == reference_id]
-    current = [
-        p[1] for p in ends if series_resting_on(project, object_id, p, require_comparison(project, object_id, *p))
-    ]
-    return current[-1] if current else None
+    for epoch in reversed(project.epochs(object_id)):
+        step = project.latest(object_id, epoch.epoch_id, comparison_product(reference_id))
+        if step is not None and series_resting_on(project, object_id, (reference_id, epoch.epoch_id), step) is not None:
+            return epoch.epoch_id
+    return None
