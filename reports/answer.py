@@ -72,7 +72,7 @@ def state_answer(
     """Return the answer of a comparison; `setting`: what words of place go by."""
     largest, tables = _largest(comparison, regions)
     return Answer(
-        headline=_headline(comparison, regions),
+        headline=_headline(comparison, regions, (before, after)),
         changed=_what_changed(comparison, regions, before, after, tables),
         largest=largest,
         figures=_figures(comparison, regions, before, after),
@@ -94,14 +94,14 @@ def _how_sure(
     return tuple(Told(subject, " ".join(texts)) for subject, texts in told.items() if texts)
 
 
-def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...]) -> str:
+def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...], epochs: tuple[EpochFacts, EpochFacts]) -> str:
     """Return the first sentence of the report: what changed, or that nothing did."""
     n, unknown = len(regions), max(shares_not_assessed(comparison))
     if n == 0 and _is_all_unknown(comparison):
         return "Nothing could be assessed."
     where = f" on the {percent(1.0 - unknown)} of the surface that could be assessed" if unknown > MOSTLY else ""
     if n == 0 and differs_as_a_whole(comparison):
-        return f"No part changed against the rest{where}, but {_as_a_whole(comparison)}."
+        return f"No part changed against the rest{where}, but {_as_a_whole(comparison, epochs)}."
     if n == 0:
         return f"No change was found{where}."
     told = _told_first(describe_parts(comparison), n)
@@ -125,17 +125,18 @@ def _told_first(parts: list[PartMotion], n: int) -> str:
 
 
 def differs_as_a_whole(comparison: Comparison) -> bool:
-    """Return whether the later epoch is of another scale, or all of its surface lies off: without regions, too, that is
+    """Return whether the compared epoch is of another scale, or all of its surface lies off: without regions, too, that is
     not the same as no change."""
     is_other_scale = math.isfinite(comparison.registration.scale)
     return is_other_scale or bool(comparison.statistics.get("offset_is_told"))
 
 
-def _as_a_whole(comparison: Comparison) -> str:
-    """Return in words by what the later epoch differs as a whole."""
+def _as_a_whole(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts]) -> str:
+    """Return in words by what the compared epoch differs as a whole from the reference; `epochs`: these, in order."""
     scale, sigma = comparison.registration.scale, comparison.registration.sigma_scale
     if math.isfinite(scale):
-        return f"the later epoch is {estimate(scale, sigma, 1.0, '').text} times as large as the earlier one"
+        times = estimate(scale, sigma, 1.0, "").text
+        return f"the {epochs[1].order} epoch is {times} times as large as the {epochs[0].order} one"
     return f"the surface as a whole lies {_off(comparison)}"
 
 

@@ -74,6 +74,15 @@ def test_a_later_epoch_of_another_scale_is_told_in_the_headline():
     )  # regions that stand out are told for all that
 
 
+def test_the_scale_is_that_of_the_compared_epoch_also_where_it_is_the_earlier_one():
+    """The later epoch was said to be 1.02 times as large where it was the reference, and 1.02 times as small."""
+    comparison = example_comparison(rows=())
+    scaled = dataclasses.replace(comparison.registration, scale=1.02, sigma_scale=1e-4)
+    backwards = facts_of(dataclasses.replace(comparison, registration=scaled), epochs=example_epochs()[::-1])
+    headline = plain(backwards.answer.headline)
+    assert headline.endswith("but the earlier epoch is 1.02000 ± 0.00020 times as large as the later one.")
+
+
 def test_the_figure_of_the_whole_says_in_words_whether_it_moved():
     def note(**statistics):
         figures = facts_of(example_comparison(**statistics), epochs=controlled_epochs()).answer.figures
