@@ -33,6 +33,7 @@ MOSTLY = 0.5  # of the surface not assessable: the headline says so
 MUCH_LESS = 0.9  # of what a narrower change needs: a wider one is worth words
 LEAST_COARSE = 0.01  # of the assessed surface tells only large changes: the report says so in words
 LEAST_UNSURE = 0.001  # of it does not tell changes of the client's tolerance: so here
+LEAST_SIGMA_SCALE = 1e-6 / Z95  # no scale is told closer: the doubt about the motion says the same number
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
 NOT_ASSESSABLE = "not assessable"
 AGREEMENT_UNKNOWN = "how well the coordinates of both epochs agree is not known"
@@ -125,8 +126,8 @@ def _told_first(parts: list[PartMotion], n: int) -> str:
 
 
 def differs_as_a_whole(comparison: Comparison) -> bool:
-    """Return whether the compared epoch is of another scale, or all of its surface lies off: without regions, too, that is
-    not the same as no change."""
+    """Return whether the compared epoch is of another scale, or all of its surface lies off: without regions, too, that
+    is not the same as no change."""
     is_other_scale = math.isfinite(comparison.registration.scale)
     return is_other_scale or bool(comparison.statistics.get("offset_is_told"))
 
@@ -135,7 +136,7 @@ def _as_a_whole(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts]) -
     """Return in words by what the compared epoch differs as a whole from the reference; `epochs`: these, in order."""
     scale, sigma = comparison.registration.scale, comparison.registration.sigma_scale
     if math.isfinite(scale):
-        times = estimate(scale, sigma, 1.0, "").text
+        times = estimate(scale, max(sigma, LEAST_SIGMA_SCALE), 1.0, "").text
         return f"the {epochs[1].order} epoch is {times} times as large as the {epochs[0].order} one"
     return f"the surface as a whole lies {_off(comparison)}"
 

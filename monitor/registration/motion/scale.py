@@ -44,12 +44,19 @@ class Scale:
     def words(self) -> str:
         """The scale as a doubt about a motion that leaves it in the differences."""
         margin = max(Z95 * self.sigma, LEAST_MARGIN)
-        decimals = 1 - math.floor(math.log10(margin))
+        decimals = count_decimals(margin)
         return (
             f"the compared epoch is {self.ratio:.{decimals}f} ± {margin:.{decimals}f} times as large as the reference, "
             f"which puts its ends {in_millimetres(self.at_ends)} off: unless all of it grew or shrank, correct its "
             "scale and add it again; until then no difference tells change from scale"
         )
+
+
+def count_decimals(margin: float) -> int:
+    """Return the decimals of a number with this margin, as reports round: two digits of a margin that begins with 1 or
+    2, one of others, six decimals at most."""
+    exponent = math.floor(math.log10(margin))
+    return min((1 if round(margin / 10.0**exponent, 1) < 3.0 else 0) - exponent, 6)
 
 
 def find_scale(samples: Samples, target: Side, found: Alignment, rules: AlignmentRules, numbers: Ints,

@@ -8,8 +8,10 @@ from bumpy_body import NOISE, bumpy_points, move, noisy_cloud, unit
 
 from monitor.registration import register
 from monitor.registration.motion.sampling import parameter_rows
+from monitor.registration.motion.scale import Scale
 from projects.model import PointCloud
 from projects.transforms import perturb
+from reports.quantities import estimate
 
 TOLD = re.compile(
     r"the compared epoch is ([\d.]+) ± ([\d.]+) times as large as the reference, .* correct its scale and"
@@ -29,10 +31,18 @@ def test_a_scale_is_told_with_its_margin(rng: np.random.Generator, ratio: float)
     told = TOLD.match(found.doubt)
     assert told is not None, found.doubt
     value, margin = float(told[1]), float(told[2])
-    assert found.scale == pytest.approx(value, abs=0.1 * margin)  # as it is rounded
-    assert 1.96 * found.sigma_scale == pytest.approx(margin, rel=0.1)
+    assert found.scale == pytest.approx(value, abs=0.17 * margin)  # rounded to half of a third
+    assert 1.96 * found.sigma_scale == pytest.approx(margin, rel=0.17)
     assert abs(value - ratio) < 2.0 * margin  # four sigmas
     assert margin < 3e-4  # of a body of 0.6 m, 0.1 mm
+
+
+@pytest.mark.parametrize("margin", [0.0, 3e-7, 1.2e-6, 4.5e-5, 2.96e-4, 0.0031, 0.012])
+def test_the_doubt_and_the_headline_tell_one_scale(margin: float) -> None:
+    """One report held 1.0203 ± 0.0005 and 1.02031 ± 0.00045."""
+    words = Scale(1.0203142, margin / 1.96, 0.01).words
+    headline = estimate(1.0203142, max(margin, 1e-6) / 1.96, 1.0, "").text.replace("\u00a0", " ")
+    assert f"is {headline} times" in words
 
 
 @pytest.mark.parametrize(
