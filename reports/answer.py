@@ -313,18 +313,34 @@ def _coarse_beside(comparison: Comparison) -> str:
 
 
 def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:
-    """Return how much of the surface lies beyond the client's own limit, where one was given."""
+    """Return how much of the surface changed by more than the client's own limit, where one was given, and whether so
+    small a change is told at all: what differs by more may be error. Older records tell only that."""
     tolerance = comparison.statistics.get("tolerance_m")
     if tolerance is None:
         return ()
-    beyond, unsure = (
-        comparison.statistics.get(name, NAN) for name in ("share_beyond_tolerance", "share_coarser_than_tolerance")
+    changed, differs, unsure = (
+        comparison.statistics.get(f"share_{name}_tolerance", NAN)
+        for name in ("changed_beyond", "beyond", "coarser_than")
     )
-    limit = tolerance_in_words(tolerance)
-    told = f"{percent(beyond)} of the assessed surface differs by more than the tolerance of {limit}"
+    what = f"the assessed surface {{}} by more than the tolerance of {tolerance_in_words(tolerance)}"
+    told = f"{percent(changed)} of {what.format('changed')}"
+    if not math.isfinite(changed):
+        told = f"{percent(differs)} of {what.format('differs')}, by errors or by change"
+    level = _level_above(comparison, tolerance)
+    if level:
+        return (f"{told}. This survey does not tell changes as small as that: {level}.",)
     return (
         f"{told}; {percent(unsure)} tells only larger changes than that." if unsure >= LEAST_UNSURE else f"{told}.",
     )
+
+
+def _level_above(comparison: Comparison, tolerance: float) -> str:
+    """Return in words from how large a change on most of the surface tells one, where that is above a client's limit
+    [m]: of a wide one where that is known, else of a single place; else nothing."""
+    level, least = comparison.statistics.get("lod95_median_m", NAN), least_told(comparison)
+    if math.isfinite(least):
+        return f"changes are told only from about {millimetres(least)} on" if least > tolerance else ""
+    return f"the level of detection of single places is {millimetres(level)}" if level > tolerance else ""
 
 
 def tolerance_in_words(tolerance: float) -> str:

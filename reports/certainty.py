@@ -5,6 +5,7 @@ In: a comparison and the steps of both epochs. Out: tables of texts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -135,7 +136,9 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
     rows += _error_rows(statistics)
     if "tolerance_m" in statistics:
         rows.append(("the client’s tolerance", tolerance_in_words(statistics["tolerance_m"])))
-        rows.append(("assessed surface beyond it", percent(statistics.get("share_beyond_tolerance", NAN))))
+        differs, changed = (statistics.get(f"share_{n}beyond_tolerance", NAN) for n in ("", "changed_"))
+        rows.append(("assessed surface that differs by more, by errors or by change", percent(differs)))
+        rows += [("of that changed (significant)", percent(changed))] if math.isfinite(changed) else []
     note = (
         "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
         "called changed. Changed is only what hangs together as a region, is no smaller than the area over which "

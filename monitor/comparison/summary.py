@@ -24,7 +24,7 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
     """Return the statistics of `Comparison`, over the vertices of the compared surface; lengths in metres.
 
     Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones, by vertices above their level
-    of detection, by area beyond the tolerance. What could be assessed is told of the area of both surfaces less their
+    of detection, by area beyond the tolerance, of all that is assessed and of what is called changed. What could be assessed is told of the area of both surfaces less their
     fringes. `held` (6, 6) is the covariance of the motion that the differences are measured at; `knows_frames`: that of
     `registration` holds how far the frames of both epochs may differ.
     """
@@ -72,7 +72,10 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
     }
     if tolerance is not None:
         figures["tolerance_m"] = float(tolerance)
-        figures["share_beyond_tolerance"] = _share_of_area(areas[assessed], np.abs(d) > tolerance)
+        is_beyond = np.abs(d) > tolerance
+        figures["share_beyond_tolerance"] = _share_of_area(areas[assessed], is_beyond)
+        is_changed = state[assessed] == Assessment.CHANGED
+        figures["share_changed_beyond_tolerance"] = _share_of_area(areas[assessed], is_beyond & is_changed)
     return figures
 
 

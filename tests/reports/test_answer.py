@@ -313,14 +313,36 @@ def test_a_motion_within_its_margin_is_no_motion():
 
 
 def test_a_tolerance_is_reported_where_one_was_given():
-    text = said(facts_of(example_comparison(tolerance_m=0.01, share_beyond_tolerance=0.0031)))
-    assert "0.31 % of the assessed surface differs by more than the tolerance of 10 mm." in text
-    assert "tolerance" not in said(facts_of())
-    figures = {"tolerance_m": 0.01, "share_beyond_tolerance": 0.0031, "share_coarser_than_tolerance": 0.043}
+    figures = {"tolerance_m": 0.01, "share_beyond_tolerance": 0.0052, "share_changed_beyond_tolerance": 0.0031}
     text = said(facts_of(example_comparison(**figures)))
-    assert "differs by more than the tolerance of 10 mm; 4.3 % tells only larger changes than that." in text
-    exact = said(facts_of(example_comparison(tolerance_m=0.000125, share_beyond_tolerance=0.0031)))
-    assert "more than the tolerance of 0.125 mm." in exact
+    assert "0.31 % of the assessed surface changed by more than the tolerance of 10 mm." in text
+    assert "tolerance" not in said(facts_of())
+    text = said(facts_of(example_comparison(**figures, share_coarser_than_tolerance=0.043)))
+    assert "changed by more than the tolerance of 10 mm; 4.3 % tells only larger changes than that." in text
+    exact = said(facts_of(example_comparison(**{**figures, "tolerance_m": 0.000625})))
+    assert "more than the tolerance of 0.625 mm." in exact
+    rows = rows_of(facts_of(example_comparison(**figures)), "What can be seen")
+    assert rows["assessed surface that differs by more, by errors or by change"] == ["0.52 %"]
+    assert rows["of that changed (significant)"] == ["0.31 %"]
+
+
+def test_what_differs_by_error_is_not_told_as_beyond_the_tolerance():
+    """45 % "differs by more than 2 mm" beside a level of detection of 5 mm and 1.8 % changed."""
+    figures = {"tolerance_m": 0.002, "share_beyond_tolerance": 0.45, "lod95_median_m": 0.0051}
+    changed = {**figures, "share_changed_beyond_tolerance": 0.018, "share_coarser_than_tolerance": NAN}
+    text = said(facts_of(example_comparison(**changed)))
+    assert "1.8 % of the assessed surface changed by more than the tolerance of 2 mm. This survey does not tell" in text
+    assert "tell changes as small as that: the level of detection of single places is 5.1 mm." in text
+    assert "45 %" not in text
+    old = said(facts_of(example_comparison(**figures)))
+    assert (
+        "45 % of the assessed surface differs by more than the tolerance of 2 mm, by errors or by change. This" in old
+    )
+    wide = said(facts_of(example_comparison(**changed, told_by_width_m=[[0.07, 0.0031]])))
+    assert "small as that: changes are told only from about 3.1 mm on." in wide
+    told = said(facts_of(example_comparison(**changed, told_by_width_m=[[0.07, 0.0011]])))
+    assert "the tolerance of 2 mm. A change" not in told
+    assert "as small as that" not in told
 
 
 def test_what_scans_disagree_by_is_told_as_it_counts_in_regions():

@@ -63,6 +63,18 @@ def test_share_beyond_the_tolerance_is_of_the_area_and_not_of_the_vertices(rng: 
     assert 0.8 < result.statistics["assessed_area_share_reference"] < 0.95  # on the ramp it has no counterpart
 
 
+def test_what_errors_put_beyond_the_tolerance_did_not_change_beyond_it(rng: np.random.Generator) -> None:
+    reference, sunk = make_sheet(rng, 70), make_sheet(rng, 70, change=bowl(70, 1e-3, 0.006, 0.02))
+    result = compare(reference, sunk, known_motion(sunk), tolerance=1e-4)
+    side, figures = result.on_compared, result.statistics
+    is_beyond = np.abs(side.distances) > 1e-4
+    assessed = side.assessment != Assessment.NOT_ASSESSABLE
+    changed = (is_beyond & (side.assessment == Assessment.CHANGED))[assessed].mean()
+    assert 0.05 < changed < 0.8 * is_beyond[assessed].mean()  # the rest is noise
+    assert figures["share_changed_beyond_tolerance"] == pytest.approx(changed, abs=0.02)  # nearly even areas
+    assert figures["share_beyond_tolerance"] == pytest.approx(is_beyond[assessed].mean(), abs=0.02)
+
+
 def test_unchanged_pairs_rarely_show_a_region_and_exceed_lod95_at_five_percent(rng: np.random.Generator) -> None:
     n_with_region, shares = 0, []
     for _ in range(12):
