@@ -23,6 +23,7 @@ from reports.quantities import MM, percent
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison
 
 BEFORE, AFTER = "#8a8f98", "#15171c"
+BESIDE_LEVEL = 1.6  # times the level of detection, that a histogram reaches at least
 TALLEST = 3.2  # inches, of a profile
 
 
@@ -99,7 +100,7 @@ def draw_histogram(comparison: Comparison) -> bytes:
     values, areas = side.distances[assessed] * MM, vertex_areas(side.surface.vertices, side.surface.faces)[assessed]
     changed = side.assessment[assessed] == Assessment.CHANGED
     level = float(np.median(side.lod95[assessed])) * MM if len(values) else float("nan")
-    reach = _histogram_reach(values, changed, comparison)
+    reach = _histogram_reach(values, changed, comparison, level)
     edges = np.linspace(-reach, reach, 102)
     with drawing(2.3) as figure:
         axes = figure.add_axes((0.095, 0.19, 0.875, 0.70))
@@ -108,13 +109,13 @@ def draw_histogram(comparison: Comparison) -> bytes:
         parts, _ = np.histogram(values[changed], edges, weights=share[changed])
         low = _lowest_share(whole)
         _draw_bars(axes, edges, (whole, parts), choose_limit(comparison) * MM)
-        _mark_level(axes, level)
         _say_beyond(axes, float(share[np.abs(values) > reach].sum()))
         axes.set(
             xlim=(-reach, reach),
             yscale="log" if whole.any() else "linear",
             ylim=(low, 2.0 * max(whole.max(initial=0), 10 * low)),
         )
+        _mark_level(axes, level)
         axes.set_xlabel("signed distance [mm]: lost −, gained +")
         axes.set_ylabel("assessed surface [%]")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
@@ -126,11 +127,13 @@ def draw_histogram(comparison: Comparison) -> bytes:
         return write_svg(figure)
 
 
-def _histogram_reach(values: Floats, changed: Floats, comparison: Comparison) -> float:
-    """Return how far the histogram goes [mm]: the range of the colours, or of nearly all distances where wider."""
-    limit = choose_limit(comparison) * MM
+def _histogram_reach(values: Floats, changed: Floats, comparison: Comparison, level: float) -> float:
+    """Return how far the histogram goes [mm]: the range of the colours, or of nearly all distances where wider, and
+    well beyond the level of detection [mm], which is marked in it."""
+    limit, least = choose_limit(comparison) * MM, BESIDE_LEVEL * level if np.isfinite(level) else 0.0
     nearly_all = float(np.quantile(np.abs(values), 0.999)) if len(values) else 0.0
-    return max(limit, 1.05 * nearly_all) if changed.any() else max(1.25 * nearly_all, 0.5 * limit)
+    reach = max(limit, 1.05 * nearly_all) if changed.any() else max(1.25 * nearly_all, 0.5 * limit)
+    return max(reach, least)
 
 
 def _lowest_share(whole: Floats) -> float:
@@ -161,8 +164,10 @@ def _mark_level(axes: Axes, level: float) -> None:
         return
     for side in (-1, 1):
         axes.axvline(side * level, color=INK, lw=0.7, ls=(0, (4, 3)))
-    axes.annotate(f"level of detection ±{say_mm(level / MM)}", (level, 1.0), (5, 3), textcoords="offset points",
-                  xycoords=("data", "axes fraction"), fontsize=7.5, ha="left", va="bottom")  # fmt: skip
+    is_right = level > 0.5 * axes.get_xlim()[1]  # then its name has room to the left alone
+    axes.annotate(f"level of detection ±{say_mm(level / MM)}", (level, 1.0), (-5 if is_right else 5, 3),
+                  textcoords="offset points", xycoords=("data", "axes fraction"), fontsize=7.5,
+                  ha="right" if is_right else "left", va="bottom")  # fmt: skip
 
 
 def draw_section(comparison: Comparison, region_number: int) -> bytes:

@@ -24,9 +24,10 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
     """Return the statistics of `Comparison`, over the vertices of the compared surface; lengths in metres.
 
     Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones, by vertices above their level
-    of detection, by area beyond the tolerance, of all that is assessed and of what is called changed. What could be assessed is told of the area of both surfaces less their
-    fringes. `held` (6, 6) is the covariance of the motion that the differences are measured at; `knows_frames`: that of
-    `registration` holds how far the frames of both epochs may differ.
+    of detection, by area beyond the tolerance: of all that differs so much, and of what of it is called changed. What
+    could be assessed is told of the area of both surfaces less their fringes. `held` (6, 6) is the covariance of the
+    motion that the differences are measured at; `knows_frames`: that of `registration` holds how far the frames of both
+    epochs may differ.
     """
     side = sides[1]
     state, areas = on_compared.assessment, side.areas

@@ -12,7 +12,7 @@ from small_comparison import DEPTH, FRONT, LEVEL, PATCH, RADIUS, RIGHT, make_com
 
 from projects.errors import ParameterError
 from projects.triangles import vertex_areas
-from reports import pictures
+from reports import figures, pictures
 from reports.drawing import WIDTH, drawing, say_mm
 from reports.figures import (
     TALLEST,
@@ -199,6 +199,30 @@ def test_a_share_beyond_the_scale_is_said_as_a_reader_writes_it():
     axes = figure.add_subplot()
     _say_beyond(axes, 2e-8)
     assert [t.get_text().replace("\u00a0", " ") for t in axes.texts] == ["< 0.01 % beyond the scale"]
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.49, 0.51, 0.8, 1.0, 1.7])
+def test_the_level_of_detection_is_named_within_the_histogram(comparison, share, monkeypatch):
+    """It ended at "±0.44 m": of a level near the end of the scale the name was cut off."""
+    found = []
+
+    def measure(figure):
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        (axes,) = figure.axes
+        (name,) = (t for t in axes.texts if t.get_text().startswith("level of detection ±"))
+        box, line = name.get_window_extent(renderer), axes.transData.transform((level, 1.0))[0]
+        found.append((box.x0 / figure.dpi, box.x1 / figure.dpi, line / figure.dpi, axes.get_xlim()[1]))
+        return b""
+
+    level = share * DEPTH * 1e3  # mm; colours and distances end at the depth of the patches
+    side = comparison.on_compared
+    raised = dataclasses.replace(side, lod95=np.where(np.isfinite(side.lod95), level * 1e-3, np.nan))
+    monkeypatch.setattr(figures, "write_svg", measure)
+    draw_histogram(dataclasses.replace(comparison, on_compared=raised))
+    left, right, line, reach = found[0]
+    assert 0.0 < left < right < WIDTH
+    assert min(abs(left - line), abs(right - line)) < 0.1  # it stands beside its line
+    assert level < 0.65 * reach  # which is not at the end of the scale
 
 
 def test_the_words_of_the_colour_bar_end_within_the_picture():
