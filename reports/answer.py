@@ -35,6 +35,7 @@ LEAST_COARSE = 0.01  # of the assessed surface tells only large changes: the rep
 LEAST_UNSURE = 0.001  # of it does not tell changes of the client's tolerance: so here
 LEAST_SIGMA_SCALE = 1e-6 / Z95  # no scale is told closer: the doubt about the motion says the same number
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
+NONE_ASSESSED = "Nothing could be assessed."
 NOT_ASSESSABLE = "not assessable"
 AGREEMENT_UNKNOWN = "how well the coordinates of both epochs agree is not known"
 HAPPENED = {
@@ -73,7 +74,7 @@ def state_answer(
     """Return the answer of a comparison; `setting`: what words of place go by."""
     largest, tables = _largest(comparison, regions)
     return Answer(
-        headline=_headline(comparison, regions, (before, after)),
+        headline=_doubted(_headline(comparison, regions, (before, after)), comparison),
         changed=_what_changed(comparison, regions, before, after, tables),
         largest=largest,
         figures=_figures(comparison, regions, before, after),
@@ -95,11 +96,19 @@ def _how_sure(
     return tuple(Told(subject, " ".join(texts)) for subject, texts in told.items() if texts)
 
 
+def _doubted(headline: str, comparison: Comparison) -> str:
+    """Return a headline with the word that it is in doubt, where something speaks against how the epochs lie on each
+    other: the remarks say what. That nothing could be assessed is in no doubt."""
+    if not comparison.registration.doubt or headline == NONE_ASSESSED:
+        return headline
+    return f"In doubt: {headline[0].lower()}{headline[1:]}"
+
+
 def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...], epochs: tuple[EpochFacts, EpochFacts]) -> str:
     """Return the first sentence of the report: what changed, or that nothing did."""
     n, unknown = len(regions), max(shares_not_assessed(comparison))
     if n == 0 and _is_all_unknown(comparison):
-        return "Nothing could be assessed."
+        return NONE_ASSESSED
     where = f" on the {percent(1.0 - unknown)} of the surface that could be assessed" if unknown > MOSTLY else ""
     if n == 0 and differs_as_a_whole(comparison):
         return f"No part changed against the rest{where}, but {_as_a_whole(comparison, epochs)}."

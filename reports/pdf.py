@@ -39,6 +39,8 @@ MOST_COLUMNS = 8  # of a table; more stand in a second one below, its rows named
 HEAD = 3.0  # lines that a table's title and head take
 LINE, PAGE = 55.0, 100.0  # letters that a table has room for: half as wide as the page, and as wide as the page,
 SMALL, SMALLER = 115.0, 130.0  # in the small letters of the record, and its smaller ones
+COURSES = 112.0  # the same of the table of courses, as wide as the page
+NAMES, PIECE = 12, 8  # letters that a name of an epoch has room for there; a longer one is broken into such pieces
 SEAM = 1.8  # letters that the space between two columns takes
 WIDEST, NARROWEST = 24, 4  # letters that a column of short words gets at most and at least
 NAMING = 36  # the same of the first column, which names the rows in sentences
@@ -208,8 +210,14 @@ def fit_columns(table: Table, letters: float) -> dict[str, Any]:
 
 
 def _break_words(text: str, most: int) -> str:
-    """Return a text whose words may be broken after every `most` letters, where they are longer."""
-    return re.sub(rf"(\S{{{most}}})(?=\S)", rf"\1{BREAK}", text)
+    """Return a text whose words, where they are longer, may be broken after hyphens and after every `most` letters."""
+
+    def broken(word: re.Match[str]) -> str:
+        """Return one long word with its breaks."""
+        parted = re.sub(rf"([^-]{{{most}}})(?=[^-])", rf"\1{BREAK}", word[0])
+        return re.sub(r"-(?=\w)", f"-{BREAK}", parted)
+
+    return re.sub(rf"\S{{{most + 1},}}", broken, text)
 
 
 def _region(
@@ -232,15 +240,31 @@ def _in_columns(*figures: Estimate) -> list[dict[str, Any]]:
 
 def _series(series: SeriesFacts, chart: Mapping[str, str] | None) -> dict[str, Any]:
     """Return what goes on over several epochs."""
-    courses = [
-        {"number": c.number, "side": c.side, "on_map": c.on_map, "where": c.where,
-         "course": "; ".join(t for t in (c.course, c.origin) if t),
-         "first_seen": c.first_seen,
-         "estimates": _in_columns(c.area, c.mean, c.rate, c.volume_rate)}
-        for c in series.courses
-    ]  # fmt: skip
     motions = None if series.motions is None else fit_columns(series.motions, PAGE)
-    return {"lead": series.lead, "chart": chart, "courses": courses, "motions": motions}
+    heads = ("Region", "On the map", "Where", "How it goes on", "First seen")
+    rows = tuple(
+        (str(c.number), c.on_map, c.where, "; ".join(t for t in (c.course, c.origin) if t), c.first_seen[:NAMES])
+        for c in series.courses
+    )
+    figures = [(c.area, c.mean, c.rate, c.volume_rate) for c in series.courses]
+    fitted = fit_columns(Table("", heads, rows), max(COURSES - _letters_beside(figures), LINE))
+    courses = [
+        {
+            "number": c.number,
+            "side": c.side,
+            "words": [*words[1:4], _break_words(c.first_seen, PIECE)],
+            "estimates": _in_columns(*estimates),
+        }
+        for c, words, estimates in zip(series.courses, fitted["rows"], figures, strict=True)
+    ]
+    return {"lead": _break_words(series.lead, LONGEST), "chart": chart, "courses": courses, "motions": motions,
+            "columns": fitted["columns"], "widths": fitted["widths"]}  # fmt: skip
+
+
+def _letters_beside(figures: Sequence[Sequence[Estimate]]) -> float:
+    """Return how many letters the columns of figures take, a row of `figures` a course: value and what is beside it."""
+    pairs = [[(len(e.value), len(e.beside) - 1) for e in column] for column in zip(*figures, strict=True)]
+    return sum(max(v for v, _ in pair) + max(b for _, b in pair) + 2 * SEAM for pair in pairs)
 
 
 def _date(facts: ReportFacts) -> Mapping[str, int] | None:

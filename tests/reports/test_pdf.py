@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from pdf_oxide import PdfDocument
 from PIL import Image
-from report_examples import DENT, facts_of
+from report_examples import DENT, example_comparison, facts_of
 from scipy.spatial import cKDTree
-from shown_examples import DOT, pictures_of, text_of
+from series_examples import series_of
+from shown_examples import BAR, DOT, pictures_of, text_of
 
 from projects.errors import ParameterError
+from reports.courses import tell_series
 from reports.facts import Table
 from reports.pdf import MOST_COLUMNS, fit_columns, has_letters, set_beside, set_document, split_table, write_document
 from reports.pictures import Shown, ShownSingle, ShownView
@@ -204,6 +206,33 @@ def test_a_long_word_is_broken_within_the_page_and_the_foot_stays_short():
     assert count_printed_over(document) == 0
     assert "0123456789abcdef" * 4 in text_of(document).replace(" ", "")
     assert PdfDocument.from_bytes(document).validate_pdf_a("2a")["valid"]
+
+
+@pytest.mark.parametrize(
+    "epoch_id", ["before-the-restoration-of-the-southern-portal-in-the-2nd-camp.A", "E" * 64, "e1"]
+)
+def test_courses_first_seen_in_an_epoch_of_a_long_name_are_not_printed_over_one_another(epoch_id):
+    """Its column took the whole line, and the places and courses of regions stood below it."""
+    told = tell_series(series_of("accelerating", (-1e-4, -4e-4)))
+    course = dataclasses.replace(told.courses[0], first_seen=epoch_id, on_map="no.\u00a012", where="back right, above")
+    facts = dataclasses.replace(facts_of(), series=dataclasses.replace(told, courses=(course,) * 3))
+    document = set_document(facts, dataclasses.replace(pictures_of(facts), courses=BAR))
+    assert count_printed_over(document) == 0
+    assert text_of(document).count(epoch_id[-2:]) >= 3
+    for _, right, _ in printed(document):
+        assert right.max(initial=0.0) <= 192.1
+
+
+def test_what_is_in_doubt_is_signed_as_in_doubt():
+    """The headline, bold and above the signatures, was "No change was found." of an epoch that lay 11 mm off."""
+    comparison = example_comparison(rows=())
+    doubted = dataclasses.replace(comparison.registration, doubt="the stable areas lie 11 mm off each other")
+    facts = facts_of(dataclasses.replace(comparison, registration=doubted))
+    assert facts.answer.headline == "In doubt: no change was found."
+    assert facts_of(comparison).answer.headline == "No change was found."
+    signed = text_of(set_document(facts, pictures_of(facts))).partition("Signed")[2].partition("name, date")[0]
+    assert "In doubt: no change was found." in signed
+    assert "In doubt is how the epochs lie on each other: the stable areas lie 11 mm off each other." in signed
 
 
 def test_pictures_of_one_view_stand_at_one_height_whatever_their_names_take():
