@@ -189,3 +189,24 @@ def test_captions_of_narrow_pictures_do_not_touch_and_hold_their_dates_together(
     assert [c[4] for c in captions if c[5][0].isdigit()] == [1] * 2 * len(names)  # dates in one piece
     assert all(max(row) - min(row) <= 1 and min(row) > 0 for row in widths)  # one scale
     assert wide <= width
+
+
+@pytest.mark.page
+@pytest.mark.parametrize(("medium", "n_rows"), [("print", 1), ("screen", 2)])
+def test_a_page_that_is_printed_is_no_phone(tmp_path, medium, n_rows):
+    """A4 is narrower than 50 rem: on paper the figures to remember stood in two rows, and the tables in one column."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if not CHROMIUM.exists():
+        pytest.skip(f"no browser at {CHROMIUM}")
+    path = tmp_path / "report.html"
+    path.write_text(page_of(facts_of()), encoding="utf-8")
+    with playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        page = browser.new_page(viewport={"width": 673, "height": 980})  # 178 mm between the margins of A4
+        page.emulate_media(media=medium)
+        page.goto(path.as_uri())
+        tops = page.evaluate("[...document.querySelectorAll('.figures div')].map(d => d.getBoundingClientRect().top)")
+        columns = page.evaluate("getComputedStyle(document.querySelector('.columns')).columnCount")
+        browser.close()
+    assert len(set(tops)) == n_rows
+    assert columns == ("2" if medium == "print" else "1")
