@@ -37,7 +37,7 @@ class Label:
 
 def text_height(frame: Frame) -> float:
     """Return the height of letters [pixels] for a frame: alike in all pictures at one scale, as wide as these allow."""
-    return max(11.0, min(0.024 * frame.longest, 0.11 * frame.width))
+    return max(11.0, min(frame.letters or 0.024 * frame.longest, 0.11 * frame.width))
 
 
 def bar_length(frame: Frame) -> float:

@@ -21,6 +21,10 @@ from projects.model import Bools, Floats, Ints, Surface
 from projects.open3d_library import load_open3d
 from projects.triangles import face_normals
 
+VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
+              "below": "From below"}  # fmt: skip
+ROOM_NAMES = {"front": "Wall ahead", "right": "Wall to the left", "back": "Wall behind", "left": "Wall to the right",
+              "top": "Floor", "below": "Ceiling"}  # fmt: skip
 UP = np.array([0.0, 0.0, 1.0])
 N_PROBES = 4000
 WORTH_A_VIEW = 0.04  # share of the surface that a view must show and no earlier view does
@@ -59,6 +63,7 @@ class Frame:
     near : m along `towards` from `centre`; what lies nearer to the viewer is cut away.
     beside : pixels of the longest side of the pictures that stand beside it at its scale; 0 where it stands alone.
     cut_away : as of the view.
+    letters : pixels, the height of letters and numbers over the picture; 0 where nobody says how wide it is printed.
     """
 
     name: str
@@ -73,6 +78,7 @@ class Frame:
     near: float = np.inf
     beside: int = 0
     cut_away: bool = False
+    letters: float = 0.0
 
     @property
     def longest(self) -> int:
@@ -83,6 +89,11 @@ class Frame:
     def axes(self) -> Floats:
         """The rows right, up and towards (3, 3)."""
         return np.stack([self.right, self.up, self.towards])
+
+
+def title_of(view: View | Frame) -> str:
+    """Return the words below a view or its picture: the side that is seen, of a room the wall."""
+    return (ROOM_NAMES if view.cut_away else VIEW_NAMES).get(view.name, view.name)
 
 
 def project_points(frame: Frame, points: Floats) -> Floats:
@@ -240,8 +251,11 @@ def frame_view(view: View, points: Floats, metres_per_pixel: float, *, room: int
     )  # fmt: skip
 
 
-def frame_views(views: Sequence[View], surfaces: Sequence[Surface], *, longest_px: int = 900) -> list[Frame]:
-    """Return the frames of the views at one common scale, for every surface alike, the longest side `longest_px`."""
+def frame_views(
+    views: Sequence[View], surfaces: Sequence[Surface], *, longest_px: int = 900, letters_px: float = 0.0
+) -> list[Frame]:
+    """Return the frames of the views at one common scale, for every surface alike, the longest side `longest_px`, with
+    letters `letters_px` high (0: as the size of the pictures suggests)."""
     points = np.concatenate([s.vertices for s in surfaces])
     frames = [frame_view(view, points, 1.0) for view in views]  # only for their axes
     extents = np.stack([np.ptp(points @ f.axes.T, axis=0)[:2] for f in frames])
@@ -249,4 +263,4 @@ def frame_views(views: Sequence[View], surfaces: Sequence[Surface], *, longest_p
     free = np.array([longest_px - 2 * room, longest_px - 2 * room - foot]) - 1
     metres_per_pixel = float((extents / free).max())
     frames = [frame_view(view, points, metres_per_pixel, room=room, foot=foot) for view in views]
-    return [replace(frame, beside=longest_px) for frame in frames]
+    return [replace(frame, beside=longest_px, letters=letters_px) for frame in frames]

@@ -68,7 +68,8 @@ def write_captions(facts: ReportFacts) -> Captions:
         strips=f"The same fixed views of both epochs{moved}.",
         regions=(
             f"± is the half-width of the 95{NBSP}% interval.{hardly} Positive: material gained; negative: lost. "
-            f"{beside}{_name_sides(facts)}"
+            "Extreme: the middle of the several neighbouring places where the change is largest, so that no single one "
+            f"decides. {beside}{_name_sides(facts)}"
         ),
         region_columns=(
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),
@@ -132,7 +133,8 @@ def caption_region(region: RegionFacts, facts: ReportFacts) -> str:
     return (
         f"Region {region.number}: {region.area.text}, volume {region.volume.text}, extreme {region.extreme.text}. Seen "
         f"straight on, and in section from A to B: the reference is the {facts.before.order} epoch, the compared the "
-        f"{facts.after.order}."
+        f"{facts.after.order}. The dot is the largest change on this section, a single place; the extreme is of "
+        "several places."
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -16,7 +17,7 @@ from matplotlib.figure import Figure
 from reports.quantities import MM, significant
 
 INK, SOFT, FAINT = "#26282e", "#6b7078", "#eceff3"
-STYLE = {
+STYLE: dict[str, Any] = {
     "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "font.size": 8.0, "svg.fonttype": "path",
     "svg.hashsalt": "heritage-monitor", "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": SOFT,
     "axes.linewidth": 0.6, "axes.labelsize": 8.0, "axes.unicode_minus": True, "xtick.color": SOFT, "ytick.color": SOFT,
@@ -28,9 +29,11 @@ WIDTH = 6.7  # inches, of every chart: the width of the text on A4
 
 
 @contextmanager
-def drawing(height: float) -> Iterator[Figure]:
-    """Give an empty figure in the house's style."""
-    with matplotlib.rc_context(STYLE):
+def drawing(height: float, letters: float = 1.0) -> Iterator[Figure]:
+    """Give an empty figure in the house's style, its letters so many times as large as in a chart as wide as the
+    text."""
+    larger = {name: letters * size for name, size in STYLE.items() if name.endswith(("font.size", "labelsize"))}
+    with matplotlib.rc_context({**STYLE, **larger}):
         figure = Figure(figsize=(WIDTH, height))
         FigureCanvasSVG(figure)
         yield figure

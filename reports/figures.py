@@ -23,6 +23,7 @@ from reports.quantities import MM, percent
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison
 
 BEFORE, AFTER = "#8a8f98", "#15171c"
+WIDE, LETTERS = 0.855, 1.2  # of a section, which stands beside a close-up, seven tenths as large: the axes, the letters
 BESIDE_LEVEL = 1.6  # times the level of detection, that a histogram reaches at least
 TALLEST = 3.2  # inches, of a profile
 
@@ -187,10 +188,10 @@ def draw_section(comparison: Comparison, region_number: int) -> bytes:
     heights = heights_shown(lines, 2.0 * plane.reach * MM)
     span = max(2.0 * plane.reach * MM, span_for(heights))
     top = profile_height(heights, span)
-    with drawing(top + 1.75) as figure:
+    with drawing(top + 1.75, LETTERS) as figure:
         inches = top + 1.75
-        profile = figure.add_axes((0.095, 1.62 / inches, 0.875, (top - 0.12) / inches))
-        change = figure.add_axes((0.095, 0.42 / inches, 0.875, 0.95 / inches))
+        profile = figure.add_axes((0.97 - WIDE, 1.62 / inches, WIDE, (top - 0.12) / inches))
+        change = figure.add_axes((0.97 - WIDE, 0.45 / inches, WIDE, 0.92 / inches))
         for axes in (profile, change):
             axes.axvspan(0, (plane.high - plane.low) * MM, color=FAINT, lw=0)
             axes.set_xlim((middle - plane.low) * MM - span / 2, (middle - plane.low) * MM + span / 2)
@@ -217,12 +218,12 @@ def heights_shown(lines: tuple[SectionLine, SectionLine], span: float) -> Floats
 
 def span_for(heights: Floats) -> float:
     """Return how wide [mm] a profile must be for its heights (2,) [mm] to find room at equal scale."""
-    return float(np.ptp(heights)) * 1.15 * 0.875 * WIDTH / (TALLEST - 0.25) if len(heights) else 0.0
+    return float(np.ptp(heights)) * 1.15 * WIDE * WIDTH / (TALLEST - 0.25) if len(heights) else 0.0
 
 
 def profile_height(heights: Floats, span: float) -> float:
     """Return the height [inches] of the profile's axes at equal scale: as the profile needs, 0.7 to `TALLEST`."""
-    per_mm = 0.875 * WIDTH / span
+    per_mm = WIDE * WIDTH / span
     return float(np.clip(np.ptp(heights) * per_mm * 1.15 + 0.25, 0.7, TALLEST)) if len(heights) else 0.7
 
 
@@ -249,12 +250,12 @@ def _draw_profiles(axes: Axes, lines: tuple[SectionLine, SectionLine], plane: Se
         bbox_to_anchor=(0.985, 1.0),
         ncols=2,
         frameon=False,
-        fontsize=7.5,
+        fontsize=7.5 * LETTERS,
         borderpad=0.1,
         borderaxespad=0.35,
     )
     axes.annotate("both epochs, heights and lengths at one scale", (0, 1), (14, 4), "axes fraction",
-                  textcoords="offset points", fontsize=7.5)  # fmt: skip
+                  textcoords="offset points", fontsize=7.5 * LETTERS)  # fmt: skip
     for name, end in (("A", 0), ("B", 1)):
         axes.annotate(name, (end, 1), (0, 4), "axes fraction", textcoords="offset points", weight="bold", ha="center")
 
@@ -264,6 +265,7 @@ def _draw_change(axes: Axes, lines: tuple[SectionLine, SectionLine], plane: Sect
     line = max(reversed(lines), key=lambda one: int(one.in_region.sum()))
     along, change = _points(line, plane)[..., 0], line.distances * MM
     known = np.isfinite(change).all(axis=1)
+    _mark_unknown(axes, along[~known])
     along, change, inside = along[known], change[known], line.in_region[known]
     level = float(np.nanmedian(line.lod95[known])) * MM if known.any() else 0.0
     axes.axhspan(-level, level, color="#d6d5d2", lw=0, alpha=0.75)
@@ -281,6 +283,27 @@ def _draw_change(axes: Axes, lines: tuple[SectionLine, SectionLine], plane: Sect
     axes.set_ylabel("change [mm]")
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_formatter(plain_number)
+
+
+def _mark_unknown(axes: Axes, along: Floats) -> None:
+    """Hatch where the change is not assessable: segments (n, 2) [mm] along the section, of which some is not known."""
+    if not len(along):
+        return
+    for first, last in join_spans(np.sort(along, axis=1)):
+        axes.axvspan(first, last, facecolor=_hex(HATCH_LIGHT), edgecolor=_hex(HATCH_DARK), lw=0, hatch="/////")
+    axes.annotate("hatched: not assessable", (1, 1), (0, 3), "axes fraction", textcoords="offset points", ha="right",
+                  fontsize=7.5 * LETTERS)  # fmt: skip
+
+
+def join_spans(spans: Floats) -> list[tuple[float, float]]:
+    """Return spans (n, 2), each with its lower end first, rising and joined where they touch or lie over each other."""
+    joined: list[tuple[float, float]] = []
+    for first, last in spans[spans[:, 0].argsort()]:
+        if joined and first <= joined[-1][1] + 1e-6:
+            joined[-1] = (joined[-1][0], max(joined[-1][1], float(last)))
+        else:
+            joined.append((float(first), float(last)))
+    return joined
 
 
 def _scale_change(axes: Axes, change: Floats, level: float) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 from projects.model import Comparison
 from reports.answer import dotted_from, least_told
+from reports.cameras import title_of
 from reports.colours import choose_limit
 from reports.course_charts import draw_courses
 from reports.facts import ReportFacts
@@ -20,14 +21,15 @@ from reports.ranging import draw_calibration
 from reports.stability import draw_stable
 from reports.views import Picture, View, ViewPictures, choose_views, draw_close_up, draw_comparison, frame_views
 
-VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
-              "below": "From below"}  # fmt: skip
-ROOM_NAMES = {"front": "Wall ahead", "right": "Wall to the left", "back": "Wall behind", "left": "Wall to the right",
-              "top": "Floor", "below": "Ceiling"}  # fmt: skip
 PIXELS = 1.6e6  # of one epoch's views together: about twice as fine as the page shows them
 LARGEST, SMALLEST = 1200, 400  # pixels, longest side of a view
 ROW, GAP, TALLEST = 99.0, 1.6, 66.0  # per cent of the page's width: a row of pictures, between them, height at most
 NAMED, DATED = 8.0, 20.0  # the same: words below a picture get at least so much, a view's name and an epoch
+# On A4: the width of the text and the least height of letters in a picture [points], and how much of their per cent
+# pictures take in an overview and beside the others, and a close-up of the text's width (templates/report.typ).
+TEXT_WIDTH, LETTERS = 493.2, 6.2
+OVERVIEW, BESIDE, CLOSE_UP = 0.985, 0.86, 0.29
+CLOSE_UP_PIXELS = 640
 CLOSE_UPS = 24  # so many regions, the largest, are drawn close up; all are in the table
 
 
@@ -114,11 +116,15 @@ def draw_change(comparison: Comparison, bearing: float | None = None) -> Picture
     limit = choose_limit(comparison)
     level = comparison.statistics.get("lod95_median_m", float("nan"))
     views = choose_views(comparison.on_reference.surface, bearing)
-    drawn = draw_comparison(comparison, views, limit_m=limit, height_px=choose_size(comparison, views))
+    drawn = draw_comparison(
+        comparison, views, limit_m=limit, height_px=choose_size(comparison, views),
+        letters_px=choose_letters(comparison, views),
+    )  # fmt: skip
+    near = LETTERS / (CLOSE_UP * TEXT_WIDTH / CLOSE_UP_PIXELS)
     numbers = [int(n) for n in comparison.regions["region"]][:CLOSE_UPS]
     regions = {
         n: (
-            show(draw_close_up(comparison, n, limit_m=limit)),
+            show(draw_close_up(comparison, n, limit_m=limit, height_px=CLOSE_UP_PIXELS, letters_px=near)),
             show_drawing(draw_section(comparison, n), f"Section through region {n} with both epochs"),
         )
         for n in numbers
@@ -138,9 +144,14 @@ def choose_size(comparison: Comparison, views: Sequence[View]) -> int:
     return min(max(round(1000 * math.sqrt(PIXELS / pixels)), SMALLEST), LARGEST)
 
 
-def title_of(view: View) -> str:
-    """Return the words below a view: the side that is seen, of a room the wall."""
-    return (ROOM_NAMES if view.cut_away else VIEW_NAMES).get(view.name, view.name)
+def choose_letters(comparison: Comparison, views: Sequence[View]) -> float:
+    """Return the height of letters [pixels] in the views that is `LETTERS` on A4 where they are printed smallest: in
+    the overview or beside each other."""
+    surfaces = [comparison.on_reference.surface, comparison.on_compared.surface]
+    frames = frame_views(views, surfaces, longest_px=choose_size(comparison, views))
+    sizes = [(f.width, f.height) for f in frames]
+    points_per_pixel = min(OVERVIEW * fit_rows(sizes), BESIDE * fit_strip(sizes)) / 100.0 * TEXT_WIDTH
+    return LETTERS / points_per_pixel
 
 
 def show_views(views: Sequence[ViewPictures]) -> tuple[ShownView, ...]:

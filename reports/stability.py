@@ -5,12 +5,14 @@ A comparison goes in, small pictures come out; calm colours, since they say noth
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from projects.extent import Extent, inside
 from projects.model import Assessment, Comparison, Floats, Ints
 from reports.annotations import annotate
-from reports.cameras import View, choose_views, frame_views
+from reports.cameras import View, choose_views, frame_views, title_of
 from reports.colours import INSIDE, LEFT_OUT, OUTSIDE, SET_ASIDE, STABLE
 from reports.raycast import Pixels, build_scene, cast_view
 from reports.shading import draw_change, share_of, to_linear
@@ -18,6 +20,7 @@ from reports.views import Picture, finish_picture
 
 MOST_VIEWS = 4  # enough to see that the areas lie all around
 LONGEST = 420  # pixels
+LETTERS = 0.055  # of the widest picture: 6 points where that is a quarter as wide as the text on A4
 HELD, CHANGED, OTHER, OUT_OF_BOUNDS = range(4)
 COLOURS = (STABLE, SET_ASIDE, LEFT_OUT, OUTSIDE)
 
@@ -38,6 +41,7 @@ def draw_stable(
         return []
     views = choose_views(comparison.on_reference.surface, bearing)[:MOST_VIEWS]
     frames = frame_views(views, [side.surface], longest_px=LONGEST)
+    frames = [replace(frame, letters=LETTERS * max(f.width for f in frames)) for frame in frames]
     scene = build_scene(side.surface)
     asked = np.ones(len(is_stable), dtype=bool) if given is None else inside(given, side.surface.vertices)
     classes = np.select(
@@ -48,7 +52,7 @@ def draw_stable(
         seen = cast_view(scene, frame)
         drawn = annotate(draw_change(seen, paint_classes(seen, classes)), frame, [])
         none = np.zeros((1, 1), dtype=np.int32)
-        pictures.append((view, finish_picture(drawn, frame, none, f"Stable areas, {view.name} view")))
+        pictures.append((view, finish_picture(drawn, frame, none, f"Stable areas, {title_of(view)}")))
     return pictures
 
 

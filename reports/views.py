@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from PIL import Image
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Ints, Surface
 from projects.triangles import face_normals
 from reports.annotations import annotate, place_labels, seen_regions
-from reports.cameras import Frame, View, choose_views, frame_view, frame_views, project_points
+from reports.cameras import Frame, View, choose_views, frame_view, frame_views, project_points, title_of
 from reports.colours import RGB, choose_limit
 from reports.lighting import SUBPIXELS
 from reports.raycast import Pixels, Scene, build_scene, cast_view
@@ -85,9 +85,7 @@ def draw_surface(
     of_vertex = np.zeros(len(surface.vertices), dtype=np.int32) if regions is None else regions
     numbers = _thin_out(np.where(pixels.hit & ~pixels.inside, of_vertex[pixels.vertex], 0))
     labels = place_labels(numbers, _thin_out(pixels.hit), frame)
-    return finish_picture(
-        annotate(draw_stone(pixels), frame, labels), frame, numbers, f"The surface, {_side(view.name)}"
-    )
+    return finish_picture(annotate(draw_stone(pixels), frame, labels), frame, numbers, f"The surface, {title_of(view)}")
 
 
 def draw_difference(
@@ -118,8 +116,9 @@ def draw_difference(
 
 
 def draw_comparison(
-    comparison: Comparison, views: Sequence[View] | None = None, *, limit_m: float | None = None, height_px: int = 900
-) -> list[ViewPictures]:
+    comparison: Comparison, views: Sequence[View] | None = None, *, limit_m: float | None = None, height_px: int = 900,
+    letters_px: float = 0.0,
+) -> list[ViewPictures]:  # fmt: skip
     """Return before, after and difference from each view, all at one scale and framed alike.
 
     Parameters
@@ -128,11 +127,12 @@ def draw_comparison(
     views : where None, `choose_views` of the reference.
     limit_m : m, where the colours end; where None, `colours.choose_limit`.
     height_px : pixels of the longest side of any of the pictures.
+    letters_px : pixels, the height of letters and numbers; 0: as the size of the pictures suggests.
     """
     before, after = comparison.on_reference, comparison.on_compared
     views = list(views) if views is not None else choose_views(before.surface)
     limit = limit_m if limit_m is not None else choose_limit(comparison)
-    frames = frame_views(views, [before.surface, after.surface], longest_px=height_px)
+    frames = frame_views(views, [before.surface, after.surface], longest_px=height_px, letters_px=letters_px)
     scenes = build_scene(before.surface), build_scene(after.surface)
     with ThreadPoolExecutor(max_workers=2) as pool:  # the views do not depend on each other
         return list(
@@ -147,7 +147,7 @@ def _draw_view(
     earlier, later = (cast_view(scene, frame) for scene in scenes)
     none = np.zeros((1, 1), dtype=np.int32)
     stones = [
-        finish_picture(annotate(draw_stone(seen), frame, []), frame, none, f"The {epoch} epoch, {_side(view.name)}")
+        finish_picture(annotate(draw_stone(seen), frame, []), frame, none, f"The {epoch} epoch, {title_of(view)}")
         for epoch, seen in (("reference", earlier), ("compared", later))
     ]
     difference = _difference(
@@ -174,9 +174,10 @@ def _difference(
         only = earlier.hit & (~hit | stood_before(seen, numbers, earlier, gone, frame.metres_per_pixel))
         picture = draw_with_ghost(seen, colour, earlier, paint_change(earlier, other[0], limit), only)
         numbers, hit = np.where(only, gone, numbers), hit | only
-    numbers = _drop_slivers(_thin_out(numbers), side[0], other[0] if other else None, frame)
+    every = _thin_out(numbers)
+    numbers = _drop_slivers(every, side[0], other[0] if other else None, frame)
     labels = place_labels(numbers, _thin_out(hit), frame) if label else []
-    return finish_picture(annotate(picture, frame, labels), frame, numbers, _say_change(frame, numbers))
+    return finish_picture(annotate(picture, frame, labels), frame, numbers, _say_change(frame, numbers, every))
 
 
 def stood_before(later: Pixels, numbers: Ints, earlier: Pixels, gone: Ints, metres_per_pixel: float) -> Bools:
@@ -200,16 +201,20 @@ def _drop_slivers(numbers: Ints, side: ComparedSurface, other: ComparedSurface |
     return np.where(seen[numbers] >= LEAST_SHARE * areas[numbers], numbers, 0)
 
 
-def _say_change(frame: Frame, numbers: Ints) -> str:
-    """Return in words what a difference picture shows."""
-    shown = seen_regions(numbers)
+def _say_change(frame: Frame, numbers: Ints, every: Ints) -> str:
+    """Return in words what a difference picture shows: the regions of which enough is seen to be numbered; where there
+    are none, those of `every` pixel."""
+    shown, slight = seen_regions(numbers), seen_regions(every)
     what = f"regions seen: {', '.join(map(str, shown))}" if shown else "no change region is seen"
-    return f"Change as colours, {_side(frame.name)}; {what}"
+    if slight and not shown:
+        what = f"only small parts of regions are seen: {', '.join(map(str, slight))}"
+    return f"Change as colours, {title_of(frame)}; {what}"
 
 
 def draw_close_up(
-    comparison: Comparison, region_number: int, *, limit_m: float | None = None, height_px: int = 640
-) -> Picture:
+    comparison: Comparison, region_number: int, *, limit_m: float | None = None, height_px: int = 640,
+    letters_px: float = 0.0,
+) -> Picture:  # fmt: skip
     """Return the change about one region, seen along its mean normal, the region outlined.
 
     Drawn on the compared epoch, or on the reference where more of the region is there to be seen (a piece that is
@@ -222,7 +227,7 @@ def draw_close_up(
     """
     limit = limit_m if limit_m is not None else choose_limit(comparison)
     side = main_side(comparison, region_number)
-    frame = frame_region(side, region_number, height_px)
+    frame = replace(frame_region(side, region_number, height_px), letters=letters_px)
     seen = cast_view(build_scene(side.surface), frame)
     numbers = map_regions(seen, side)
     picture = outline(draw_change(seen, paint_change(seen, side, limit)), numbers == region_number)
@@ -260,11 +265,6 @@ def frame_region(side: ComparedSurface, number: int, longest_px: int) -> Frame:
 def _thin_out(fine: Any) -> Any:
     """Return one sub-pixel of each pixel of a map."""
     return fine[::SUBPIXELS, ::SUBPIXELS]
-
-
-def _side(name: str) -> str:
-    """Return the caption of a view."""
-    return "seen from below" if name == "below" else f"{name} view"
 
 
 def finish_picture(drawn: RGB, frame: Frame, numbers: Ints, alt: str) -> Picture:

@@ -13,9 +13,11 @@ from small_comparison import DEPTH, FRONT, LEVEL, PATCH, RADIUS, RIGHT, make_com
 from projects.errors import ParameterError
 from projects.triangles import vertex_areas
 from reports import figures, pictures
+from reports.colours import HATCH_DARK
 from reports.drawing import WIDTH, drawing, say_mm
 from reports.figures import (
     TALLEST,
+    WIDE,
     _add_states,
     _say_beyond,
     draw_colour_bar,
@@ -149,6 +151,35 @@ def test_section_names_its_largest_change_with_sign_and_unit(comparison):
         assert {"A", "B", "reference", "compared", "change [mm]"} <= set(said)
 
 
+def test_a_section_hatches_where_its_change_is_not_assessable(comparison, monkeypatch):
+    """It broke off without a word."""
+    drawn = []
+    monkeypatch.setattr(figures, "write_svg", lambda figure: drawn.append(figure) or b"")
+    side = comparison.on_compared
+    plane = choose_plane(comparison, 1)
+    along = (side.surface.vertices - plane.origin) @ plane.along - plane.low
+    unknown = (side.region == 1) & (along > 0.02) & (along < 0.03)
+    torn = dataclasses.replace(side, distances=np.where(unknown, np.nan, side.distances))
+    draw_section(dataclasses.replace(comparison, on_compared=torn), 1)
+    figure = drawn[0]
+    axes = figure.axes[1]
+    assert "hatched: not assessable" in [t.get_text() for t in axes.texts]
+    (hatched,) = (p for p in axes.patches if p.get_hatch())
+    edge = 2e3 * np.pi * RADIUS / 100  # mm, an edge of the ball
+    assert hatched.get_x() == pytest.approx(20.0, abs=1.5 * edge)
+    assert hatched.get_x() + hatched.get_width() == pytest.approx(30.0, abs=1.5 * edge)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
+    box = hatched.get_window_extent(canvas.get_renderer())
+    rows, columns = (slice(int(low) + 2, int(high) - 2) for low, high in ((box.y0, box.y1), (box.x0, box.x1)))
+    inside = picture[::-1][rows, columns]
+    assert 0.05 < (np.abs(inside - HATCH_DARK).max(axis=2) < 40).mean() < 0.6
+    whole = draw_section(comparison, 1)
+    assert whole == b""
+    assert not any(p.get_hatch() for p in drawn[1].axes[1].patches)
+
+
 def line_of(heights: Sequence[float], region: tuple[float, float]) -> SectionLine:
     """Return a line upwards through these heights [m], in the region between two of them."""
     up = np.array(heights)
@@ -167,7 +198,7 @@ def test_a_profile_shows_all_of_a_lost_piece_that_is_higher_than_wide():
     span = span_for(shown)
     assert span > 30.0
     assert profile_height(shown, span) == pytest.approx(TALLEST)
-    assert 40.0 * 0.875 * WIDTH / span < TALLEST - 0.2  # it has room at one scale
+    assert 40.0 * WIDE * WIDTH / span < TALLEST - 0.2  # it has room at one scale
 
 
 def test_a_profile_of_an_outline_that_goes_on_shows_the_region_and_what_is_beside_it():

@@ -6,10 +6,12 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import ndimage
 from small_comparison import DEPTH, FRONT, RADIUS, RIGHT, make_comparison
 
 from projects.errors import ParameterError
 from projects.model import Surface
+from reports import pictures
 from reports.annotations import (
     Label,
     annotate,
@@ -24,12 +26,13 @@ from reports.cameras import Frame, all_views, choose_views, find_front, frame_vi
 from reports.lighting import SUBPIXELS
 from reports.raycast import build_scene, cast_view
 from reports.shading import DOT_PERIOD, DOT_RADIUS, HATCH_PERIOD
-from reports.views import draw_close_up, draw_comparison, draw_difference, draw_surface
+from reports.views import _say_change, draw_close_up, draw_comparison, draw_difference, draw_surface
 
 SIZE = 340  # pixels
 
 
 def pixels_of(picture):
+    """Return the pixels of a finished or a shown picture."""
     return np.asarray(Image.open(io.BytesIO(picture.image))).astype(int)
 
 
@@ -123,6 +126,36 @@ def test_regions_are_named_in_the_views_that_show_them(drawn):
     assert 2 not in seen["left"]
     assert seen["back"] == ()
     assert drawn["front"].difference.alt.endswith("regions seen: 1")
+
+
+def test_a_region_of_which_little_is_seen_is_not_said_to_be_unseen():
+    frame = frame_views([all_views(FRONT)[0]], [plate(FRONT)], longest_px=60)[0]
+    none, little = np.zeros((60, 60), dtype=np.int32), np.zeros((60, 60), dtype=np.int32)
+    little[:4, :4] = 3
+    assert _say_change(frame, none, none) == "Change as colours, Front; no change region is seen"
+    assert _say_change(frame, none, little).endswith("; only small parts of regions are seen: 3")
+    room = dataclasses.replace(frame, name="left", cut_away=True)
+    assert _say_change(room, little, little) == "Change as colours, Wall to the right; regions seen: 3"
+
+
+def lettering_of(picture):
+    """Return the height [pixels] of the capitals and figures beside the scale bar of a picture."""
+    foot = pixels_of(picture)[-round(0.06 * max(picture.width, picture.height)) :].max(axis=2) < 110
+    columns, n = ndimage.label(foot.any(axis=0))
+    parts = [foot[:, columns == k].any(axis=1) for k in range(2, n + 1)]  # the first is the bar
+    rows = np.nonzero(np.any(parts, axis=0))[0]
+    return rows.max() - rows.min() + 1
+
+
+def test_letters_in_pictures_are_large_enough_to_be_read_on_paper(comparison, monkeypatch):
+    """On A4 they were 3.3 to 5 points high, in close-ups 3.5: capitals are 0.73 of that, of DejaVu Sans."""
+    monkeypatch.setattr(pictures, "PIXELS", 4e5)
+    shown = pictures.draw_change(comparison)
+    view, near = shown.views[0], shown.regions[1][0]
+    text = 174.0 / 25.4 * 72.0
+    printed = [(view.difference, 0.00985 * view.wide), (view.difference, 0.0086 * view.narrow), (near, 0.29)]
+    for picture, share in printed:
+        assert lettering_of(picture) / picture.width * share * text >= 0.73 * 6.0 * 0.95  # a pixel is a twentieth
 
 
 def test_label_is_drawn_where_it_is_placed(comparison, drawn, frames):
