@@ -16,7 +16,9 @@ from reports.quantities import (
     MM,
     NBSP,
     NOT_KNOWN,
+    WORDS,
     about_square,
+    count,
     estimate,
     in_words,
     listed,
@@ -178,12 +180,14 @@ def _what_changed(
             what = "stands out of the rest"
         return (f"{between} no part of the surface that could be assessed {what} by more than errors can make.",)
     parts: list[str] = []
-    for kind, n in Counter(r.kind for r in regions).items():
+    kinds = Counter(r.kind for r in regions)
+    say = in_words if all(n < len(WORDS) for n in kinds.values()) else count  # one style in a sentence
+    for kind, n in kinds.items():
         numbers = listed([str(r.number) for r in regions if r.kind == kind])
         which = f" ({'no.' if n == 1 else 'nos.'}{NBSP}{numbers})" if n <= LISTED else ""
         things = "" if parts else " region" if n == 1 else " regions"
         happened = MOVED_OR_WHOLE if kind == "moved" and holds_whole(comparison) else HAPPENED.get(kind, kind)
-        parts.append(f"{in_words(n)}{things} {happened}{which}")
+        parts.append(f"{say(n)}{things} {happened}{which}")
     # Their margins are added up as if all erred alike: the sum has no more digits than that leaves.
     whole = about_square(*(float(comparison.regions[name].sum()) for name in ("area_m2", "sigma_area_m2")))
     size = f"; together they cover {whole}" if len(regions) > 1 else ""
@@ -307,10 +311,10 @@ def _coarse(comparison: Comparison) -> tuple[str, ...]:
     if not _tells_coarse(comparison):
         return ()
     share, least, most = (comparison.statistics[f"coarse_{n}"] for n in ("area_share", "from_m", "told_from_m"))
-    return (
-        f"On {percent(share)} of the assessed surface (dotted in the pictures) only larger changes are told: above "
-        f"{millimetres(least)}, on the coarsest twentieth of it above {millimetres(most)}.",
-    )
+    above = [f"above {millimetres(least)}"] if math.isfinite(least) else []
+    above += [f"on the coarsest twentieth of it above {millimetres(most)}"] if math.isfinite(most) else []
+    told = f"On {percent(share)} of the assessed surface (dotted in the pictures) only larger changes are told"
+    return (f"{told}: {', '.join(above)}." if above else f"{told}.",)
 
 
 def _coarse_beside(comparison: Comparison) -> str:
@@ -318,7 +322,7 @@ def _coarse_beside(comparison: Comparison) -> str:
     if not _tells_coarse(comparison):
         return ""
     share, least = (comparison.statistics[f"coarse_{name}"] for name in ("area_share", "from_m"))
-    return f"; {millimetres(least)} or more on {percent(share)} of the surface"
+    return f"; {millimetres(least)} or more on {percent(share)} of the surface" if math.isfinite(least) else ""
 
 
 def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:

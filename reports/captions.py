@@ -87,7 +87,8 @@ def write_captions(facts: ReportFacts) -> Captions:
         ),
         course_numbers=(
             "Numbers are those of the series, which a region keeps through all epochs. On the map: which region it is "
-            "in the pictures and the table of this comparison, which are numbered by themselves; –: none of them."
+            "in the pictures and the table of this comparison, which are numbered by themselves; –: none of them. "
+            "Areas are of the whole footprint of a region, to two digits: no margin of them is known."
         ),
         distribution=(
             f"The differences of all assessed places of the {after.order} surface, with the level of detection of "

@@ -16,15 +16,21 @@ from reports.answer import LEAST_COARSE
 from reports.facts import CourseFacts, SeriesFacts
 from reports.motions import say_steady_motion, tell_motions
 from reports.quantities import (
+    FINEST,
     MM,
+    NOT_KNOWN,
+    WORDS,
     Estimate,
     Measures,
     choose_measures,
+    count,
     day,
     estimate,
     in_words,
+    leading,
     millimetres,
     percent,
+    print_number,
 )
 
 GOES_ON = ("steady", "accelerating")  # at a rate
@@ -69,8 +75,9 @@ def _say_followed(n: int, going: int) -> str:
     where = "measured over its whole footprint in every epoch that shows most of it"
     if n == 1:
         return f"One region is followed, {where}; {'it goes' if going else 'nothing says that it goes'} on changing."
-    rest = f"{in_words(going)} of them {'goes' if going == 1 else 'go'}" if going else "of none it is told that it goes"
-    return f"{in_words(n).capitalize()} regions are followed, each {where}; {rest} on changing."
+    say = in_words if n < len(WORDS) else count  # one style in a sentence
+    rest = f"{say(going)} of them {'goes' if going == 1 else 'go'}" if going else "of none it is told that it goes"
+    return f"{say(n).capitalize()} regions are followed, each {where}; {rest} on changing."
 
 
 def _is_by_trend(row: pd.Series) -> bool:
@@ -123,11 +130,19 @@ def tell_course(series: Series, row: pd.Series, measures: Measures) -> CourseFac
         course=say_course(series, row) + since,
         origin=_origin(row),
         first_seen="by its trend alone" if _is_by_trend(row) else str(row["first_seen"]),
-        area=estimate(float(row["area_m2"]), 0.0, measures.per_m2, measures.area),
+        area=_area(row, measures),
         mean=estimate(mean, sigma, MM, "mm", signed=True),
         rate=_rate(row),
         volume_rate=_volume_rate(row, measures),
     )
+
+
+def _area(row: pd.Series, measures: Measures) -> Estimate:
+    """Return the area of a region's footprint with two digits: the series has no margin of it, and it is not exact."""
+    value = float(row["area_m2"]) * measures.per_m2
+    if not (math.isfinite(value) and value > 0.0):
+        return Estimate(NOT_KNOWN)
+    return Estimate(print_number(value, min(leading(value) + 1, FINEST)), "", measures.area)
 
 
 def _rate(row: pd.Series) -> Estimate:

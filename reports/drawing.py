@@ -6,6 +6,7 @@ Lengths come in metres and are drawn in millimetres; a chart is as wide as the t
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -14,7 +15,7 @@ import matplotlib
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from reports.quantities import MM, significant
+from reports.quantities import MM, NOT_KNOWN, significant
 
 INK, SOFT, FAINT = "#26282e", "#6b7078", "#eceff3"
 STYLE: dict[str, Any] = {
@@ -48,9 +49,11 @@ def write_svg(figure: Figure) -> bytes:
 
 def say_mm(metres: float, *, sign: bool = False) -> str:
     """Return a length as millimetres with two significant digits or more: 0.0035 mm, 0.35 mm, +2.4 mm, −12 mm."""
+    if not math.isfinite(metres):
+        return NOT_KNOWN
     value = metres * MM
-    digits = significant(value, 2)
-    return f"{value:{'+' if sign else ''}.{digits}f} mm".replace("-", "−")
+    text = f"{abs(value):.{significant(value, 2)}f} mm"
+    return f"{'−' if value < 0.0 else '+' if sign and value > 0.0 else ''}{text}"
 
 
 def plain_number(value: float, _: object = None) -> str:

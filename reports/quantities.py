@@ -18,6 +18,7 @@ from projects.model import Z95
 NOT_KNOWN = "not known"
 MM, DEGREES = 1e3, 180.0 / math.pi  # of one m, rad
 NBSP, THIN, MINUS = "\u00a0", "\u202f", "\u2212"
+NO_SHARE = 1e-11  # of anything: what sums of shares round to
 FINEST = 6  # no more decimals than these, however small the margin
 MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
           "November", "December")  # fmt: skip
@@ -184,6 +185,7 @@ def percent(share: float) -> str:
     """Return a share of 0 to 1 in per cent, with more decimals the nearer it is to none or all."""
     if not math.isfinite(share):
         return NOT_KNOWN
+    share = 0.0 if abs(share) < NO_SHARE else 1.0 if abs(share - 1.0) < NO_SHARE else share  # rounding of sums
     rest = min(share, 1.0 - share)
     if rest <= 0.0:
         return f"{100.0 * share:.0f}{NBSP}%"

@@ -31,7 +31,8 @@ def _say(epoch_id: str, steps: list[Step]) -> str:
     """Return what was found of the first scan, and how many others were corrected."""
     found = steps[0].automatic
     waves = ", ".join(say_mm(float(a)) for a in found["amplitudes"])
-    more = f" {len(steps) - 1} other scans of the epoch were corrected likewise." if len(steps) > 1 else ""
+    n = len(steps) - 1
+    more = f" {n} other scan{'s were' if n > 1 else ' was'} corrected likewise." if n else ""
     return (
         f"Epoch {epoch_id}, {steps[0].parameters['name']}: cyclic range error found on {found['n_patches']} plane "
         f"patches, amplitudes {waves}; the median deviation from a plane is {say_mm(float(found['mad_before']))} "

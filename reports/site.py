@@ -150,7 +150,7 @@ class Site:
         measured = (
             "finished mesh"
             if epoch.is_mesh
-            else f"{len(headers)} scans, {count(sum(h.n_points for h in headers))} points"
+            else f"{len(headers)} scan{'s' * (len(headers) > 1)}, {count(sum(h.n_points for h in headers))} points"
         )
         made = project.latest(epoch.object_id, epoch.epoch_id, "surface")
         vertices = None if made is None else made.counts.get("vertices")

@@ -27,6 +27,7 @@ SIDEWAYS = {*SIDES, *WALLS} - {"front", "back", "wall ahead", "wall behind"}  # 
 ON_THE_WALL = 0.8  # of the way from the middle of a room to its end: what faces back from there is wall
 ON_ALL_WALLS = 0.5  # the same of walls all round, which stand nearer in the mean: 0.79 of the way where a room is round
 ALL_ROUND = 1.0 / 3.0  # of the area is left of the summed normals of three sides of a pillar; less: no side is meant
+NO_LEVEL = 5e-4  # m: less below the base is 0 mm above it
 APART = 1.0 / 6.0  # of the object's width, from its middle: beyond it one says "left" or "right"
 
 
@@ -147,7 +148,11 @@ def say_where(normal: Floats, place: Floats, setting: Setting) -> str:
 
 
 def say_place(side: str, place: Floats, setting: Setting) -> str:
-    """Return the words for a side with the part and the height at which `place` (3,) lies."""
+    """Return the words for a side with the part and the height at which `place` (3,) lies; floor and ceiling have none
+    worth saying, and the lowest point of an object may be noise below its base."""
     part = "" if side in {*SIDEWAYS, ALL_WALLS} else name_part(place, setting.box, setting.front)
-    above = f"{height(float(place[2] - setting.box[0, 2]))} above the {'floor' if setting.is_room else 'base'}"
+    ground, level = "floor" if setting.is_room else "base", float(place[2] - setting.box[0, 2])
+    above = f"{height(abs(level))} {'below' if level < -NO_LEVEL else 'above'} the {ground}"
+    if setting.is_room and side in ("floor", "ceiling"):
+        above = ""
     return ", ".join(words for words in (side, part, above) if words)

@@ -238,6 +238,24 @@ def test_what_tells_only_large_changes_is_said_with_its_share_and_what_it_tells(
         assert "dotted" not in said(facts_of(example_comparison(**little)))
 
 
+def test_what_is_not_known_of_large_changes_is_left_out():
+    """It was said that changes are told "above not known"."""
+    coarse = {"coarse_from_m": 0.0014, "coarse_area_share": 0.062, "coarse_told_from_m": float("inf")}
+    text = said(facts_of(example_comparison(**coarse)))
+    assert "only larger changes are told: above 1.4 mm. " in text
+    facts = facts_of(example_comparison(**{**coarse, "coarse_from_m": NAN}))
+    assert "(dotted in the pictures) only larger changes are told. " in said(facts)
+    assert plain(facts.answer.figures[1].note) == "95 %, median, single places"
+    assert "not known" not in "".join(told.text for told in facts.answer.sure if told.subject == "How small")
+
+
+def test_numbers_of_regions_in_one_sentence_have_one_style():
+    rows = tuple((k, "lost" if k < 15 else "added", *DENT[2:]) for k in range(1, 19))
+    text = said(facts_of(example_comparison(rows)))
+    assert "14 regions lost material and 4 gained material" in text
+    assert "two" not in text.partition("; together")[0]
+
+
 @pytest.mark.parametrize("side", ["on_compared", "on_reference"])
 def test_dots_have_their_words_where_either_surface_has_any(side):
     known = {

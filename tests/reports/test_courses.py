@@ -2,11 +2,30 @@
 
 from dataclasses import replace
 
+import pytest
 from series_examples import followed, series_of
 
-from reports.courses import tell_series
+from reports.courses import _say_followed, tell_course, tell_series
+from reports.quantities import USUAL
 
 NAN = float("nan")
+
+
+@pytest.mark.parametrize(("area", "text"), [(0.002, "20 cm²"), (0.12349, "1 200 cm²"),
+                                            (3.4e-4, "3.4 cm²"), (NAN, "not known")])  # fmt: skip
+def test_the_area_of_a_course_has_no_digits_that_nobody_knows(area: float, text: str) -> None:
+    """It stood without a margin, with three digits or four."""
+    series = series_of("steady", (-1e-4, -4e-4))
+    row = series.regions.assign(area_m2=area).iloc[0]
+    told = tell_course(series, row, USUAL).area
+    assert told.text.replace("\u00a0", " ").replace("\u202f", " ") == text
+    assert told.margin == ""
+
+
+def test_numbers_of_regions_in_one_sentence_have_one_style() -> None:
+    assert _say_followed(18, 3).startswith("18 regions are followed, each measured")
+    assert _say_followed(18, 3).endswith("; 3 of them go on changing.")
+    assert _say_followed(12, 3).endswith("; three of them go on changing.")
 
 
 def test_a_region_that_one_epoch_shows_goes_on_at_no_rate_and_says_when_it_was_measured() -> None:

@@ -219,8 +219,9 @@ def test_drawings_are_the_same_every_time(comparison):
 
 
 @pytest.mark.parametrize(
-    ("metres", "text"), [(0.000351, "+0.35 mm"), (-0.0024, "−2.4 mm"), (0.0123, "+12 mm"), (0.000004, "+0.0040 mm")]
-)
+    ("metres", "text"), [(0.000351, "+0.35 mm"), (-0.0024, "−2.4 mm"), (0.0123, "+12 mm"), (0.000004, "+0.0040 mm"),
+                         (0.0, "0 mm"), (-0.0, "0 mm"), (float("nan"), "not known")]
+)  # fmt: skip
 def test_millimetres_have_two_digits_and_a_true_minus(metres, text):
     assert say_mm(metres, sign=True) == text
 

@@ -97,7 +97,8 @@ def test_a_degree_sign_stands_at_the_value_and_at_the_margin():
 @pytest.mark.parametrize(
     ("share", "text"),
     [(0.0, "0 %"), (1.0, "100 %"), (0.1289, "13 %"), (0.0468, "4.7 %"), (0.0031, "0.31 %"), (0.996, "99.60 %"),
-     (1e-6, "< 0.01 %"), (1 - 1e-6, "> 99.99 %"), (NAN, "not known")],
+     (1e-6, "< 0.01 %"), (1 - 1e-6, "> 99.99 %"), (NAN, "not known"),
+     (-2.2e-16, "0 %"), (1e-16, "0 %"), (1.0 - 2.2e-16, "100 %"), (1.0 + 2.2e-16, "100 %")],
 )  # fmt: skip
 def test_a_share_has_more_digits_the_nearer_it_is_to_none_or_all(share, text):
     assert percent(share).replace("\u00a0", " ") == text

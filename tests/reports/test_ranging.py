@@ -35,7 +35,7 @@ def test_the_first_corrected_scan_is_told_with_its_figures():
         "12 plane patches",
         "1.6 mm, 0.80 mm",
         "1.0 mm before and 0.40 mm after",
-        "1 other scan",
+        "1 other scan was corrected likewise.",
     ):
         assert words in told.text
 

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from projects.model import REGION_COLUMNS, Assessment, ComparedSurface, Comparison, Registration, Surface
-from reports.whereabouts import Setting, locate, setting_of
+from reports.whereabouts import Setting, locate, say_place, setting_of
 
 OBJECT = Setting(np.array([0.0, -1.0, 0.0]), np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 2.0]]), is_room=False)
 ROOM = Setting(np.array([0.0, -1.0, 0.0]), np.array([[-2.0, -1.5, 0.0], [2.0, 1.5, 2.5]]), is_room=True)
@@ -83,6 +83,16 @@ def test_walls_all_round_a_room_have_neither_a_side_nor_a_left_and_right(n_sides
 def test_a_pillar_coated_all_round_stands_within_the_room(at):
     side = " to the right," if at[0] > 0 else ""
     assert where(shaft(36, at=at), shaft(36, at=at), at, ROOM) == f"within the room,{side} 1.20 m above the floor"
+
+
+@pytest.mark.parametrize(("side", "place", "setting", "told"), [
+    ("floor", [1.5, 0.0, -0.01], ROOM, "floor, to the right"), ("ceiling", [0.0, 0.0, 2.39], ROOM, "ceiling"),
+    ("wall to the left", [0.0, 0.0, -0.01], ROOM, "wall to the left, 10 mm below the floor"),
+    ("wall to the left", [0.0, 0.0, -0.0004], ROOM, "wall to the left, 0 mm above the floor"),
+])  # fmt: skip
+def test_nothing_is_said_to_lie_a_negative_height_above_the_floor(side, place, setting, told):
+    """A floor that sank lay "−10 mm above the floor", and the ceiling of a hall 9 m above it."""
+    assert say_place(side, np.array(place), setting).replace("\u00a0", " ") == told
 
 
 @pytest.mark.parametrize(("degrees", "told"), [
