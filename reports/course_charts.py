@@ -12,18 +12,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateFormatter, AutoDateLocator, date2num
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.dates import AutoDateFormatter, AutoDateLocator, DateFormatter, DayLocator, date2num
+from matplotlib.figure import Figure
 
 from projects.model import Z95, Floats, Series
 from reports.colours import change_ramp
 from reports.courses import say_course
-from reports.drawing import INK, SOFT, drawing, plain_number, write_svg
+from reports.drawing import INK, SOFT, drawing, number_evenly, write_svg
 from reports.quantities import MM
 
 CHARTS = 6  # regions drawn, the largest; all are in the table
 COLUMNS, ROW = 2, 1.55  # charts in a row; inches of a row
+ROOM = 0.006  # of the figure's width, left free beside titles
+SHORT = 5.0  # days, of a series whose every day has room for its date
 BESIDE = 0.04  # of the time drawn, left free at both ends
-DATES = {365.0: "%Y", 31.0: "%b %Y", 1.0: "%d %b"}  # how ticks so many days apart are written
+DATES = {365.0: "%Y", 31.0: "%b %Y", 1.0: "%d %b\n%Y"}  # how ticks so many days apart are written
 
 
 def draw_courses(series: Series) -> bytes:
@@ -40,7 +44,19 @@ def draw_courses(series: Series) -> bytes:
             draw_course(axes, series, row)
             axes.set_ylabel("mean change [mm]" if left == 0 else "")
             draw_dates(axes, series)
+        make_room(figure, width)
         return write_svg(figure)
+
+
+def make_room(figure: Figure, width: float) -> None:
+    """Move all charts to the right where the numbers of one, or its title, begin left of its place, one of so many of
+    the figure's `width`."""
+    renderer, across = FigureCanvasAgg(figure).get_renderer(), figure.get_figwidth() * figure.dpi
+    begins = [(axes.yaxis.get_tightbbox(renderer), axes.get_position().x0 // width * width) for axes in figure.axes]
+    short = max(left + ROOM - box.x0 / across for box, left in begins if box is not None)
+    for axes in figure.axes if short > 0.0 else []:
+        box = axes.get_position()
+        axes.set_position((box.x0 + short, box.y0, box.width - short, box.height))
 
 
 def draw_dates(axes: Axes, series: Series) -> None:
@@ -49,11 +65,12 @@ def draw_dates(axes: Axes, series: Series) -> None:
     first, last = _dates(series, np.array([0.0, max(float(series.years[-1]), float(ahead))]))
     beside = BESIDE * (last - first)
     axes.set_xlim(first - beside, last + beside)
-    locator = AutoDateLocator(minticks=2, maxticks=6)  # so that each length of time has one
+    is_short = last - first < SHORT  # else ticks would be hours apart, and dates stand twice
+    locator = DayLocator() if is_short else AutoDateLocator(minticks=2, maxticks=6)  # each length of time has one
     axes.xaxis.set_major_locator(locator)
     formatter = AutoDateFormatter(locator)
     formatter.scaled = DATES
-    axes.xaxis.set_major_formatter(formatter)
+    axes.xaxis.set_major_formatter(DateFormatter(DATES[1.0]) if is_short else formatter)
 
 
 def draw_course(axes: Axes, series: Series, row: pd.Series) -> None:
@@ -75,8 +92,8 @@ def draw_course(axes: Axes, series: Series, row: pd.Series) -> None:
     axes.plot(dates[~found], means[~found], "o", color="white", mec=INK, mew=0.6, ms=4.5)
     axes.plot(_dates(series, np.zeros(1)), [0.0], "D", color=INK, ms=3.2)
     axes.set_title(f"region {int(row['identity'])}: {_in_short(series, row)}", loc="left", fontsize=8.0, pad=4.0)
-    axes.yaxis.set_major_formatter(plain_number)
     axes.locator_params(axis="y", nbins=5)
+    number_evenly(axes.yaxis)
     for edge in ("top", "right"):
         axes.spines[edge].set_visible(False)
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import matplotlib
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -58,4 +59,19 @@ def say_mm(metres: float, *, sign: bool = False) -> str:
 
 def plain_number(value: float, _: object = None) -> str:
     """Return a number of a scale with its sign, 0 without one."""
-    return f"{value:+.6g}".replace("-", "−") if abs(value) > 1e-12 else "0"
+    return even_numbers([value])[0]
+
+
+def even_numbers(values: Sequence[float]) -> list[str]:
+    """Return the numbers of a scale with their signs and as many decimals as the one that needs most, 0 by itself."""
+    largest = max((abs(v) for v in values), default=0.0)
+    decimals = next((d for d in range(12) if all(abs(round(v, d) - v) <= 1e-6 * largest for v in values)), 12)
+    return ["0" if abs(v) <= 1e-9 * largest else f"{v:+.{decimals}f}".replace("-", "−") for v in values]
+
+
+def number_evenly(axis: Axis) -> None:
+    """Write the numbers of an axis whose ends are set."""
+    low, high = sorted(axis.get_view_interval())
+    ends = 1e-9 * (high - low)
+    at = [float(t) for t in axis.get_majorticklocs() if low - ends <= t <= high + ends]
+    axis.set_ticks(at, even_numbers(at))

@@ -18,7 +18,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from projects.model import Assessment, Comparison, Floats
 from projects.triangles import vertex_areas
 from reports.colours import DOTS, HATCH_DARK, HATCH_LIGHT, UNCHANGED, change_ramp, choose_limit
-from reports.drawing import FAINT, INK, SOFT, WIDTH, drawing, plain_number, say_mm, write_svg
+from reports.drawing import FAINT, INK, SOFT, WIDTH, drawing, number_evenly, say_mm, write_svg
 from reports.quantities import MM, percent
 from reports.sections import SectionLine, SectionPlane, choose_plane, cut_comparison
 
@@ -44,7 +44,7 @@ def draw_colour_bar(limit_m: float, lod95_m: float, told_m: float = math.nan, co
     coarse_m : m, the surface is dotted where only changes larger than that, or than more, are told. NaN: nowhere.
     """
     with drawing(0.78) as figure:
-        axes = figure.add_axes((0.03, 0.40, 0.54, 0.26))
+        axes = figure.add_axes((0.055, 0.40, 0.505, 0.26))
         limit = limit_m * MM
         level = min(lod95_m * MM, limit) if np.isfinite(lod95_m) else 0.0
         middle = (np.arange(1024) + 0.5) / 512 - 1
@@ -53,7 +53,7 @@ def draw_colour_bar(limit_m: float, lod95_m: float, told_m: float = math.nan, co
         axes.imshow(ramp[None], extent=(-limit, limit, 0, 1), aspect="auto", interpolation="nearest")
         _bare(axes)
         axes.set_xticks(np.linspace(-limit, limit, 5))
-        axes.xaxis.set_major_formatter(plain_number)
+        number_evenly(axes.xaxis)
         axes.annotate("lost", (0, 1), (0, 4), "axes fraction", textcoords="offset points", weight="bold")
         axes.annotate("gained", (1, 1), (0, 4), "axes fraction", textcoords="offset points", ha="right", weight="bold")
         axes.annotate("change [mm], scale of this report", (0.5, 1), (0, 4), "axes fraction",
@@ -121,8 +121,8 @@ def draw_histogram(comparison: Comparison) -> bytes:
         axes.set_ylabel("assessed surface [%]")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
         axes.yaxis.set_minor_locator(matplotlib.ticker.NullLocator())
-        axes.xaxis.set_major_formatter(plain_number)
         axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 5, 10]))
+        number_evenly(axes.xaxis)
         for edge in ("top", "right"):
             axes.spines[edge].set_visible(False)
         return write_svg(figure)
@@ -165,7 +165,7 @@ def _mark_level(axes: Axes, level: float) -> None:
         return
     for side in (-1, 1):
         axes.axvline(side * level, color=INK, lw=0.7, ls=(0, (4, 3)))
-    is_right = level > 0.5 * axes.get_xlim()[1]  # then its name has room to the left alone
+    is_right = level > 0.3 * axes.get_xlim()[1]  # then its name has more room to the left
     axes.annotate(f"level of detection ±{say_mm(level / MM)}", (level, 1.0), (-5 if is_right else 5, 3),
                   textcoords="offset points", xycoords=("data", "axes fraction"), fontsize=7.5,
                   ha="right" if is_right else "left", va="bottom")  # fmt: skip
@@ -282,7 +282,7 @@ def _draw_change(axes: Axes, lines: tuple[SectionLine, SectionLine], plane: Sect
     axes.set_xlabel("along the section [mm], shaded where it lies in the region")
     axes.set_ylabel("change [mm]")
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_formatter(plain_number)
+    number_evenly(axes.yaxis)
 
 
 def _mark_unknown(axes: Axes, along: Floats) -> None:

@@ -14,7 +14,8 @@ from projects.model import Comparison
 from reports.answer import dotted_from, least_told
 from reports.cameras import title_of
 from reports.colours import choose_limit
-from reports.course_charts import draw_courses
+from reports.course_charts import CHARTS, draw_courses
+from reports.drawing import say_mm
 from reports.facts import ReportFacts
 from reports.figures import draw_colour_bar, draw_histogram, draw_section
 from reports.ranging import draw_calibration
@@ -104,7 +105,7 @@ def draw_pictures(facts: ReportFacts) -> Pictures:
     """Return every picture of a report."""
     pictures = draw_change(facts.comparison, facts.front)
     if facts.series is not None and facts.series.courses:
-        charts = show_drawing(draw_courses(facts.series.series), "Mean change of each followed region over time")
+        charts = show_drawing(draw_courses(facts.series.series), _say_courses(facts))
         pictures = replace(pictures, courses=charts)
     ranging = [show_drawing(draw_calibration(c.profile), "Distances to a plane by range") for c in facts.calibrations]
     stable = show_stable(draw_stable(facts.comparison, facts.stable, facts.front))
@@ -125,16 +126,40 @@ def draw_change(comparison: Comparison, bearing: float | None = None) -> Picture
     regions = {
         n: (
             show(draw_close_up(comparison, n, limit_m=limit, height_px=CLOSE_UP_PIXELS, letters_px=near)),
-            show_drawing(draw_section(comparison, n), f"Section through region {n} with both epochs"),
+            show_drawing(draw_section(comparison, n), _say_section(comparison, n)),
         )
         for n in numbers
     }
     bar = show_drawing(
         draw_colour_bar(limit, level, least_told(comparison), dotted_from(comparison)),
-        "Colours of the differences in millimetres",
+        f"Colours of the differences: from {say_mm(-limit)} (lost, red) over grey (unchanged) to "
+        f"{say_mm(limit, sign=True)} (gained, blue), hatched where not assessable",
     )
-    histogram = show_drawing(draw_histogram(comparison), "Histogram of all differences")
+    histogram = show_drawing(draw_histogram(comparison), _say_histogram(len(comparison.regions), level))
     return Pictures(show_views(drawn), bar, histogram, regions)
+
+
+def _say_histogram(n_regions: int, level: float) -> str:
+    """Return in words what the histogram shows; `level` [m] of detection, NaN where it is not known."""
+    detected = f", level of detection ±{say_mm(level)}" if math.isfinite(level) else ""
+    changed = f"{n_regions} region{'s' * (n_regions != 1)} changed" if n_regions else "no region changed"
+    return f"Histogram of all differences{detected}, {changed}"
+
+
+def _say_section(comparison: Comparison, number: int) -> str:
+    """Return in words what the drawing of a section shows."""
+    row = comparison.regions[comparison.regions["region"] == number].iloc[0]
+    return (
+        f"Section through region {number} with both epochs and the change between them: mean "
+        f"{say_mm(float(row['mean_m']), sign=True)}, extreme {say_mm(float(row['extreme_m']), sign=True)}"
+    )
+
+
+def _say_courses(facts: ReportFacts) -> str:
+    """Return in words what the charts of a series show: the last mean change of each region that is drawn."""
+    assert facts.series is not None
+    told = [f"region {c.number} {c.mean.text}, {c.course}" for c in facts.series.courses[:CHARTS]]
+    return f"Mean change of each followed region over time, as last measured: {'; '.join(told)}"
 
 
 def choose_size(comparison: Comparison, views: Sequence[View]) -> int:

@@ -14,7 +14,7 @@ from projects.errors import ParameterError
 from projects.triangles import vertex_areas
 from reports import figures, pictures
 from reports.colours import HATCH_DARK
-from reports.drawing import WIDTH, drawing, say_mm
+from reports.drawing import WIDTH, drawing, even_numbers, say_mm
 from reports.figures import (
     TALLEST,
     WIDE,
@@ -117,8 +117,11 @@ def test_colour_bar_says_what_dots_mean_where_there_are_any():
 def test_the_colour_bar_of_a_report_says_what_its_answer_says_is_told(comparison, monkeypatch):
     monkeypatch.setattr(pictures, "LARGEST", 120)
     told = {"told_by_width_m": [[0.07, 0.00049], [0.155, 0.00044]], "told_from_median_m": 0.00048}
-    bar = pictures.draw_change(dataclasses.replace(comparison, statistics={**comparison.statistics, **told})).colour_bar
-    assert "unchanged (up to about 0.49 mm)" in words(bar.image)
+    drawn = pictures.draw_change(dataclasses.replace(comparison, statistics={**comparison.statistics, **told}))
+    assert "unchanged (up to about 0.49 mm)" in words(drawn.colour_bar.image)
+    assert "from −5.0 mm (lost, red) over grey (unchanged) to +5.0 mm (gained, blue)" in drawn.colour_bar.alt
+    assert drawn.histogram.alt == "Histogram of all differences, level of detection ±0.40 mm, 2 regions changed"
+    assert drawn.regions[2][1].alt.endswith("the change between them: mean −2.0 mm, extreme −5.0 mm")
 
 
 def test_colour_bar_without_a_level_of_detection_is_drawn():
@@ -255,6 +258,28 @@ def test_the_level_of_detection_is_named_within_the_histogram(comparison, share,
     assert 0.0 < left < right < WIDTH
     assert min(abs(left - line), abs(right - line)) < 0.1  # it stands beside its line
     assert level < 0.65 * reach  # which is not at the end of the scale
+
+
+@pytest.mark.parametrize("limit", [1.5e-6, 1.5e-4, 0.003, 12.0])
+def test_the_numbers_of_the_colour_bar_stand_within_the_picture_and_have_like_decimals(limit, monkeypatch):
+    """Of a medal and of a wall the numbers at its ends were cut off."""
+    drawn = []
+    monkeypatch.setattr(figures, "write_svg", lambda figure: drawn.append(figure) or b"")
+    draw_colour_bar(limit, 0.3 * limit)
+    figure, renderer = drawn[0], FigureCanvasAgg(drawn[0]).get_renderer()
+    numbers = figure.axes[0].get_xticklabels()
+    boxes = [text.get_window_extent(renderer) for text in numbers]
+    assert min(box.x0 for box in boxes) > 0.0
+    assert max(box.x1 for box in boxes) / figure.dpi < 0.61 * WIDTH  # where grey is explained
+    assert len({len(text.get_text().partition(".")[2]) for text in numbers if text.get_text() != "0"}) == 1
+
+
+@pytest.mark.parametrize(("values", "told"), [
+    ([-0.5, 0.0, 0.5, 1.0], ["−0.5", "0", "+0.5", "+1.0"]), ([8e-5], ["+0.00008"]), ([-20.0, 0.0], ["−20", "0"]),
+    ([0.1 + 0.2], ["+0.3"]), ([-1e-17, 2.0], ["0", "+2"]),
+])  # fmt: skip
+def test_numbers_of_a_scale_have_like_decimals_and_no_powers_of_ten(values, told):
+    assert even_numbers(values) == told
 
 
 def test_the_words_of_the_colour_bar_end_within_the_picture():
