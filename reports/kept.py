@@ -5,10 +5,13 @@ In: an open project and ids. Out: pairs of epochs (reference, compared), steps, 
 
 from __future__ import annotations
 
+from collections import Counter
+
 from projects.errors import StoreError
 from projects.identifiers import comparison_product, series_product, split_product
 from projects.model import Step
 from projects.store import Project
+from reports.quantities import listed
 
 
 def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
@@ -79,3 +82,16 @@ def end_of_longest_series(project: Project, object_id: str, reference_id: str) -
         if step is not None and series_resting_on(project, object_id, (reference_id, epoch.epoch_id), step) is not None:
             return epoch.epoch_id
     return None
+
+
+def tell_no_order(project: Project, object_id: str) -> tuple[str, ...]:
+    """Return in words that no change is followed over more than two epochs, where two are of one date; none else."""
+    epochs = project.epochs(object_id)
+    dates = Counter(e.date for e in epochs)
+    alike = [e.epoch_id for e in epochs if dates[e.date] > 1]
+    if len(epochs) < 3 or not alike:
+        return ()
+    return (
+        f"How changes go on over the {len(epochs)} epochs of this object is not told: epochs {listed(alike)} are of "
+        "one date, which leaves no order.",
+    )

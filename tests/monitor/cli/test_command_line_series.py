@@ -20,6 +20,7 @@ from projects.formats import write_ply_mesh
 from projects.model import Assessment, Step
 from reports import pictures
 from reports.course_charts import draw_courses
+from reports.document import gather_facts
 from reports.exports import export_series
 
 YEARS = (2021, 2022, 2023, 2025)
@@ -192,6 +193,8 @@ def test_epochs_of_one_date_leave_no_order_and_that_is_said(
     assert run(["compare", project, "relief"]) == 0
     said = capsys.readouterr().out
     assert said.strip().endswith("no series: a and b are of one date, and leave no order")
+    remarks = " ".join(gather_facts(Project.open(tmp_path / "project"), "relief", "a", "late").remarks)
+    assert "over the 3 epochs of this object is not told: epochs a and b are of one date, which leaves" in remarks
     assert run(["compare", project, "relief", "late", "a"]) == 0
     assert "told backwards in time, the reference is the later epoch" in capsys.readouterr().out
 
