@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from reports.answer import dotted_from, is_beside_layer
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
-from reports.quantities import NBSP, tell_bearing
+from reports.quantities import NBSP, listed, tell_bearing
 
 # What two surfaces do not tell from it, where the surface goes on: plaster that bulges, wood that shrinks.
 OR_MOVED = {"lost": ", or surface that sank in (not told which)",
@@ -35,6 +35,20 @@ class Captions:
     stable: str
     record: str
     foot: str
+
+
+def _name_hollows(facts: ReportFacts) -> str:
+    """Return which regions are hollows too narrow for a surface, and what is told of them; "" without any."""
+    known = {region.number for region in facts.regions}
+    shapes = facts.comparison.statistics.get("region_shapes", [])
+    hollows = [str(s["region"]) for s in shapes if s.get("is_hollow") and s["region"] in known]
+    if not hollows:
+        return ""
+    are = "are hollows" if len(hollows) > 1 else "is a hollow"
+    return (
+        f"No. {listed(hollows)} {are} too narrow to have a surface, such as a crack: told by points measured in it, as "
+        "deep as these lie; it may be deeper, and its volume is not known. "
+    )
 
 
 def write_captions(facts: ReportFacts) -> Captions:
@@ -69,7 +83,7 @@ def write_captions(facts: ReportFacts) -> Captions:
         regions=(
             f"± is the half-width of the 95{NBSP}% interval.{hardly} Positive: material gained; negative: lost. "
             "Extreme: the middle of the several neighbouring places where the change is largest, so that no single one "
-            f"decides. {beside}{_name_sides(facts)}"
+            f"decides. {beside}{_name_hollows(facts)}{_name_sides(facts)}"
         ),
         region_columns=(
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),

@@ -25,7 +25,14 @@ from monitor.comparison.regions.beyond import Beyond, look_beyond
 from monitor.comparison.regions.borne_out import Points, drop_guessed, keep_borne_out
 from monitor.comparison.regions.chips import drop_unexplained
 from monitor.comparison.regions.evidence import Sights, look_through
-from monitor.comparison.regions.finding import Regions, area_looked_through, find_regions, least_area, least_beyond
+from monitor.comparison.regions.finding import (
+    Regions,
+    area_looked_through,
+    find_regions,
+    least_area,
+    least_beyond,
+    lie_mostly_over_hollows,
+)
 from monitor.comparison.regions.hollows import enter_hollows, may_hide_hollows
 from monitor.comparison.regions.plain_change import changed_plainly
 from monitor.comparison.regions.shapes import describe_shapes
@@ -161,7 +168,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     on_both = finish_sides(told.sides, found, told.regions, told.beyond)
     statistics: dict[str, Any] = {
         "search_limit_m": limits[0],
-        "region_shapes": describe_shapes(told.regions.table, told.sides, told.regions.whole),
+        "region_shapes": shapes_of(told),
         "told_by_width_m": told.by_width,
     }
     if between.layer:
@@ -174,6 +181,13 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     figures |= area_figures(on_both, told.sides, sights, found.test.size)
     table = told.regions.table
     return Comparison(on_both[1], on_both[0], table, between.stated, mode, {**figures, **statistics})
+
+
+def shapes_of(told: Told) -> list[dict[str, Any]]:
+    """Return the shape of each region that is told."""
+    table, whole = told.regions.table, told.regions.whole
+    are_hollows = lie_mostly_over_hollows(told.sides, told.beyond, whole, len(table))
+    return describe_shapes(table, told.sides, whole, are_hollows)
 
 
 def measure(reference: Surface, compared: Surface, asked: Question,

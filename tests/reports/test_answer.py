@@ -40,6 +40,14 @@ def test_regions_beside_a_layer_all_over_say_that_their_figures_are_beside_it():
     assert "beside" not in write_captions(facts_of(example_comparison())).regions
 
 
+def test_what_is_told_of_a_hollow_is_explained_below_the_table():
+    comparison = example_comparison()
+    assert "hollow" not in write_captions(facts_of(comparison)).regions
+    shapes = [{"region": 1, "is_hollow": True}, {"region": 2, "is_hollow": False}, {"region": 99, "is_hollow": True}]
+    told = dataclasses.replace(comparison, statistics={**comparison.statistics, "region_shapes": shapes})
+    assert "No. 1 is a hollow too narrow to have a surface, such as a crack" in write_captions(facts_of(told)).regions
+
+
 def test_an_even_change_is_said_to_be_a_layer_or_a_piece_that_moved():
     """A step that sank by 3 mm and a step worn by 3 mm all over are one and the same to two surfaces."""
     facts = facts_of(example_comparison(((DENT[0], "cleaned", *DENT[2:]), (PATCH[0], "coated", *PATCH[2:]))))

@@ -60,6 +60,7 @@ def test_a_crack_that_a_surface_bridges_is_told_by_the_points_in_it(rng: np.rand
     assert np.isnan(
         [region[name] for name in ("volume_m3", "sigma_volume_m3", "sigma_extreme_m", "sigma_mean_m")]
     ).all()
+    assert [shape["is_hollow"] for shape in found.statistics["region_shapes"]] == [True]
     before, after = found.on_reference, found.on_compared
     mouth = is_in_mouth(before.surface.vertices)
     inner = mouth & (np.abs(before.surface.vertices[:, 0]) < 0.25 * WIDTH)
