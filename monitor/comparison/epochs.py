@@ -25,13 +25,13 @@ from monitor.comparison.regions.beyond import Beyond, look_beyond
 from monitor.comparison.regions.borne_out import Points, drop_guessed, keep_borne_out
 from monitor.comparison.regions.chips import drop_unexplained
 from monitor.comparison.regions.evidence import Sights, look_through
+from monitor.comparison.regions.figures import lie_over_hollows
 from monitor.comparison.regions.finding import (
     Regions,
     area_looked_through,
     find_regions,
     least_area,
     least_beyond,
-    lie_mostly_over_hollows,
 )
 from monitor.comparison.regions.hollows import enter_hollows, may_hide_hollows
 from monitor.comparison.regions.plain_change import changed_plainly
@@ -186,7 +186,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
 def shapes_of(told: Told) -> list[dict[str, Any]]:
     """Return the shape of each region that is told."""
     table, whole = told.regions.table, told.regions.whole
-    are_hollows = lie_mostly_over_hollows(told.sides, told.beyond, whole, len(table))
+    are_hollows = lie_over_hollows(told.sides, told.beyond, whole, len(table))
     return describe_shapes(table, told.sides, whole, are_hollows)
 
 

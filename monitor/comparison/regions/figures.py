@@ -40,19 +40,27 @@ def is_volume_known(sides: Pair, regions: tuple[Ints, Ints], beyond: Beyond, wid
     Beside is within `width` [m] along the surface. Where a vertex that is not assessed lies neither over nor under the
     other surface, nor at an end of either that was seen, what happened there was not seen, and may go on. On neither
     side may that be more than `MOST_UNKNOWN` of the region's area, the larger one of both sides: a fracture is smaller
-    than what broke off it. Nor may more of it lie over a hollow that no surface follows to its ground.
+    than what broke off it. Nor may it lie over hollows that no surface follows to their ground.
     """
     area, unknown = np.zeros(n_regions), np.zeros(n_regions)
-    for side, region, change, is_end, hollow in zip(sides, regions, beyond.change, beyond.is_end, beyond.is_unfollowed,
-                                                    strict=True):  # fmt: skip
+    for side, region, change, is_end in zip(sides, regions, beyond.change, beyond.is_end, strict=True):
         around = spread_margin(side, region, width)
         is_seen_end = is_end & ~np.isin(side.reasons, (NotAssessed.NOT_SEEN, NotAssessed.MET_NOTHING))
         is_unknown = ~side.is_assessed & np.isnan(change) & ~is_seen_end & (region == 0)
         beside = np.bincount(around, np.where(is_unknown, side.areas, 0.0), minlength=n_regions + 1)[1:]
-        beside += np.bincount(region, np.where(hollow, side.areas, 0.0), minlength=n_regions + 1)[1:]
         area = np.maximum(area, np.bincount(region, side.areas, minlength=n_regions + 1)[1:])
         unknown = np.maximum(unknown, beside)
-    return unknown <= MOST_UNKNOWN * area
+    return np.asarray((unknown <= MOST_UNKNOWN * area) & ~lie_over_hollows(sides, beyond, regions, n_regions))
+
+
+def lie_over_hollows(sides: Pair, beyond: Beyond, regions: tuple[Ints, Ints], n_regions: int) -> Bools:
+    """Return which regions (n_regions,) lie over hollows that no surface follows: on either side over more than
+    `MOST_UNKNOWN` of what of them lies there. How deep points lie in them is known: they are as deep at least."""
+    out = np.zeros(n_regions, dtype=np.bool_)
+    for side, region, hollow in zip(sides, regions, beyond.is_unfollowed, strict=True):
+        area = np.bincount(region, side.areas, minlength=n_regions + 1)[1:]
+        out |= np.bincount(region, np.where(hollow, side.areas, 0.0), minlength=n_regions + 1)[1:] > MOST_UNKNOWN * area
+    return out
 
 
 def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints], grown: tuple[Ints, Ints],

@@ -29,9 +29,9 @@ from monitor.comparison.regions.chips import HANDFUL, stand_alone, turn_sharply
 from monitor.comparison.regions.covered import take_covered
 from monitor.comparison.regions.enclosure import measure_body, over_each_other, spread_over_assessed
 from monitor.comparison.regions.figures import (
-    MOST_UNKNOWN,
     describe_region,
     is_volume_known,
+    lie_over_hollows,
     settle_kind,
     stands_out,
     view_sides,
@@ -121,7 +121,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     by_sigma = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
     is_vague = turn_sharply(sides, seen, len(gone)) | lie_mostly_at_rim(sides, found.noise, seen, len(gone))
     table.loc[(n_stand == 0.0) & is_vague, "sigma_extreme_m"] = np.nan
-    table.loc[lie_mostly_over_hollows(sides, beyond, whole, len(gone)), ["sigma_mean_m", "sigma_extreme_m"]] = np.nan
+    table.loc[lie_over_hollows(sides, beyond, whole, len(gone)), ["sigma_mean_m", "sigma_extreme_m"]] = np.nan
     is_known = by_sigma | (are_points_asked & (n_stand > 0.0) & lies_beyond_guesses(table, sides, seen, stated))
     return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
 
@@ -234,16 +234,6 @@ def lie_mostly_at_rim(sides: Sequence[Side], noise: Noise, regions: tuple[Ints, 
     by more than their vertices know."""
     whole, at_rim = areas_at_rim(sides, noise, [r - 1 for r in regions], n_regions)
     return np.asarray(at_rim.sum(axis=0) > 0.5 * whole.sum(axis=0))
-
-
-def lie_mostly_over_hollows(sides: tuple[Side, Side], beyond: Beyond, regions: tuple[Ints, Ints], n: int) -> Bools:
-    """Return which regions 1 to n (n,) lie over hollows that no surface follows: how deep points lie in them is known,
-    and how deep they are at least."""
-    area, hollow = np.zeros(n + 1), np.zeros(n + 1)
-    for side, region, is_unfollowed in zip(sides, regions, beyond.is_unfollowed, strict=True):
-        area = np.maximum(area, np.bincount(region, side.areas, minlength=n + 1))
-        hollow += np.bincount(region[is_unfollowed], side.areas[is_unfollowed], minlength=n + 1)
-    return np.asarray(hollow > MOST_UNKNOWN * area)[1:]
 
 
 def areas_at_rim(sides: Sequence[Side], noise: Noise, parts: Sequence[Ints], n_parts: int) -> tuple[Floats, Floats]:

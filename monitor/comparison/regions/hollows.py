@@ -40,7 +40,7 @@ ON = 2.0  # spacings of the vertices from a surface, within which points lie on 
 
 class Hollows(NamedTuple):
     """Of a side's vertices (n,) which lie over a hollow; how deep [m] the deepest point under each and its neighbours
-    lies; and over which no surface of the other epoch follows it to there."""
+    lies; and where points lie deep, in hollows or narrower, whom no surface of the other epoch follows."""
 
     is_open: Bools
     depth: Floats
@@ -97,24 +97,28 @@ def find_hollows(sides: tuple[Side, Side], k: int, points: tuple[Floats, Floats]
     if np.count_nonzero(theirs.height < -by[1]) < FEWEST_DEEP:
         return None
     mine = place_under(own, tree, points[0])
-    part = connect_like(np.where(_lie_over_sunk(own, mine, theirs, sunk_by), 0, -1), [own.neighbours])
-    is_hollow = _are_hollows(own, part, mine, theirs, by)
-    number = np.append(np.where(is_hollow, np.cumsum(is_hollow) - 1, -1), -1)
-    return _measure(sides, k, theirs_all, theirs, number[part], by) if is_hollow.any() else None
+    is_own = _is_measured(own, mine, sunk_by)
+    part = connect_like(np.where(_fill_gaps(own, _is_sunk(own, theirs, sunk_by) & is_own), 0, -1), [own.neighbours])
+    is_open = np.append(_are_hollows(own, part, mine, theirs, by), False)[part]
+    depth, is_unfollowed = _measure(sides, k, theirs_all, theirs, by)
+    return Hollows(is_open, depth, is_unfollowed & is_own)
 
 
-def _lie_over_sunk(side: Side, mine: Under, theirs: Under, sunk_by: float) -> Bools:
-    """Return the vertices (n,) around which the other epoch's points are sunk and the side's own lie on it, and what
-    lies between them."""
+def _count_around(side: Side, under: Under, which: Bools) -> Ints:
+    """Return how many of the points `which` (m,) lie next to each vertex (n,) and its neighbours."""
+    return sum_around(side.neighbours, np.bincount(under.vertex[which], minlength=len(side.areas)))
 
-    def around(under: Under, which: Bools) -> Ints:
-        """Return how many of the points `which` (m,) lie next to each vertex (n,) and its neighbours."""
-        return sum_around(side.neighbours, np.bincount(under.vertex[which], minlength=len(side.areas)))
 
-    sunk, own_sunk = (around(under, under.height < -sunk_by) for under in (theirs, mine))
-    on, own_on = (around(under, under.height >= -sunk_by) for under in (theirs, mine))
-    is_sunk = (sunk >= FEWEST_SUNK) & (sunk >= on)
-    return _fill_gaps(side, is_sunk & (own_on >= FEWEST_ON) & (own_sunk <= MOST_SUNK * own_on) & ~side.is_fringe)
+def _is_measured(side: Side, mine: Under, sunk_by: float) -> Bools:
+    """Return the vertices (n,) around which the side's own points lie on it, and hardly any behind."""
+    on, sunk = (_count_around(side, mine, which) for which in (mine.height >= -sunk_by, mine.height < -sunk_by))
+    return np.asarray((on >= FEWEST_ON) & (sunk <= MOST_SUNK * on) & ~side.is_fringe)
+
+
+def _is_sunk(side: Side, theirs: Under, sunk_by: float) -> Bools:
+    """Return the vertices (n,) around which at least as many of the other epoch's points are sunk as lie on them."""
+    on, sunk = (_count_around(side, theirs, which) for which in (theirs.height >= -sunk_by, theirs.height < -sunk_by))
+    return np.asarray((sunk >= FEWEST_SUNK) & (sunk >= on))
 
 
 def _are_hollows(side: Side, part: Ints, mine: Under, theirs: Under, by: tuple[float, float]) -> Bools:
@@ -175,13 +179,12 @@ def _fill_gaps(side: Side, is_open: Bools) -> Bools:
     return np.asarray(grown & ~spread_rings(side.neighbours, ~grown, 1))
 
 
-def _measure(sides: tuple[Side, Side], k: int, points: Floats, theirs: Under, part: Ints,
-             by: tuple[float, float]) -> Hollows:  # fmt: skip
-    """Return the hollows, whose `part` (n,) is 0 or more, with how deep they are, and which no surface of the other
-    epoch follows: where the deepest points, around most vertices, lie on none. `by` [m] are those sunk and deep."""
+def _measure(sides: tuple[Side, Side], k: int, points: Floats, theirs: Under,
+             by: tuple[float, float]) -> tuple[Floats, Bools]:  # fmt: skip
+    """Return how deep (n,) [m] the deepest sunk point under each vertex and its neighbours lies, 0 without any, and
+    where no surface of the other epoch follows those that lie deep: `by` [m] are those sunk and deep."""
     own, other = sides[k], sides[1 - k]
     at = np.flatnonzero(theirs.height < -by[0])
-    at = at[part[theirs.vertex[at]] >= 0]
     at = at[np.argsort(-theirs.height[at], kind="stable")]
     deepest = np.full(len(own.areas), -1)
     deepest[theirs.vertex[at]] = at  # the last one written is the deepest
@@ -192,7 +195,7 @@ def _measure(sides: tuple[Side, Side], k: int, points: Floats, theirs: Under, pa
     n_all[deep] = 1.0
     n_off[deep] = cKDTree(other.surface.vertices).query(points[deepest[deep]], workers=2)[0] > ON * other.spacing
     is_off = 2.0 * sum_around(own.neighbours, n_off) > sum_around(own.neighbours, n_all)
-    return Hollows(part >= 0, largest_around(own.neighbours, depth), (part >= 0) & is_off)
+    return largest_around(own.neighbours, depth), is_off
 
 
 def _as_looked_through(sides: tuple[Side, Side], beyond: Beyond, found: Detected, k: int,
