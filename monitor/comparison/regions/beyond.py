@@ -36,7 +36,7 @@ class Beyond:
     nearest to it, -1 without; `is_free` (n,) whether it lies on a free edge; `limit` [m] of the search; `is_through`
     (n,) whether a scan of the other epoch looked through it, which makes it gone or new: nowhere, if none is known;
     `is_end` (n,) whether it is the end of a surface that lies no farther off than ends do by chance, `ends_by` [m];
-    `is_unfollowed` (n,) whether it lies over a hollow that no surface of the other epoch follows to its ground.
+    `unfollowed` (n,) [m] how deep points of the other epoch lie in under it whom no surface of theirs follows, 0: none.
     """
 
     change: tuple[Floats, Floats]
@@ -47,7 +47,7 @@ class Beyond:
     is_through: tuple[Bools, Bools]
     is_end: tuple[Bools, Bools]
     ends_by: tuple[float, float]
-    is_unfollowed: tuple[Bools, Bools]
+    unfollowed: tuple[Floats, Floats]
 
 
 def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: float) -> Beyond:
@@ -77,7 +77,8 @@ def look_beyond(sides: tuple[Side, Side], shells: tuple[Shell, Shell], limit: fl
     none = (np.zeros(len(change[0]), dtype=np.bool_), np.zeros(len(change[1]), dtype=np.bool_))
     is_free = (shells[0].is_border, shells[1].is_border)
     return Beyond((change[0], change[1]), (gaps[0], gaps[1]), (nearest[0], nearest[1]), is_free, limit, none,
-                  (ends[0], ends[1]), (unsure_of_ends(sides[0]), unsure_of_ends(sides[1])), none)  # fmt: skip
+                  (ends[0], ends[1]), (unsure_of_ends(sides[0]), unsure_of_ends(sides[1])),
+                  (np.zeros(len(change[0])), np.zeros(len(change[1]))))  # fmt: skip
 
 
 def is_at_end(side: Side, shell: Shell, which: Ints, found: Offsets) -> Bools:

@@ -57,10 +57,21 @@ def lie_over_hollows(sides: Pair, beyond: Beyond, regions: tuple[Ints, Ints], n_
     """Return which regions (n_regions,) lie over hollows that no surface follows: on either side over more than
     `MOST_UNKNOWN` of what of them lies there. How deep points lie in them is known: they are as deep at least."""
     out = np.zeros(n_regions, dtype=np.bool_)
-    for side, region, hollow in zip(sides, regions, beyond.is_unfollowed, strict=True):
-        area = np.bincount(region, side.areas, minlength=n_regions + 1)[1:]
-        out |= np.bincount(region, np.where(hollow, side.areas, 0.0), minlength=n_regions + 1)[1:] > MOST_UNKNOWN * area
+    for side, region, depth in zip(sides, regions, beyond.unfollowed, strict=True):
+        area, hollow = (
+            np.bincount(region, weights, minlength=n_regions + 1)[1:]
+            for weights in (side.areas, np.where(depth > 0.0, side.areas, 0.0))
+        )
+        out |= hollow > MOST_UNKNOWN * area
     return out
+
+
+def depths_of_points(regions: tuple[Ints, Ints], beyond: Beyond, n_regions: int) -> Floats:
+    """Return how deep [m] the deepest point lies under each region (n_regions,) that no surface follows; 0: none."""
+    out = np.zeros(n_regions + 1)
+    for region, depth in zip(regions, beyond.unfollowed, strict=True):
+        np.maximum.at(out, region, depth)
+    return out[1:]
 
 
 def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, Ints], grown: tuple[Ints, Ints],

@@ -29,6 +29,7 @@ from monitor.comparison.regions.chips import HANDFUL, stand_alone, turn_sharply
 from monitor.comparison.regions.covered import take_covered
 from monitor.comparison.regions.enclosure import measure_body, over_each_other, spread_over_assessed
 from monitor.comparison.regions.figures import (
+    depths_of_points,
     describe_region,
     is_volume_known,
     lie_over_hollows,
@@ -121,7 +122,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     by_sigma = known_of(table, sides, seen, stated, found.noise.usual, gone >= least, level)
     is_vague = turn_sharply(sides, seen, len(gone)) | lie_mostly_at_rim(sides, found.noise, seen, len(gone))
     table.loc[(n_stand == 0.0) & is_vague, "sigma_extreme_m"] = np.nan
-    table.loc[lie_over_hollows(sides, beyond, whole, len(gone)), ["sigma_mean_m", "sigma_extreme_m"]] = np.nan
+    table = tell_hollows(table, sides, beyond, whole)
     is_known = by_sigma | (are_points_asked & (n_stand > 0.0) & lies_beyond_guesses(table, sides, seen, stated))
     return Regions(table, seen, whole, n_stand == 0.0, ~is_known).keep(order[shown[order]])
 
@@ -234,6 +235,18 @@ def lie_mostly_at_rim(sides: Sequence[Side], noise: Noise, regions: tuple[Ints, 
     by more than their vertices know."""
     whole, at_rim = areas_at_rim(sides, noise, [r - 1 for r in regions], n_regions)
     return np.asarray(at_rim.sum(axis=0) > 0.5 * whole.sum(axis=0))
+
+
+def tell_hollows(table: pd.DataFrame, sides: tuple[Side, Side], beyond: Beyond,
+                 regions: tuple[Ints, Ints]) -> pd.DataFrame:  # fmt: skip
+    """Return the table (r rows, regions 1 to r) with what is known of regions over hollows that no surface follows: at
+    their deepest they are as deep as points lie in them, and nobody knows how much deeper."""
+    are_hollows = lie_over_hollows(sides, beyond, regions, len(table))
+    depth, extreme = depths_of_points(regions, beyond, len(table)), table["extreme_m"].to_numpy(dtype=float)
+    deepest = np.where(are_hollows, np.sign(extreme) * np.maximum(np.abs(extreme), depth), extreme)
+    out = table.assign(extreme_m=deepest)
+    out.loc[are_hollows, ["sigma_mean_m", "sigma_extreme_m"]] = np.nan
+    return out
 
 
 def areas_at_rim(sides: Sequence[Side], noise: Noise, parts: Sequence[Ints], n_parts: int) -> tuple[Floats, Floats]:

@@ -34,13 +34,14 @@ FEWEST_SUNK = 2  # points around a vertex
 FEWEST_DEEP, SHARE_DEEP = 8, 0.1  # points of a hollow that lie deep; and of those sunk
 FEWEST_ON, MOST_SUNK = 3, 0.1  # points on its surface around a vertex; share of those sunk, in the epoch that has it
 AS_DENSE = 0.5  # of what its points should be there by how many the other epoch has: else it bridged the place, too
+HALF = 0.5  # of the depth of the points below a mouth: a surface nearer to it bridges it
 AWAY = -0.3  # cosine between two surfaces: what lies on one that looks the other way was not measured through this one
 ON = 2.0  # spacings of the vertices from a surface, within which points lie on it
 
 
 class Hollows(NamedTuple):
     """Of a side's vertices (n,) which lie over a hollow; how deep [m] the deepest point under each and its neighbours
-    lies; and where points lie deep, in hollows or narrower, whom no surface of the other epoch follows."""
+    lies; and where points lie sunk, in hollows or narrower, whom no surface of the other epoch follows."""
 
     is_open: Bools
     depth: Floats
@@ -100,8 +101,14 @@ def find_hollows(sides: tuple[Side, Side], k: int, points: tuple[Floats, Floats]
     is_own = _is_measured(own, mine, sunk_by)
     part = connect_like(np.where(_fill_gaps(own, _is_sunk(own, theirs, sunk_by) & is_own), 0, -1), [own.neighbours])
     is_open = np.append(_are_hollows(own, part, mine, theirs, by), False)[part]
-    depth, is_unfollowed = _measure(sides, k, theirs_all, theirs, by)
-    return Hollows(is_open, depth, is_unfollowed & is_own)
+    depth, is_unfollowed = _measure(sides, k, theirs_all, theirs, sunk_by)
+    return Hollows(is_open & ~_reaches(own, depth), depth, is_unfollowed & is_own)
+
+
+def _reaches(side: Side, depth: Floats) -> Bools:
+    """Return the vertices (n,) from which the other surface is as far as points lie deep (n,) [m], or half as far:
+    it is no bridge over a mouth."""
+    return np.asarray(side.is_assessed & (np.abs(np.nan_to_num(side.distances)) > HALF * depth))
 
 
 def _count_around(side: Side, under: Under, which: Bools) -> Ints:
@@ -153,8 +160,8 @@ def sum_around(neighbours: Neighbours, values: Number) -> Number:
 
 
 def largest_around(neighbours: Neighbours, values: Floats) -> Floats:
-    """Return the largest of the values (n,) of each vertex and its neighbours."""
-    out = values.copy()
+    """Return the largest of the values (n,) from 0 on of the neighbours of each vertex."""
+    out = np.zeros(len(values))
     np.maximum.at(out, np.repeat(np.arange(len(values)), np.diff(neighbours.starts)), values[neighbours.vertices])
     return out
 
@@ -180,22 +187,23 @@ def _fill_gaps(side: Side, is_open: Bools) -> Bools:
 
 
 def _measure(sides: tuple[Side, Side], k: int, points: Floats, theirs: Under,
-             by: tuple[float, float]) -> tuple[Floats, Bools]:  # fmt: skip
-    """Return how deep (n,) [m] the deepest sunk point under each vertex and its neighbours lies, 0 without any, and
-    where no surface of the other epoch follows those that lie deep: `by` [m] are those sunk and deep."""
+             sunk_by: float) -> tuple[Floats, Bools]:  # fmt: skip
+    """Return how deep (n,) [m] the deepest sunk point under each vertex and its neighbours lies that another next to it
+    bears out, 0 without any, and where no surface of the other epoch follows most: it ends, or stays halfway behind."""
     own, other = sides[k], sides[1 - k]
-    at = np.flatnonzero(theirs.height < -by[0])
+    at = np.flatnonzero(theirs.height < -sunk_by)
     at = at[np.argsort(-theirs.height[at], kind="stable")]
     deepest = np.full(len(own.areas), -1)
     deepest[theirs.vertex[at]] = at  # the last one written is the deepest
     over = np.flatnonzero(deepest >= 0)
     depth, n_off, n_all = np.zeros((3, len(own.areas)))
     depth[over] = -theirs.height[deepest[over]]
-    deep = over[depth[over] > by[1]]
-    n_all[deep] = 1.0
-    n_off[deep] = cKDTree(other.surface.vertices).query(points[deepest[deep]], workers=2)[0] > ON * other.spacing
+    n_all[over] = 1.0
+    distance, _ = cKDTree(other.surface.vertices).query(points[deepest[over]], workers=2)
+    n_off[over] = distance > np.clip(HALF * depth[over], other.spacing, ON * other.spacing)
     is_off = 2.0 * sum_around(own.neighbours, n_off) > sum_around(own.neighbours, n_all)
-    return largest_around(own.neighbours, depth), is_off
+    depth = np.minimum(depth, largest_around(own.neighbours, depth))  # a stray is as deep as what lies beside it
+    return np.maximum(depth, largest_around(own.neighbours, depth)), is_off
 
 
 def _as_looked_through(sides: tuple[Side, Side], beyond: Beyond, found: Detected, k: int,
@@ -204,15 +212,18 @@ def _as_looked_through(sides: tuple[Side, Side], beyond: Beyond, found: Detected
     own, other = sides[k], sides[1 - k]
     is_open, film = hollows.is_open, np.zeros(len(other.areas), dtype=np.bool_)
     has_foot = np.flatnonzero(other.is_assessed & (other.foot_vertices >= 0))
-    film[has_foot] = is_open[other.foot_vertices[has_foot]]
+    feet = other.foot_vertices[has_foot]
+    film[has_foot] = is_open[feet] & (np.abs(other.distances[has_foot]) <= HALF * hollows.depth[feet])
     new = own.without(own.is_assessed & is_open, NotAssessed.NO_FACE), other.without(film, NotAssessed.NO_ONE_SURFACE)
 
-    change, gaps, through, unfollowed = (
+    unfollowed = np.where(hollows.is_unfollowed, hollows.depth, 0.0)
+    change, gaps, through = (
         _with_own(both, k, np.where(is_open, made, both[k]))
         for both, made in ((beyond.change, SIGNS[k] * hollows.depth), (beyond.gaps, hollows.depth),
-                           (beyond.is_through, is_open), (beyond.is_unfollowed, hollows.is_unfollowed))
+                           (beyond.is_through, is_open))
     )  # fmt: skip
-    beyond = replace(beyond, change=change, gaps=gaps, is_through=through, is_unfollowed=unfollowed)
+    beyond = replace(beyond, change=change, gaps=gaps, is_through=through,
+                     unfollowed=_with_own(beyond.unfollowed, k, unfollowed))  # fmt: skip
     told = list(found.sides)
     told[1 - k] = replace(told[1 - k], is_changed=told[1 - k].is_changed & ~film)
     return (new if k == 0 else new[::-1]), beyond, replace(found, sides=(told[0], told[1]))
