@@ -102,6 +102,7 @@ def find_hollows(sides: tuple[Side, Side], k: int, points: tuple[Floats, Floats]
     part = connect_like(np.where(_fill_gaps(own, _is_sunk(own, theirs, sunk_by) & is_own), 0, -1), [own.neighbours])
     is_open = np.append(_are_hollows(own, part, mine, theirs, by), False)[part]
     depth, is_unfollowed = _measure(sides, k, theirs_all, theirs, sunk_by)
+    depth = np.where(is_open, np.maximum(depth, sunk_by), depth)  # so deep they lie, all of them
     return Hollows(is_open & ~_reaches(own, depth), depth, is_unfollowed & is_own)
 
 
