@@ -26,15 +26,21 @@ from reports.quantities import (
     percent,
     square,
 )
+from reports.smallest import (
+    is_beside_layer,
+    say_beyond_tolerance,
+    say_coarse,
+    say_coarse_beside,
+    say_how_small,
+    say_level,
+    told_by_width,
+)
 from reports.whereabouts import Setting, locate_most
 from reports.wholemotion import PartMotion, describe_motion, describe_parts, knows_motion
 
 NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
 MOSTLY = 0.5  # of the surface not assessable: the headline says so
-MUCH_LESS = 0.9  # of what a narrower change needs: a wider one is worth words
-LEAST_COARSE = 0.01  # of the assessed surface tells only large changes: the report says so in words
-LEAST_UNSURE = 0.001  # of it does not tell changes of the client's tolerance: so here
 LEAST_SIGMA_SCALE = 1e-6 / Z95  # no scale is told closer: the doubt about the motion says the same number
 NAMED = 3  # so many regions are told in the answer, the others stand in the table
 NONE_ASSESSED = "Nothing could be assessed."
@@ -90,8 +96,8 @@ def _how_sure(
     """Return how far what is told can be relied upon, by what it is about."""
     told = {
         "The rest": _lies_off(comparison),
-        "How small": (_how_small(comparison, changed), *_coarse(comparison)),
-        "Tolerance": _beyond_tolerance(comparison),
+        "How small": (say_how_small(comparison, changed), *say_coarse(comparison)),
+        "Tolerance": say_beyond_tolerance(comparison),
         "The whole": (_whole(comparison),),
         "Not assessed": (_not_assessed(comparison, epochs), *_met_nothing(comparison, epochs, setting)),
     }
@@ -150,16 +156,6 @@ def _as_a_whole(comparison: Comparison, epochs: tuple[EpochFacts, EpochFacts]) -
         times = estimate(scale, max(sigma, LEAST_SIGMA_SCALE), 1.0, "").text
         return f"the {epochs[1].order} epoch is {times} times as large as the {epochs[0].order} one"
     return f"the surface as a whole lies {_off(comparison)}"
-
-
-def is_beside_layer(comparison: Comparison) -> bool:
-    """Return whether the regions are what stands out of a layer all over, and their figures are beside it."""
-    return "lod95_beside_layer_median_m" in comparison.statistics
-
-
-def level_beside(comparison: Comparison) -> str:
-    """Return the level of detection, in the median, of what stands out of a layer all over."""
-    return millimetres(comparison.statistics.get("lod95_beside_layer_median_m", NAN))
 
 
 def _is_all_unknown(comparison: Comparison) -> bool:
@@ -256,109 +252,6 @@ def _lies_off(comparison: Comparison) -> tuple[str, ...]:
         "Say where nothing changed (a stable area) to tell them apart.",
         *(("Regions and their figures are beside that: how far they stand out of the rest.",) if beside else ()),
     )
-
-
-def told_by_width(comparison: Comparison) -> list[tuple[float, float]]:
-    """Return from how large a mean change [m] on one so wide [m] is told, in 19 of 20 cases, the narrowest first, and
-    wider ones that need `MUCH_LESS`; nothing where that is not known, as of older programs."""
-    rows: list[tuple[float, float]] = []
-    for width, depth in comparison.statistics.get("told_by_width_m", ()):
-        if np.isfinite(depth) and (not rows or depth < MUCH_LESS * rows[-1][1]):
-            rows.append((float(width), float(depth)))
-    return rows
-
-
-def _level(comparison: Comparison) -> str:
-    """Return the level of detection, in the median, and that of what stands out of a layer, where there is one."""
-    level = millimetres(comparison.statistics.get("lod95_median_m", NAN))
-    return f"{level}, against the rest {level_beside(comparison)}" if is_beside_layer(comparison) else level
-
-
-def _how_small(comparison: Comparison, changed: bool) -> str:
-    """Return how small a change is told, or would have been, by how wide it is."""
-    told, rows = "is" if changed else "would have been", told_by_width(comparison)
-    if not rows:
-        return f"The level of detection of single places is {_level(comparison)} (95\u00a0%, median over the surface)."
-    (narrow, least), (wide, deepest) = rows[0], rows[-1]
-    more = f", one {millimetres(wide)} wide from {millimetres(deepest)} on" if len(rows) > 1 else ""
-    against = " against the rest" if is_beside_layer(comparison) else ""
-    return (
-        f"A change {millimetres(narrow)} wide or wider {told} told{against} from about {millimetres(least)} on{more} "
-        "(19 of 20 such changes, median over the surface)."
-    )
-
-
-def least_told(comparison: Comparison) -> float:
-    """Return from how large a change [m] on one is told on most of the surface, as the answer says it; NaN where that
-    is not known."""
-    rows = told_by_width(comparison)
-    return rows[0][1] if rows else NAN
-
-
-def dotted_from(comparison: Comparison) -> float:
-    """Return from which change [m] on dotted places tell one at best, NaN where pictures have no dots."""
-    sides = comparison.on_compared, comparison.on_reference
-    return comparison.on_compared.coarse_from if any(s.is_coarse.any() for s in sides) else NAN
-
-
-def _tells_coarse(comparison: Comparison) -> bool:
-    """Return whether the surface that tells only large changes is worth a sentence."""
-    return bool(comparison.statistics.get("coarse_area_share", NAN) >= LEAST_COARSE)
-
-
-def _coarse(comparison: Comparison) -> tuple[str, ...]:
-    """Return how much of the surface tells only much larger changes, where some does."""
-    if not _tells_coarse(comparison):
-        return ()
-    share, least, most = (comparison.statistics[f"coarse_{n}"] for n in ("area_share", "from_m", "told_from_m"))
-    above = [f"above {millimetres(least)}"] if math.isfinite(least) else []
-    above += [f"on the coarsest twentieth of it above {millimetres(most)}"] if math.isfinite(most) else []
-    told = f"On {percent(share)} of the assessed surface (dotted in the pictures) only larger changes are told"
-    return (f"{told}: {', '.join(above)}." if above else f"{told}.",)
-
-
-def _coarse_beside(comparison: Comparison) -> str:
-    """Return on how much of the surface only larger changes are told, for a figure to remember."""
-    if not _tells_coarse(comparison):
-        return ""
-    share, least = (comparison.statistics[f"coarse_{name}"] for name in ("area_share", "from_m"))
-    return f"; {millimetres(least)} or more on {percent(share)} of the surface" if math.isfinite(least) else ""
-
-
-def _beyond_tolerance(comparison: Comparison) -> tuple[str, ...]:
-    """Return how much of the surface changed by more than the client's own limit, where one was given, and whether so
-    small a change is told at all: what differs by more may be error. Older records tell only that."""
-    tolerance = comparison.statistics.get("tolerance_m")
-    if tolerance is None:
-        return ()
-    changed, differs, unsure = (
-        comparison.statistics.get(f"share_{name}_tolerance", NAN)
-        for name in ("changed_beyond", "beyond", "coarser_than")
-    )
-    what = f"the assessed surface {{}} by more than the tolerance of {tolerance_in_words(tolerance)}"
-    told = f"{percent(changed)} of {what.format('changed')}"
-    if not math.isfinite(changed):
-        told = f"{percent(differs)} of {what.format('differs')}, by errors or by change"
-    level = _level_above(comparison, tolerance)
-    if level:
-        return (f"{told}. This survey does not tell changes as small as that: {level}.",)
-    return (
-        f"{told}; {percent(unsure)} tells only larger changes than that." if unsure >= LEAST_UNSURE else f"{told}.",
-    )
-
-
-def _level_above(comparison: Comparison, tolerance: float) -> str:
-    """Return in words from how large a change on most of the surface tells one, where that is above a client's limit
-    [m]: of a wide one where that is known, else of a single place; else nothing."""
-    level, least = comparison.statistics.get("lod95_median_m", NAN), least_told(comparison)
-    if math.isfinite(least):
-        return f"changes are told only from about {millimetres(least)} on" if least > tolerance else ""
-    return f"the level of detection of single places is {millimetres(level)}" if level > tolerance else ""
-
-
-def tolerance_in_words(tolerance: float) -> str:
-    """Return the client's limit [m] as it was given: a number of a contract is not rounded."""
-    return f"{tolerance * MM:.12g}{NBSP}mm"
 
 
 def _whole(comparison: Comparison) -> str:
@@ -474,10 +367,10 @@ def _moved(comparison: Comparison) -> KeyFigure:
 
 def _smallest(comparison: Comparison) -> KeyFigure:
     """Return the smallest change that is told, and how wide it must be."""
-    rows, coarse = told_by_width(comparison), _coarse_beside(comparison)
+    rows, coarse = told_by_width(comparison), say_coarse_beside(comparison)
     against = "; against the rest" if is_beside_layer(comparison) else ""
     if not rows:
-        return KeyFigure("Level of detection", _level(comparison), f"95\u00a0%, median, single places{coarse}")
+        return KeyFigure("Level of detection", say_level(comparison), f"95\u00a0%, median, single places{coarse}")
     width, depth = (millimetres(v) for v in rows[0])
     return KeyFigure("Smallest change told", depth, f"{width} wide or wider, 19 of 20 such{against}{coarse}")
 

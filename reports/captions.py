@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from reports.answer import dotted_from, is_beside_layer
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
 from reports.quantities import NBSP, listed, tell_bearing
+from reports.smallest import dotted_from, is_beside_layer
 
 # What two surfaces do not tell from it, where the surface goes on: plaster that bulges, wood that shrinks.
 OR_MOVED = {"lost": ", or surface that sank in (not told which)",

@@ -17,16 +17,13 @@ from reports.answer import (
     NAN,
     NOT_ASSESSABLE,
     WHY_NOT,
-    is_beside_layer,
-    level_beside,
     print_significance,
     shares_by_assessment,
-    told_by_width,
-    tolerance_in_words,
 )
 from reports.control import control_table
 from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, NOT_KNOWN, coordinates, count, estimate, millimetres, percent
+from reports.smallest import is_beside_layer, level_beside, told_by_width, tolerance_in_words
 from reports.wholemotion import describe_motion, knows_motion, object_size
 
 ROUNDING = 1e-9  # of shares that add up to one

@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 from projects.model import Series
-from reports.answer import LEAST_COARSE
 from reports.facts import CourseFacts, SeriesFacts
 from reports.motions import say_steady_motion, tell_motions
 from reports.quantities import (
@@ -32,6 +31,7 @@ from reports.quantities import (
     percent,
     print_number,
 )
+from reports.smallest import LEAST_COARSE
 
 GOES_ON = ("steady", "accelerating")  # at a rate
 ALL_GO_ON = {*GOES_ON, "bending", "onset", "jump and rate"}

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from projects.model import Comparison
-from reports.answer import dotted_from, least_told
 from reports.cameras import title_of
 from reports.colours import choose_limit
 from reports.course_charts import CHARTS, draw_courses
@@ -19,6 +18,7 @@ from reports.drawing import say_mm
 from reports.facts import ReportFacts
 from reports.figures import draw_colour_bar, draw_histogram, draw_section
 from reports.ranging import draw_calibration
+from reports.smallest import dotted_from, least_told
 from reports.stability import draw_stable
 from reports.views import Picture, View, ViewPictures, choose_views, draw_close_up, draw_comparison, frame_views
 

@@ -23,9 +23,10 @@ from projects.errors import MonitorError, ParameterError, StoreError
 from projects.extent import Extent, read_extent
 from projects.model import Comparison, Step
 from projects.store import Project
-from reports.answer import differs_as_a_whole, is_beside_layer, shares_not_assessed, told_by_width
+from reports.answer import differs_as_a_whole, shares_not_assessed
 from reports.history import tell_alone, tell_open_holes, tell_outside, tell_turned, tell_uncovered
 from reports.quantities import NBSP, millimetres, percent, square
+from reports.smallest import is_beside_layer, told_by_width
 from reports.wholemotion import knows_motion
 
 Facts = dict[str, Any]

@@ -18,8 +18,8 @@ from report_examples import (
 )
 
 from projects.model import NotAssessed
-from reports.answer import dotted_from
 from reports.captions import write_captions
+from reports.smallest import dotted_from
 
 NAN = float("nan")
 
