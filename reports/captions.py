@@ -44,10 +44,12 @@ def _name_hollows(facts: ReportFacts) -> str:
     hollows = [str(s["region"]) for s in shapes if s.get("is_hollow") and s["region"] in known]
     if not hollows:
         return ""
-    are = "are hollows" if len(hollows) > 1 else "is a hollow"
+    named, one, it, its = ("No.", "is a hollow", "it", "its volume is")
+    if len(hollows) > 1:
+        named, one, it, its = ("Nos.", "are hollows", "they", "their volumes are")
     return (
-        f"No. {listed(hollows)} {are} too narrow to have a surface, such as a crack: told by points measured in it, as "
-        "deep as these lie; it may be deeper, and its volume is not known. "
+        f"{named} {listed(hollows)} {one} too narrow to have a surface, such as a crack: told by the points measured "
+        f"within, as deep as these lie; {it} may be deeper, and {its} not known. "
     )
 
 

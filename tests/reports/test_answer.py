@@ -46,6 +46,8 @@ def test_what_is_told_of_a_hollow_is_explained_below_the_table():
     shapes = [{"region": 1, "is_hollow": True}, {"region": 2, "is_hollow": False}, {"region": 99, "is_hollow": True}]
     told = dataclasses.replace(comparison, statistics={**comparison.statistics, "region_shapes": shapes})
     assert "No. 1 is a hollow too narrow to have a surface, such as a crack" in write_captions(facts_of(told)).regions
+    shapes[1]["is_hollow"] = True
+    assert "Nos. 1 and 2 are hollows too narrow to have a surface" in write_captions(facts_of(told)).regions
 
 
 def test_an_even_change_is_said_to_be_a_layer_or_a_piece_that_moved():
