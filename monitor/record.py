@@ -28,7 +28,7 @@ METHOD = {
     "surface": 27,
     "mesh": 8,
     "quality": 3,
-    "comparison": 59,
+    "comparison": 60,
     "series": 16,
 }
 

@@ -10,7 +10,7 @@ at a place has them on it, and where the other epoch has hardly any but many far
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,41 +18,44 @@ from scipy.spatial import cKDTree
 from monitor.comparison.detection.tested import Detected
 from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.side import EXTRAPOLATED, Side
-from monitor.comparison.distances.stars import Neighbours
 from monitor.comparison.regions.beyond import SIGNS, Beyond
 from monitor.comparison.regions.borne_out import spread_rings
 from monitor.comparison.regions.chips import HANDFUL, is_strewn_once, levels_off
 from monitor.comparison.regions.evidence import ABSENT
+from monitor.comparison.regions.under import (
+    Cubes,
+    Under,
+    largest_around,
+    nearest_along,
+    place_under,
+    sum_around,
+)
 from projects.model import Bools, Floats, Ints, NotAssessed
-
-Number = TypeVar("Number", Ints, Floats)
 
 SUNK, DEEP = 1.5, 3.0  # spacings behind a surface: no point of it; and farther than its own bends leave any
 LEVELS = 3.0  # median levels of detection that a point must lie behind, too; what is asked differs by as many
-BESIDE = 1.5  # spacings beside a vertex: points farther off belong to none
 FEWEST_SUNK = 2  # points around a vertex
 FEWEST_DEEP, SHARE_DEEP = 8, 0.1  # points of a hollow that lie deep; and of those sunk
 FEWEST_ON, MOST_SUNK = 3, 0.1  # points on its surface around a vertex; share of those sunk, in the epoch that has it
-AS_DENSE = 0.5  # of what its points should be there by how many the other epoch has: else it bridged the place, too
+AS_DENSE = (
+    0.5  # of what its points should be there by how many the other epoch has, or lie beside: else it bridged, too
+)
 HALF = 0.5  # of the depth of the points below a mouth: a surface nearer to it bridges it
 AWAY = -0.3  # cosine between two surfaces: what lies on one that looks the other way was not measured through this one
 ON = 2.0  # spacings of the vertices from a surface, within which points lie on it
+RIM = 2  # edges around a hollow, within which it is looked for where the points on the surface end
+AROUND = 10  # edges around vertices over deep points, within which a hollow may lie
 
 
 class Hollows(NamedTuple):
     """Of a side's vertices (n,) which lie over a hollow; how deep [m] the deepest point under each and its neighbours
-    lies; and where points lie sunk, in hollows or narrower, whom no surface of the other epoch follows."""
+    lies; where points lie sunk, in hollows or narrower, whom no surface of the other epoch follows; and which lie
+    beside a hollow, next to points on the surface."""
 
     is_open: Bools
     depth: Floats
     is_unfollowed: Bools
-
-
-class Under(NamedTuple):
-    """The vertex next to each point (m,) and how far [m] the point lies outside of the surface there."""
-
-    vertex: Ints
-    height: Floats
+    is_rim: Bools
 
 
 def enter_hollows(sides: tuple[Side, Side], beyond: Beyond, found: Detected, points: tuple[Floats | None, ...],
@@ -88,22 +91,57 @@ def find_hollows(sides: tuple[Side, Side], k: int, points: tuple[Floats, Floats]
 
     Around a vertex, it and its neighbours, at least as many of the other epoch's points are sunk as lie on it, and
     hardly any of its own; hollows hang together, hold `FEWEST_DEEP` points that lie deep, and a handful of vertices,
-    over which its own epoch has as many points as the other one has, by what both have in all.
+    over which its own epoch has as many points as the other one has, by what both have in all, or as beside them.
     """
     own, theirs_all = sides[k], points[1]
     sunk_by = max(SUNK * own.spacing, LEVELS * least)
     by = sunk_by, max(DEEP * own.spacing, 2.0 * sunk_by)
-    tree = cKDTree(own.surface.vertices)
-    theirs = _without_far_sides(sides, k, theirs_all, place_under(own, tree, theirs_all), sunk_by)
-    if np.count_nonzero(theirs.height < -by[1]) < FEWEST_DEEP:
+    placed = _place_near_hollows(sides, k, points, by)
+    if placed is None:
         return None
-    mine = place_under(own, tree, points[0])
+    mine, theirs = placed
     is_own = _is_measured(own, mine, sunk_by)
     part = connect_like(np.where(_fill_gaps(own, _is_sunk(own, theirs, sunk_by) & is_own), 0, -1), [own.neighbours])
     is_open = np.append(_are_hollows(own, part, mine, theirs, by), False)[part]
     depth, is_unfollowed = _measure(sides, k, theirs_all, theirs, sunk_by)
     depth = np.where(is_open, np.maximum(depth, sunk_by), depth)  # so deep they lie, all of them
-    return Hollows(is_open & ~_reaches(own, depth), depth, is_unfollowed & is_own)
+    is_open, is_rim = _end_at_points(own, is_open, theirs_all, theirs, sunk_by)
+    return Hollows(is_open & ~_reaches(own, depth), depth, is_unfollowed & is_own, is_rim)
+
+
+def _place_near_hollows(sides: tuple[Side, Side], k: int, points: tuple[Floats, Floats],
+                        by: tuple[float, float]) -> tuple[Under, Under] | None:  # fmt: skip
+    """Return where points of both epochs, side k's own first, lie near vertices over deep points of the other, and
+    which lie deep anywhere; None with too few of these. Most points lie on the surface, far from any hollow."""
+    own, theirs_all = sides[k], points[1]
+    tree, cubes = cKDTree(own.surface.vertices, balanced_tree=False), Cubes.about(own, by[1])
+    cube = cubes.of(theirs_all)
+    far = _place_in_front(sides, k, tree, theirs_all, np.flatnonzero(cube < 0), by[0])
+    is_deep = far.height < -by[1]
+    if np.count_nonzero(is_deep) < FEWEST_DEEP:
+        return None
+    over = np.zeros(len(own.areas), dtype=np.bool_)
+    over[far.vertex[is_deep]] = True
+    near = np.append(
+        cubes.around(own.surface.vertices[spread_rings(own.neighbours, over, AROUND)]), True
+    )  # -1: far off
+    theirs = _place_in_front(sides, k, tree, theirs_all, np.flatnonzero(near[cube]), by[0])
+    return place_under(own, tree, points[0], np.flatnonzero(near[cubes.of(points[0])])), theirs
+
+
+def _end_at_points(side: Side, is_open: Bools, points: Floats, theirs: Under, sunk_by: float) -> tuple[Bools, Bools]:
+    """Return which vertices (n,) lie over hollows, those at the border only where a sunk point is nearer than one on
+    the surface, and which beside one are nearer to one on it. Counts do not tell the border: a beam that comes aslant
+    meets the walls of a hollow more often than its mouth."""
+    near = spread_rings(side.neighbours, is_open, RIM)
+    at = np.flatnonzero(np.isfinite(theirs.height) & near[theirs.vertex])
+    under = Under(theirs.vertex[at], theirs.height[at])
+    which, is_sunk = np.flatnonzero(near), under.height < -sunk_by
+    on, sunk = (nearest_along(side, which, points[at[i]], Under(under.vertex[i], under.height[i]))
+                for i in (~is_sunk, is_sunk))  # fmt: skip
+    is_rim = np.zeros(len(is_open), dtype=np.bool_)
+    is_rim[which] = on <= sunk
+    return is_open & ~is_rim, is_rim
 
 
 def _reaches(side: Side, depth: Floats) -> Bools:
@@ -140,45 +178,32 @@ def _are_hollows(side: Side, part: Ints, mine: Under, theirs: Under, by: tuple[f
 
     n_sunk, n_deep = (count(theirs, theirs.height < -depth) for depth in by)
     n_theirs, n_mine = count(theirs, np.isfinite(theirs.height)), count(mine, mine.height >= -by[0])
-    is_measured = n_mine >= AS_DENSE * n_theirs * len(mine.vertex) / len(theirs.vertex)
     area = np.bincount(part[part >= 0], side.areas[part >= 0], minlength=n_parts)
+    is_measured = n_mine >= AS_DENSE * n_theirs * len(mine.vertex) / len(theirs.vertex)
+    is_measured |= n_mine >= AS_DENSE * area * _density_beside(side, part >= 0, mine, by[0])
     is_deep = (n_deep >= FEWEST_DEEP) & (n_deep >= SHARE_DEEP * n_sunk)
     return np.asarray(is_deep & is_measured & (area >= HANDFUL * side.spacing**2))
 
 
-def place_under(side: Side, tree: cKDTree, points: Floats) -> Under:
-    """Return the vertex next to each of the points (m, 3) that lies over or under one; others are left out."""
-    distance, vertex = tree.query(points, workers=2)
-    height = np.einsum("ij,ij->i", points - side.surface.vertices[vertex], side.normals[vertex])
-    beside = np.sqrt(np.maximum(distance**2 - height**2, 0.0)) < BESIDE * side.spacing
-    return Under(np.where(beside, vertex, -1), np.where(beside, height, np.nan))
-
-
-def sum_around(neighbours: Neighbours, values: Number) -> Number:
-    """Return the sum of the values (n,) of each vertex and its neighbours."""
-    own = np.repeat(np.arange(len(values)), np.diff(neighbours.starts))
-    return values + np.bincount(own, values[neighbours.vertices], minlength=len(values)).astype(values.dtype)
-
-
-def largest_around(neighbours: Neighbours, values: Floats) -> Floats:
-    """Return the largest of the values (n,) from 0 on of the neighbours of each vertex."""
-    out = np.zeros(len(values))
-    np.maximum.at(out, np.repeat(np.arange(len(values)), np.diff(neighbours.starts)), values[neighbours.vertices])
-    return out
-
-
-def _without_far_sides(sides: tuple[Side, Side], k: int, points: Floats, under: Under, sunk_by: float) -> Under:
-    """Return where points lie, without those sunk that lie on a surface of their epoch that looks the other way: the
-    back of what side k is the front of."""
-    other = sides[1 - k]
+def _place_in_front(sides: tuple[Side, Side], k: int, tree: cKDTree, points: Floats, which: Ints,
+                    sunk_by: float) -> Under:  # fmt: skip
+    """Return where those points `which` (l,) of the other epoch's (m, 3) lie under side k, without those sunk that lie
+    on a surface of their epoch that looks the other way: the back of what side k is the front of."""
+    under, other = place_under(sides[k], tree, points, which), sides[1 - k]
     at = np.flatnonzero(under.height < -sunk_by)
     if not len(at):
         return under
     distance, nearest = cKDTree(other.surface.vertices).query(points[at], workers=2)
     cosine = np.einsum("ij,ij->i", other.normals[nearest], sides[k].normals[under.vertex[at]])
-    height = under.height.copy()
-    height[at[(distance < ON * other.spacing) & (cosine < AWAY)]] = np.nan
-    return Under(under.vertex, height)
+    under.height[at[(distance < ON * other.spacing) & (cosine < AWAY)]] = np.nan
+    return under
+
+
+def _density_beside(side: Side, is_open: Bools, mine: Under, sunk_by: float) -> float:
+    """Return how many of the side's own points lie on it per m2 beside vertices (n,)."""
+    beside = spread_rings(side.neighbours, is_open, RIM) & ~is_open
+    n_on = np.count_nonzero(beside[mine.vertex[mine.height >= -sunk_by]])
+    return float(n_on / max(side.areas[beside].sum(), np.finfo(np.float64).tiny))
 
 
 def _fill_gaps(side: Side, is_open: Bools) -> Bools:
@@ -219,9 +244,9 @@ def _as_looked_through(sides: tuple[Side, Side], beyond: Beyond, found: Detected
 
     unfollowed = np.where(hollows.is_unfollowed, hollows.depth, 0.0)
     change, gaps, through = (
-        _with_own(both, k, np.where(is_open, made, both[k]))
-        for both, made in ((beyond.change, SIGNS[k] * hollows.depth), (beyond.gaps, hollows.depth),
-                           (beyond.is_through, is_open))
+        _with_own(both, k, np.where(hollows.is_rim, none, np.where(is_open, made, both[k])))
+        for both, made, none in ((beyond.change, SIGNS[k] * hollows.depth, np.nan), (beyond.gaps, hollows.depth, 0.0),
+                                 (beyond.is_through, is_open, False))
     )  # fmt: skip
     beyond = replace(beyond, change=change, gaps=gaps, is_through=through,
                      unfollowed=_with_own(beyond.unfollowed, k, unfollowed))  # fmt: skip

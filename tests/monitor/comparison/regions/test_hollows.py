@@ -70,6 +70,18 @@ def test_a_crack_that_a_surface_bridges_is_told_by_the_points_in_it(rng: np.rand
     assert not before.is_changed[~mouth & (np.abs(before.surface.vertices[:, 0]) > WIDTH)].any()
 
 
+def test_walls_of_a_hollow_do_not_widen_its_mouth(rng: np.random.Generator) -> None:
+    """Beams that come aslant meet the walls many times more often than the wall's face beside the mouth."""
+    half, n = 5e-3, 6000
+    walls = np.column_stack([rng.choice([-half, half], n), rng.uniform(-LENGTH / 2, LENGTH / 2, n), np.zeros(n)])
+    walls[:, 2] = height(walls) - rng.uniform(0.0, DEPTH, n)
+    before, after = measured(rng), measured(rng)
+    after[:, 2] -= DEPTH * ((np.abs(after[:, 0]) < half) & (np.abs(after[:, 1]) < LENGTH / 2))
+    found = compared(sheet(rng), sheet(rng, 1e-3), (before, np.concatenate([after, walls])))
+    (region,) = found.regions.to_dict("records")
+    assert region["area_m2"] == pytest.approx(2.0 * half * LENGTH, rel=0.15)
+
+
 def test_a_crack_that_was_filled_is_added(rng: np.random.Generator) -> None:
     found = compared(sheet(rng, 1e-3), sheet(rng), (sunk(rng, measured(rng)), measured(rng)))
     (region,) = found.regions.to_dict("records")
