@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from projects.errors import ShapeError
-from projects.model import ComparedSurface, PointCloud, Surface
+from projects.model import ComparedSurface, Floats, PointCloud, Surface
 from projects.open3d_library import load_open3d
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ NAMES = {
 }
 COMPARED = ("distances", "lod95", "assessment", "region", "reasons", "told_from")
 READ = {"Normals": "normals", "RGB": "colors", "RGBA": "colors"}  # as pyvista's readers and filters name them
+AS_MADE = 1e-6  # how far normals that follow from the faces come out apart, as rounded by files and motions
 INVENTED, COARSE = "face_invented", "coarse_from"  # of each face, and of a whole side
 
 
@@ -125,15 +126,28 @@ def surface_to_trimesh(surface: Surface) -> trimesh.Trimesh:
 
 
 def surface_from_trimesh(mesh: trimesh.Trimesh) -> Surface:
-    """Return a surface from a `trimesh.Trimesh` (metres), with its vertex normals, colours and known attributes."""
+    """Return a surface from a `trimesh.Trimesh` (metres), with its own vertex normals, colours and known attributes.
+
+    All vertices stay, in their order. Normals that trimesh makes of the faces are none of its own.
+    """
     names = {field.name for field in dataclasses.fields(Surface)} - {"vertices", "faces", INVENTED}
     known = {name: np.array(values) for name, values in mesh.vertex_attributes.items() if name in names}
-    known.setdefault("normals", np.array(mesh.vertex_normals))
+    normals = _stated_normals(mesh)
+    if normals is not None:
+        known.setdefault("normals", normals)
     if INVENTED in mesh.face_attributes:
         known[INVENTED] = np.array(mesh.face_attributes[INVENTED])
     if mesh.visual.kind == "vertex":
         known["colors"] = np.asarray(mesh.visual.vertex_colors)[:, :3]
     return Surface(vertices=np.array(mesh.vertices), faces=np.array(mesh.faces), **known)
+
+
+def _stated_normals(mesh: trimesh.Trimesh) -> Floats | None:
+    """Return the vertex normals (n, 3) that a mesh states; None where it has only those that follow from its faces,
+    which are zero at vertices of no face."""
+    stated = np.array(mesh.vertex_normals)
+    made = mesh.copy().vertex_normals  # a copy keeps vertices and faces alone
+    return None if np.allclose(stated, made, rtol=0.0, atol=AS_MADE) else stated
 
 
 def cloud_to_pyvista(cloud: PointCloud) -> pyvista.PolyData:

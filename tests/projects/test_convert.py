@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import trimesh
 
 from projects import convert
 from projects.errors import ShapeError
@@ -144,6 +145,19 @@ def test_normals_among_the_attributes_of_a_trimesh_are_taken(surface):
     mesh = convert.surface_to_trimesh(dataclasses.replace(surface, normals=None))
     mesh.vertex_attributes["normals"] = surface.normals
     assert_same(convert.surface_from_trimesh(mesh), surface)
+
+
+def test_a_trimesh_without_normals_becomes_a_surface_without():
+    """Trimesh makes them of the faces when asked, and zero ones where a vertex has no face."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.2], [1, 1, 0], [5, 5, 5.0]]) + FAR
+    mesh = trimesh.Trimesh(corners, [[0, 1, 2], [1, 3, 2]], process=False)
+    for asked in (False, True):  # what was looked at before makes no difference
+        assert not asked or not mesh.vertex_normals[4].any()
+        back = convert.surface_from_trimesh(mesh)
+        assert back.normals is None
+        np.testing.assert_array_equal(back.vertices, corners)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(0.3, [1, 2, 3], FAR))
+    assert convert.surface_from_trimesh(mesh).normals is None
 
 
 def test_normals_and_colours_go_along_as_pyvista_reads_them_from_a_file(surface, tmp_path):
