@@ -26,7 +26,7 @@ from projects.formats import (
     metres_per_unit,
     question_unit,
     read_control,
-    read_mesh,
+    read_counted_mesh,
     read_poses,
     sniff_format,
 )
@@ -68,15 +68,15 @@ def add_epoch_to_project(path: Path, request: EpochRequest, as_json: bool) -> No
     with show_progress() as notify:
         notify(f"{request.epoch_id}: reading {len(request.files)} file{'s' if len(request.files) > 1 else ''}")
         streams = [] if request.mesh else _open_scans(record, request, unit)
-        stored = (
+        stored, dropped = (
             _add_mesh(project, record, request, unit)
             if request.mesh
-            else project.add_epoch(record, with_questioned_unit(streams, unit))
+            else (project.add_epoch(record, with_questioned_unit(streams, unit)), {})
         )
     _warn_of_meshes(project, stored, [stream.name for stream in streams if stream.has_faces])
     _warn_of_systems(project, stored, streams)
     _warn_of_unread(project, stored, streams)
-    _tell(project, stored, count_placed(streams), as_json)
+    _tell(project, stored, (count_placed(streams), dropped), as_json)
 
 
 def _require_new(project: Project, request: EpochRequest) -> None:
@@ -168,14 +168,17 @@ def _require_mesh_alone(request: EpochRequest) -> None:
         raise ParameterError(f"{request.files[0]}: no such file; give a mesh as PLY, OBJ, STL or GLB")
 
 
-def _add_mesh(project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck) -> EpochRecord:
-    """Keep a finished mesh as an epoch."""
+def _add_mesh(
+    project: Project, record: EpochRecord, request: EpochRequest, unit: UnitCheck
+) -> tuple[EpochRecord, dict[str, int]]:
+    """Keep a finished mesh as an epoch, and return it with how many of what the file holds were left out."""
     _require_mesh_alone(request)
-    mesh = read_mesh(request.files[0], unit=unit.metres)
+    read = read_counted_mesh(request.files[0], unit=unit.metres)
+    mesh = read.surface
     bounds = np.array([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
     question_unit(bounds, unit.was_stated, sniff_format(request.files[0]), request.files[0].name)
     source = {"file": request.files[0].name, "sha256": hash_file(request.files[0])}
-    return project.add_epoch(dataclasses.replace(record, sources=(source,)), (), mesh=mesh)
+    return project.add_epoch(dataclasses.replace(record, sources=(source,)), (), mesh=mesh), read.dropped
 
 
 def _copies(project: Project, record: EpochRecord) -> list[str]:
@@ -273,12 +276,15 @@ def _warn_of_epoch(
         )
 
 
-def _tell(project: Project, record: EpochRecord, placed: Mapping[str, int], as_json: bool) -> None:
+def _tell(
+    project: Project, record: EpochRecord, counted: tuple[Mapping[str, int], Mapping[str, int]], as_json: bool
+) -> None:
     """Say what was kept, what was dropped, of how many scans the pose was found by what, what is a copy, and what is
-    doubtful."""
+    doubtful; `counted` are the scans by what placed them, and what was left out of a mesh."""
+    placed, left_out_of_mesh = counted
     headers = project.scan_headers(record.object_id, record.epoch_id)
     copies = _copies(project, record)
-    dropped: dict[str, int] = {}
+    dropped = dict(left_out_of_mesh)
     for header in headers:
         for reason, n in header.dropped.items():
             dropped[reason] = dropped.get(reason, 0) + int(n)

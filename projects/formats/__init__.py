@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from projects.formats.mesh_writers import write_obj as write_obj
     from projects.formats.mesh_writers import write_ply_mesh as write_ply_mesh
     from projects.formats.mesh_writers import write_stl as write_stl
+    from projects.formats.meshes import read_counted_mesh as read_counted_mesh
     from projects.formats.meshes import read_mesh as read_mesh
     from projects.formats.parsing import ReadLimits as ReadLimits
     from projects.formats.poses import PoseLine as PoseLine
@@ -45,6 +46,7 @@ _HOME = {
     "question_system": "units",
     "question_unit": "units",
     "read_control": "control",
+    "read_counted_mesh": "meshes",
     "read_mesh": "meshes",
     "read_poses": "poses",
     "read_scans": "scans",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,22 @@ PARTED = 1e-3  # of the median edge: corners of free edges nearer each other wer
 MESH_FORMATS = ("ply", "obj", "stl", "glb")
 
 
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh as it was read, and how many of what it holds besides were left out, by what they are."""
+
+    surface: Surface
+    dropped: dict[str, int]
+
+
 def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None) -> Surface:
+    """Return the triangle mesh of a file, as `read_counted_mesh` does, without what was left out."""
+    return read_counted_mesh(path, unit=unit, limits=limits).surface
+
+
+def read_counted_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None) -> MeshFile:
     """Return the triangle mesh of a file, polygons cut into triangles; triangles without three corners and vertices of
-    no triangle are left out.
+    no triangle are left out and counted.
 
     Corners at exactly one place, and those of free edges that all but touch, are one vertex: files with textures part
     them along seams, others part all faces, and each seam would be a free edge.
@@ -45,13 +59,16 @@ def read_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | None = None
     pieces: list[Columns] = [columns for _, columns in ask_child(path, {"format": format_name, "job": "mesh"}, limits)]
     vertices = _joined([piece for piece in pieces if "points" in piece])
     faces = _joined([piece for piece in pieces if "faces" in piece]).get("faces", np.empty((0, 3), np.int64))
-    faces = _true_triangles(path, faces, len(vertices.get("points", ())))
+    n_vertices, n_faces = len(vertices.get("points", ())), len(faces)
+    faces = _true_triangles(path, faces, n_vertices)
     vertices, faces = _only_corners(vertices, faces)
+    n_alone = n_vertices - len(vertices["points"])
     _require_places(path, vertices["points"])
     for join in (_joined_at_seams, _joined_where_parted):
         vertices, faces = join(vertices, faces)
         faces = _true_triangles(path, faces, len(vertices["points"]))
-    return _surface(vertices, faces, unit)
+    dropped = {"vertices_of_no_triangle": n_alone, "triangles_without_three_corners": n_faces - len(faces)}
+    return MeshFile(_surface(vertices, faces, unit), {what: n for what, n in dropped.items() if n})
 
 
 def _joined(pieces: list[Columns]) -> Columns:

@@ -9,6 +9,7 @@ import trimesh
 
 from projects.errors import FormatError, ShapeError
 from projects.formats import (
+    read_counted_mesh,
     read_mesh,
     read_scans,
     surface_properties,
@@ -155,6 +156,16 @@ def test_vertices_of_no_face_are_no_part_of_the_mesh(tmp_path):
     np.testing.assert_array_equal(got.vertices, [[1, 0, 0], [1, 1, 0], [0, 1, 0]])
     np.testing.assert_array_equal(got.faces, [[0, 1, 2]])
     np.testing.assert_array_equal(got.colors, [[0, 255, 0], [0, 0, 255], [1, 1, 1]])
+
+
+def test_what_is_left_out_of_a_mesh_is_counted(tmp_path):
+    text = "v 9 9 9\nv 1 0 0\nv 8 8 8\nv 1 1 0\nv 0 1 0\nv 1 0 0\nv 7 7 7\nf 2 4 5\nf 2 4 4\nf 7 7 7\nf 2 6 5\n"
+    (tmp_path / "a.obj").write_text(text)
+    got = read_counted_mesh(tmp_path / "a.obj")
+    assert len(got.surface.faces) == 1
+    assert got.dropped == {"vertices_of_no_triangle": 3, "triangles_without_three_corners": 3}
+    (tmp_path / "b.obj").write_text("v 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\n")
+    assert read_counted_mesh(tmp_path / "b.obj").dropped == {}
 
 
 def test_a_byte_order_mark_costs_no_vertex(tmp_path):

@@ -73,6 +73,23 @@ def test_a_mesh_that_is_taken_for_points_is_told_and_points_are_not(
     assert "mind" not in capsys.readouterr().err
 
 
+def test_what_is_left_out_of_a_finished_mesh_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    project, ball = tmp_path / "p", trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+    corners = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in [*ball.vertices, (9.0, 9.0, 9.0), (8.0, 9.0, 9.0)]]
+    faces = [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
+    (tmp_path / "ball.obj").write_text("\n".join([*corners, *faces, "f 1 2 2"]))
+    assert run(["init", str(project)]) == 0
+    assert run(["add-object", str(project), "ball"]) == 0
+    capsys.readouterr()
+    mesh = ["--mesh", str(tmp_path / "ball.obj")]
+    assert run(["add-epoch", str(project), "ball", "e1", "--date", "2026-05-01", *mesh]) == 0
+    told = "a mesh; 2 vertices of no triangle left out; 1 triangles without three corners left out\n"
+    assert capsys.readouterr().out.endswith(told)
+    assert run(["add-epoch", str(project), "ball", "e2", "--date", "2027-05-01", *mesh, "--json"]) == 0
+    dropped = json.loads(capsys.readouterr().out)["dropped"]
+    assert dropped == {"vertices_of_no_triangle": 2, "triangles_without_three_corners": 1}
+
+
 def test_an_epoch_that_is_entered_is_told_though_others_are_damaged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
