@@ -19,6 +19,7 @@ from projects.errors import FormatError, ParameterError, ShapeError
 from projects.model import Bools, Floats
 
 MAX_BYTES = 10_000_000
+N_WAYS = 16  # directions tried, to find one in which few edges of a polygon lie beside each other
 SHAPES = '{"box": {"min": [x, y, z], "max": [x, y, z]}} or {"polygon": [[x, y], ...], "bottom": z, "top": z}'
 
 
@@ -178,22 +179,48 @@ def _area(corners: Floats) -> float:
 
 def _crosses_itself(corners: Floats) -> bool:
     """Return whether two edges that are not neighbours cross."""
-    n = len(corners)
-    following = np.roll(corners, -1, axis=0)
-    low, high = np.minimum(corners, following)[:, 0], np.maximum(corners, following)[:, 0]
+    n, following = len(corners), np.roll(corners, -1, axis=0)
+    across = _way_across(corners)
+    low, high = _extents(corners, across)
     order = np.argsort(low, kind="stable")
     ends = np.searchsorted(low[order], high[order], side="right")
+    starts, stops = corners[order], following[order]
+    low, high = (side[order] for side in _extents(corners, np.array([-across[1], across[0]])))
     for k, i in enumerate(order):
-        others = order[k + 1 : ends[k]]  # edges that begin along x before this one ends
-        others = others[(others != (i + 1) % n) & ((others + 1) % n != i)]
-        if len(others) == 0:
+        beside = slice(k + 1, ends[k])  # edges that begin before this one ends, on the way across
+        near = k + 1 + np.flatnonzero((low[beside] <= high[k]) & (high[beside] >= low[k]))
+        near = near[(order[near] != (i + 1) % n) & ((order[near] + 1) % n != i)]
+        if len(near) == 0:
             continue
-        a, b, c, d = corners[i], following[i], corners[others], following[others]
+        a, b, c, d = starts[k], stops[k], starts[near], stops[near]
         apart_ab = _side(a, b, c) * _side(a, b, d) < 0
         apart_cd = _side(c, d, a) * _side(c, d, b) < 0
         if (apart_ab & apart_cd).any():
             return True
     return False
+
+
+def _way_across(corners: Floats) -> Floats:
+    """Return the direction (2,) along which the fewest pairs of edges of a polygon lie beside each other: of many all
+    around, and across its long edges, since those of a comb lie beside each other in all directions but that one."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    long = edges[np.argsort(-np.hypot(*edges.T), kind="stable")[[0, len(edges) // 4]]]
+    angles = np.append(np.pi * np.arange(N_WAYS) / N_WAYS, np.arctan2(long[:, 0], -long[:, 1]))
+    ways = np.column_stack([np.cos(angles), np.sin(angles)])
+    return min(ways, key=lambda way: _n_beside(*_extents(corners, way)))
+
+
+def _extents(corners: Floats, way: Floats) -> tuple[Floats, Floats]:
+    """Return where each edge (m,) of a polygon begins and ends in a direction (2,), no less than rounding may take."""
+    along, slack = (corners - corners[0]) @ way, 8.0 * np.finfo(float).eps * np.abs(corners).max()
+    following = np.roll(along, -1)
+    return np.minimum(along, following) - slack, np.maximum(along, following) + slack
+
+
+def _n_beside(low: Floats, high: Floats) -> int:
+    """Return how many pairs of intervals from `low` to `high` (m,) have a part in common, each counted with itself."""
+    begun = np.searchsorted(np.sort(low), high, side="right")
+    return int(begun.sum()) - len(low) * (len(low) - 1) // 2
 
 
 def _side(a: Floats, b: Floats, p: Floats) -> Floats:

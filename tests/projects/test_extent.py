@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from projects.errors import FormatError, ParameterError
-from projects.extent import Extent, _crosses_itself, inside, read_extent
+from projects.extent import Extent, _crosses_itself, _side, inside, read_extent
 
 L_SHAPE = {"polygon": [[0, 0], [2, 0], [2, 1], [1, 1], [1, 3], [0, 3]], "bottom": 0.5, "top": 2}
 
@@ -133,3 +133,53 @@ def test_an_outline_of_many_corners_is_read_at_once():
     outline[[100, 40_000]] = outline[[40_000, 100]]
     with pytest.raises(ParameterError, match="crosses itself"):
         Extent.from_mapping({"polygon": outline.tolist()})
+
+
+def comb(n_teeth, angle):
+    """Return the corners of a comb with long teeth, turned by an angle."""
+    at = np.arange(2 * n_teeth) / n_teeth
+    teeth = np.c_[at, 0.1 + 5.0 * (np.arange(2 * n_teeth) % 2)]
+    corners = np.concatenate([teeth, [[2.0, 0.0], [0.0, 0.0]]])
+    c, s = np.cos(angle), np.sin(angle)
+    return corners @ np.array([[c, s], [-s, c]]) + [2.6e6, 5.6e6]
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.05, 0.7, np.pi / 2])
+def test_of_a_comb_few_pairs_of_edges_are_asked_whichever_way_its_teeth_stand(angle, monkeypatch):
+    """Asked of all that lie beside each other along x, a comb of 20 000 corners took half a minute."""
+    asked = []
+
+    def counted(a, b, p):
+        asked.append(max(np.size(a), np.size(p)) // 2)
+        return _side(a, b, p)
+
+    monkeypatch.setattr("projects.extent._side", counted)
+    corners = comb(10_000, angle)
+    assert not _crosses_itself(corners)
+    assert sum(asked) < 20 * len(corners)
+    corners[[501, 503]] = corners[[503, 501]]
+    assert _crosses_itself(corners)
+
+
+def test_combs_and_stars_cross_themselves_where_a_pair_of_edges_does(rng):
+    found = []
+    for k in range(60):
+        n = int(rng.integers(6, 20))
+        turn = 2.0 * np.pi * np.arange(2 * n) / (2 * n)
+        star = np.c_[np.cos(turn), np.sin(turn)] * np.where(np.arange(2 * n) % 2, 1.0, 0.01)[:, None]
+        corners = comb(n, rng.uniform(0.0, np.pi)) if k % 2 else star
+        if k % 4 > 1:
+            i, j = rng.integers(0, len(corners), 2)
+            corners[[i, j]] = corners[[j, i]]
+        found.append(_crosses_itself(corners))
+        assert found[-1] == crosses_pair_by_pair(corners), corners.tolist()
+    assert 15 < sum(found) < 45
+
+
+def test_corners_on_a_grid_that_touch_without_crossing_are_told_as_pair_by_pair(rng):
+    found = []
+    for _ in range(400):
+        corners = rng.integers(0, 4, (int(rng.integers(3, 7)), 2)).astype(float)
+        found.append(_crosses_itself(corners))
+        assert found[-1] == crosses_pair_by_pair(corners), corners.tolist()
+    assert 50 < sum(found) < 350
