@@ -31,6 +31,7 @@ NEAR_CELLS = 3.0  # the search of the ICP that refines a guess
 FITS = 4.0  # sigmas: a place nearer to the other surface is explained
 LOOKS_ALIKE = np.cos(np.radians(40.0))
 MOST_AMBIGUOUS = 0.9  # of the best pose's score: another pose with more explains the shapes as well
+CLOSE = 0.6  # of the best score: another pose with more casts doubt on it; right ones of real scans had 0.3 at most
 LEAST_EXPLAINED = 0.15  # of the smaller shape
 FEWEST = 10  # usable points of a side
 
@@ -45,6 +46,7 @@ class CoarseAlignment:
     score : share of the places of the smaller shape that the pose explains, less those that it contradicts.
     ambiguity : score of the best other pose over this score; near 1 where the shapes do not tell which is right.
     is_unique : whether the pose may be built upon; else `reason` says why not.
+    doubt : which other pose explains nearly as much, and how much; "" where none does.
     """
 
     T_target_source: Floats
@@ -52,6 +54,7 @@ class CoarseAlignment:
     ambiguity: float
     is_unique: bool
     reason: str
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -97,11 +100,13 @@ def align_coarsely(source: Surface | PointCloud, target: Surface | PointCloud) -
 def register_from_anywhere(source: Surface | PointCloud, target: Surface | PointCloud,
                            settings: IcpSettings | None = None, within: Within | None = None,
                            ) -> tuple[Registration, CoarseAlignment]:  # fmt: skip
-    """Return the fine registration from the pose found by shape alone; not converged where that is not unique."""
+    """Return the fine registration from the pose found by shape alone; not converged where that is not unique, in doubt
+    where another pose comes close."""
     coarse = align_coarsely(source, target)
-    fine = register(source, target, settings, T_target_source=coarse.T_target_source, within=within)
+    start = coarse.T_target_source
+    fine = register(source, target, settings, T_target_source=start, T_given=np.eye(4), within=within)
     if coarse.is_unique or not fine.converged:
-        return fine, coarse
+        return replace(fine, doubt="; ".join(filter(None, (coarse.doubt, fine.doubt)))), coarse
     return replace(fine, converged=False, reason=coarse.reason), coarse
 
 
@@ -202,14 +207,18 @@ def judge_guesses(shapes: tuple[Shape, Shape], guesses: list[Floats], cell: floa
     best, k = scored[0]
     other, j = scored[1] if len(scored) > 1 else (0.0, k)
     ambiguity = max(other, 0.0) / best if best > 0.0 else 1.0
-    reason = ""
+    reason = doubt = ""
     if best < LEAST_EXPLAINED:
         reason = (
             f"the best pose explains only {100 * max(best, 0.0):.0f} % of the shape; do the two show the same part?"
         )
     elif ambiguity > MOST_AMBIGUOUS:
         reason = f"the shapes fit as well {describe_turn(refined[k], refined[j])}; mark the true pose with targets"
-    return CoarseAlignment(refined[k], best, ambiguity, not reason, reason)
+    elif ambiguity > CLOSE:
+        doubt = (
+            f"found by shape alone, and {100 * ambiguity:.0f} % as much fits {describe_turn(refined[k], refined[j])}"
+        )
+    return CoarseAlignment(refined[k], best, ambiguity, not reason, reason, doubt)
 
 
 def describe_turn(one: Floats, other: Floats) -> str:

@@ -66,7 +66,7 @@ class IcpSettings:
 
 
 def register(source: Surface | PointCloud, target: Surface | PointCloud, settings: IcpSettings | None = None, *,
-             T_target_source: Floats | None = None, frames: Frames | None = None,
+             T_target_source: Floats | None = None, T_given: Floats | None = None, frames: Frames | None = None,
              within: Within | None = None) -> Registration:  # fmt: skip
     """Estimate the motion that brings the stable areas of a source onto a target.
 
@@ -75,6 +75,8 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     source, target : surfaces or clouds in metres, near each other. Normals are fitted where there are none.
     settings : see `IcpSettings`.
     T_target_source : (4, 4), where to start; as given where left out.
+    T_given : (4, 4), the pose as given, which may tell where the surfaces fit as well elsewhere; `T_target_source`
+        where left out, which somebody stated then. A start found by shape tells nothing more.
     frames : how far the frames that both are given in may differ, where control holds them. Then what the shape does
         not hold (a staircase's slide along its steps) stays as given, with that uncertainty, and `held_by_frames` says
         so; what it does hold is found by the shape alone.
@@ -102,6 +104,7 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
     shift = find_centre(target)
     sides = prepare_side(source, shift), prepare_side(target, shift)
     T_start = into_local(np.eye(4) if T_target_source is None else np.asarray(T_target_source, dtype=float), shift)
+    given = T_start if T_given is None else into_local(T_given, shift)
     if within is not None:
         sides = (
             sides[0].take(within(apply(T_start, sides[0].points) + shift)),
@@ -109,7 +112,7 @@ def register(source: Surface | PointCloud, target: Surface | PointCloud, setting
         )
     n_source = len(source.vertices if isinstance(source, Surface) else source.points)
     frames = None if frames is None else frames.shifted(shift)
-    local = register_sides(*sides, T_start, n_source, settings, frames)
+    local = register_sides(*sides, T_start, n_source, settings, frames, given)
     return replace(local, T_target_source=into_local(local.T_target_source, -shift), centre=local.centre + shift)
 
 
@@ -134,8 +137,9 @@ def into_local(T_target_source: Floats, shift: Floats) -> Floats:
 
 @with_one_blas_thread
 def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, settings: IcpSettings,
-                   frames: Frames | None = None) -> Registration:  # fmt: skip
+                   frames: Frames | None = None, T_given: Floats | None = None) -> Registration:  # fmt: skip
     """Return the registration of two prepared sides, in their local frame."""
+    given = (T_start if T_given is None else T_given, frames)
     rng = np.random.default_rng(settings.seed)
     if min(len(source), len(target)) < 10:
         return failed(T_start, f"{len(source)} and {len(target)} usable points are too few", n_source)
@@ -161,13 +165,13 @@ def register_sides(source: Side, target: Side, T_start: Floats, n_source: int, s
         scale = None if layered is not None else find_scale(samples, target, found, rules, numbers, both_oriented)
         settled = Settled(source, target, grid, samples, numbers, found, stable, n_iterations)
         concluded = conclude(settled, n_source, layered=layered, scale=scale)
-        return beside_rivals(concluded, settled, rules, both_oriented, (T_start, frames))
+        return beside_rivals(concluded, settled, rules, both_oriented, given)
     T = without_free_part(found.T_target_source, np.eye(4), free)
     found = align(samples, target, T, replace(rules, locked=free), is_kept=stable.is_kept, fine=True,
                   both_oriented=both_oriented, partners=partners, shared=stable.shared)  # fmt: skip
     settled = Settled(source, target, grid, samples, numbers, found, stable, n_iterations + found.n_iterations)
     concluded = conclude(settled, n_source, held=(free, frames))
-    return beside_rivals(concluded, settled, rules, both_oriented, (T_start, frames))
+    return beside_rivals(concluded, settled, rules, both_oriented, given)
 
 
 def beside_rivals(concluded: Registration, settled: Settled, rules: AlignmentRules, both_oriented: bool,

@@ -10,7 +10,17 @@ from random_poses import anywhere, moved
 from real_scans import read_range_image
 
 from monitor.registration.anywhere.assembly import Link, assemble, check_triangles, hang_on_tree
-from monitor.registration.anywhere.coarse import align_coarsely, fit_rigid, register_from_anywhere
+from monitor.registration.anywhere.coarse import (
+    CoarseAlignment,
+    Shape,
+    align_coarsely,
+    fit_rigid,
+    judge_guesses,
+    prepare_oriented,
+    register_from_anywhere,
+)
+from monitor.registration.anywhere.shape_features import choose_cell, find_places
+from monitor.registration.epochs import register_epochs
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud, Surface
 from projects.transforms import apply, invert
@@ -80,6 +90,42 @@ def test_square_shaft_is_refused_with_the_quarter_turn_and_taken_with_a_mark(rng
     assert found.is_unique, found.reason
     error = apply(found.T_target_source @ T, marked.vertices) - marked.vertices
     assert np.abs(error).max() < 5e-3
+
+
+def judge_quarter_turn(height: float, width: float) -> CoarseAlignment:
+    """Return what is found of a square shaft with a mark on one side, of which the true pose and a quarter turn are
+    guessed."""
+    shaft = turned_body(PROFILE, 160, square=True)
+    off = ((shaft.vertices - [0.09, 0.0, 0.2]) / width) ** 2
+    marked = Surface(shaft.vertices + np.exp(-off.sum(axis=1))[:, None] * [height, 0.0, 0.0], shaft.faces)
+    side = prepare_oriented(marked, np.zeros(3))
+    cell, turn = choose_cell((side, side)), np.eye(4)
+    turn[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    shape = Shape(side, find_places(side, cell), None)
+    return judge_guesses((shape, shape), [np.eye(4), turn], cell)
+
+
+def test_a_pose_that_another_comes_close_to_is_taken_in_doubt() -> None:
+    clear, close, open_ = (judge_quarter_turn(*mark) for mark in ((0.05, 0.15), (0.03, 0.08), (0.01, 0.03)))
+    assert clear.is_unique
+    assert not clear.doubt
+    assert close.is_unique
+    assert close.doubt.startswith("found by shape alone, and 70 % as much fits turned by 90 degrees about (0.00, ")
+    assert not open_.is_unique
+    assert "fit as well turned by 90 degrees" in open_.reason
+
+
+def test_the_doubt_about_a_pose_found_by_shape_goes_with_the_registration(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = body(rng, 4000)
+    away = np.eye(4)
+    away[0, 3] = 40.0
+    doubtful = CoarseAlignment(invert(away), 1.0, 0.7, True, "", "another pose comes close")
+    monkeypatch.setattr("monitor.registration.anywhere.coarse.align_coarsely", lambda *_: doubtful)
+    found, _ = register_epochs(moved(body(rng, 4000), away), before)
+    assert found.converged, found.reason
+    assert found.doubt == "another pose comes close"
 
 
 def test_two_different_bodies_do_not_belong_together(rng: np.random.Generator) -> None:

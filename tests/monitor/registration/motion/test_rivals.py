@@ -10,6 +10,7 @@ from bumpy_body import move, noisy_cloud, unit
 from network_of_caps import bumpy_cap, displaced
 
 from monitor.registration import register
+from monitor.registration.anywhere.coarse import register_from_anywhere
 from monitor.registration.motion.held import Frames
 from monitor.registration.network.adjustment import adjust_scans
 from projects.model import Floats, PointCloud
@@ -116,6 +117,16 @@ def test_flutes_are_told_by_the_pose_as_given_only_where_it_lies_near(rng: np.ra
     far = register(move(compared, flutes(0.6)), reference)
     assert not far.converged
     assert "ambiguous" in far.reason
+
+
+def test_no_pose_as_given_tells_flutes_apart_where_the_start_was_found_otherwise(rng: np.random.Generator) -> None:
+    reference, compared = column(rng), move(column(rng), shift(40.0, 3.0, 1.0))
+    found = register(compared, reference, T_target_source=shift(-40.0, -3.0, -1.0), T_given=np.eye(4))
+    assert not found.converged
+    assert "the poses as given do not tell which is right" in found.reason
+    by_shape, _ = register_from_anywhere(compared, reference)
+    assert not by_shape.converged
+    assert "poses as given alone" not in by_shape.doubt
 
 
 def test_a_body_that_repeats_nothing_has_no_rival(rng: np.random.Generator) -> None:
