@@ -24,7 +24,7 @@ from reports.crate import write_crate
 from reports.deposit import Deposit
 from reports.deposit_comparison import add_comparison, add_series_actions
 from reports.deposit_epoch import add_epoch
-from reports.kept import kept_comparisons, lost_results
+from reports.kept import kept_comparisons, lost_error, lost_results
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,7 @@ def _require_none_lost(project: Project, object_id: str) -> None:
     """Raise `StoreError` where an archive would leave out what the index lists."""
     lost = lost_results(project, object_id)
     if lost:
-        raise StoreError(
-            f"{lost[0]} was made, but its file is missing or cut off; monitor verify {project.quoted} names it: "
-            f"restore it from a copy, or make it anew with: monitor compare {project.quoted} {object_id}"
-        )
+        raise lost_error(lost[0], project, object_id)
 
 
 def _add_object(deposit: Deposit, project: Project, object_id: str, notify: Callable[[str], None]) -> None:

@@ -15,14 +15,27 @@ from reports.quantities import listed
 
 
 def require_comparison(project: Project, object_id: str, reference_id: str, compared_id: str) -> Step:
-    """Return the step of a comparison that the project holds; raise `StoreError` that says how to make it."""
-    step = project.latest(object_id, compared_id, comparison_product(reference_id))
-    if step is None:
-        raise StoreError(
-            f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
-            f"monitor compare {project.quoted} {object_id} {reference_id} {compared_id}"
-        )
-    return step
+    """Return the step of a comparison that the project holds; raise `StoreError` that says how to make it, or how to
+    get it back where its file is lost."""
+    product, asked = comparison_product(reference_id), f"{object_id} {reference_id} {compared_id}"
+    step = project.latest(object_id, compared_id, product)
+    if step is not None:
+        return step
+    if product in {s.product for s in project.steps(object_id, compared_id)}:
+        raise lost_error(_name_result(product, object_id, compared_id), project, asked)
+    raise StoreError(
+        f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
+        f"monitor compare {project.quoted} {asked}"
+    )
+
+
+def lost_error(lost: str, project: Project, asked: str) -> StoreError:
+    """Return the error that something was made and its file is lost, with what gets it back; `asked` is what
+    `monitor compare` is to make anew."""
+    return StoreError(
+        f"{lost} was made, but its file is missing or cut off; monitor verify {project.quoted} names it: "
+        f"restore it from a copy, or make it anew with: monitor compare {project.quoted} {asked}"
+    )
 
 
 def kept_comparisons(project: Project, object_id: str) -> list[tuple[str, str]]:
@@ -42,10 +55,16 @@ def lost_results(project: Project, object_id: str) -> list[str]:
     lost = []
     for epoch in project.epochs(object_id):
         for step in project.steps(object_id, epoch.epoch_id):
-            kind, reference_id = split_product(step.product)
+            kind, _ = split_product(step.product)
             if kind in ("comparison", "series") and project.latest(object_id, epoch.epoch_id, step.product) is None:
-                lost.append(f"the {kind} of {object_id} from {reference_id} to {epoch.epoch_id}")
+                lost.append(_name_result(step.product, object_id, epoch.epoch_id))
     return lost
+
+
+def _name_result(product: str, object_id: str, epoch_id: str) -> str:
+    """Return in words which comparison or series of an object an epoch keeps as `product`."""
+    kind, reference_id = split_product(product)
+    return f"the {kind} of {object_id} from {reference_id} to {epoch_id}"
 
 
 def outdated_epochs(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> list[str]:

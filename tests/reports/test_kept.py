@@ -66,6 +66,20 @@ def test_nothing_whose_file_is_lost_is_left_out_of_an_archive(project: Project, 
     assert not (tmp_path / "out").exists()
 
 
+def test_a_comparison_asked_for_whose_file_is_lost_is_not_called_never_made(
+    project: Project, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lose(project, "e3", "comparison-e1")
+    for command in ("export", "report"):
+        assert run([command, str(project.path), "column", "e1", "e3", "--out", str(tmp_path / "out")]) == 2
+        told = capsys.readouterr().err
+        assert "the comparison of column from e1 to e3 was made, but its file is missing or cut off" in told
+        assert told.rstrip().endswith(f"make it anew with: monitor compare {project.path} column e1 e3")
+        assert "not compared yet" not in told
+    with pytest.raises(StoreError, match="e2 and e3 of object column are not compared yet; run: monitor compare"):
+        gather_facts(project, "column", "e2", "e3")
+
+
 def test_exports_and_reports_of_everything_name_the_comparison_whose_file_is_lost(
     project: Project, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
