@@ -25,6 +25,7 @@ from reports.deposit import Deposit
 from reports.deposit_comparison import add_comparison, add_series_actions
 from reports.deposit_epoch import add_epoch
 from reports.kept import kept_comparisons, lost_error, lost_results
+from reports.quantities import listed
 
 
 @dataclass(frozen=True)
@@ -100,11 +101,22 @@ def _write_readme(deposit: Deposit, project: Project, object_ids: Sequence[str],
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False, keep_trailing_newline=True
     )
     told = page.from_string(template).render(
-        title=title, project=project, objects=objects, minds=deposit.minds, today=_today(), version=_version()
-    )
+        title=title, project=project, objects=objects, minds=deposit.minds, today=_today(), version=_version(),
+        **_standing(project, object_ids),
+    )  # fmt: skip
     path = deposit.payload / "README.txt"
     path.write_text(told, encoding="utf-8", newline="\n")
     deposit.add(path, "What is in this archive, in words")
+
+
+def _standing(project: Project, object_ids: Sequence[str]) -> dict[str, str]:
+    """Return in words whether the poses of scans are `standing` as registered or as given, and of which epochs they are
+    `as_given`, "" where of none."""
+    epochs = [e for object_id in object_ids for e in project.epochs(object_id) if not e.is_mesh]
+    names = [f"{e.object_id} {e.epoch_id}" for e in epochs
+             if project.latest(e.object_id, e.epoch_id, "network") is None]  # fmt: skip
+    known = "as given, not registered" if len(names) == len(epochs) else "as registered or as given (below)"
+    return {"standing": known if names else "as registered", "as_given": listed(names)}
 
 
 def _title(project: Project, object_ids: Sequence[str]) -> str:

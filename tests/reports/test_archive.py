@@ -106,6 +106,22 @@ def test_the_readme_says_what_every_column_of_every_file_is(made: Path) -> None:
     assert {"unresolved", "crest", "invented", "stray_share", "rate_assessment", "rate_told_from"} <= words
 
 
+def test_the_readme_calls_poses_registered_only_where_they_are(made: Path, tmp_path: Path) -> None:
+    told = (made / "archive" / "data" / "README.txt").read_text(encoding="utf-8")
+    assert "points, stations as registered\n" in told
+    assert "where the scanner stood, as registered\n" in told
+    assert "as given" not in told.partition("Names\n")[2].partition("Formats:")[0].replace("as it was given", "")
+    raw = Project.create(tmp_path / "raw")
+    raw.add_object(replace(example_object(), object_id="door"))
+    raw.add_epoch(EpochRecord("door", "e1", datetime.date(2027, 5, 1)), read_scans(made / "a.e57"))
+    write_archive(tmp_path / "archive", raw, ["door"], silent)
+    told = (tmp_path / "archive" / "data" / "README.txt").read_text(encoding="utf-8")
+    assert "as registered" not in told
+    for line in ("points, stations as given, not registered\n", "pose of scan N, as given, not registered: 4 x 4",
+                 "where the scanner stood, as given, not registered\n"):  # fmt: skip
+        assert line in told
+
+
 def test_the_front_of_the_object_stands_in_the_archive_and_its_report_goes_by_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -321,6 +337,8 @@ def test_what_is_not_processed_or_out_of_date_is_said_in_the_archive(
         assert text in told
         assert text in readme
     assert archive._today() in readme
+    assert "points, stations as registered or as given (below)" in readme
+    assert "Poses of the scans of column e3 are\nas they were given, not registered." in readme
     data = tmp_path / "archive" / "data"
     graph = {e["@id"]: e for e in json.loads((data / "ro-crate-metadata.json").read_text(encoding="utf-8"))["@graph"]}
     for epoch, known in (("e1", "as registered"), ("e3", "as given, not registered")):
