@@ -32,6 +32,7 @@ from reports.wholemotion import knows_motion
 Facts = dict[str, Any]
 Where = tuple[int | None, str | None]  # workers, scheduler
 HERE: Where = (None, None)  # in this process
+COMPARED = "{object} {reference} -> {compared}: {answer}"  # the line of a comparison
 
 
 def process_project(
@@ -139,7 +140,11 @@ def compare_object(
         if len(failed) == 1 and not facts:  # one cause why none is compared is said by itself
             raise failed[0]
         whole = not pair[0] and not failed  # a pair that failed may have an older comparison, made otherwise
-        followed = follow_epochs(project, object_id, notify) if whole else None
+        try:
+            followed = follow_epochs(project, object_id, notify) if whole else None
+        except BaseException:  # what was compared is kept, and told even where this was interrupted
+            _tell(facts, as_json, COMPARED)
+            raise
         alike = epochs_of_one_date(project, object_id) if whole and len(pairs) > 1 else []
     if facts and followed is None and alike:
         facts[-1]["answer"] += f"; no series: {' and '.join(alike)} are of one date, and leave no order"
@@ -149,7 +154,7 @@ def compare_object(
         facts[-1]["series"] = {"n_epochs": followed.counts["epochs"], "n_regions": n, "n_regions_by_trend": alone}
         facts[-1]["answer"] += f"; {n} region{'s' if n != 1 else ''} followed over {followed.counts['epochs']} epochs"
         facts[-1]["answer"] += f", {alone} of them found by the trend alone" if alone else ""
-    _tell(facts, as_json, "{object} {reference} -> {compared}: {answer}")
+    _tell(facts, as_json, COMPARED)
     what = "pairs of epochs could not be compared, and no change was followed over the epochs"
     _require_all(len(facts), len(pairs), failed, what)
 

@@ -1,6 +1,7 @@
 """Four epochs of a relief through the command line: change is followed, reported and exported."""
 
 import dataclasses
+import datetime
 import json
 import shutil
 from pathlib import Path
@@ -17,7 +18,7 @@ from monitor.record import Place
 from projects import Project, Surface
 from projects.errors import ComparisonError
 from projects.formats import write_ply_mesh
-from projects.model import Assessment, Step
+from projects.model import Assessment, EpochRecord, ObjectRecord, Step
 from reports import pictures
 from reports.course_charts import draw_courses
 from reports.document import gather_facts
@@ -154,6 +155,35 @@ def test_nothing_is_followed_where_a_pair_failed_though_an_older_comparison_of_i
     said = capsys.readouterr()
     assert all("series" not in facts for facts in json.loads(said.out))
     assert "and no change was followed over the epochs" in said.err
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_what_was_compared_is_told_where_following_it_fails(
+    as_json: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = Project.create(tmp_path / "project")
+    project.add_object(ObjectRecord("relief"))
+    flat = Surface(np.eye(3), [[0, 1, 2]])
+    for year in (2021, 2022, 2023):
+        project.add_epoch(EpochRecord("relief", f"e{year}", datetime.date(year, 5, 1), is_mesh=True), mesh=flat)
+
+    def compared(work: working._PairWork, here: Any) -> dict[str, str]:
+        return {"object": "relief", "reference": work.pair[0], "compared": work.pair[1], "answer": "no change found"}
+
+    def fail(*_: Any) -> None:
+        raise ComparisonError("the first surface has no faces")
+
+    monkeypatch.setattr(working, "_without_bare", lambda project, object_id, pairs: (pairs, []))
+    monkeypatch.setattr(working, "_compare_pair", compared)
+    monkeypatch.setattr(working, "follow_epochs", fail)
+    assert run(["compare", str(project.path), "relief", *(["--json"] if as_json else [])]) == 2
+    said = capsys.readouterr()
+    pairs = [("e2021", "e2022"), ("e2021", "e2023"), ("e2022", "e2023")]
+    if as_json:
+        assert [(f["reference"], f["compared"]) for f in json.loads(said.out)] == pairs
+    else:
+        assert said.out.splitlines() == [f"relief {a} -> {b}: no change found" for a, b in pairs]
+    assert said.err.strip().endswith("the first surface has no faces")
 
 
 def test_program_reads_the_series_from_the_answer(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
