@@ -151,7 +151,7 @@ def _properties(seen: Visibility, task: Task) -> dict[str, Any]:
         name: getattr(seen, name).astype(np.float32) for name in ("smallest_change", "spacing", "footprint", "sigma")
     }
     channels = {name: np.ascontiguousarray(colors[:, k]) for k, name in enumerate(("red", "green", "blue"))}
-    return {**channels, **lengths, "n_stations": seen.n_stations.astype(np.uint8)}
+    return {**channels, **lengths, "n_stations": seen.n_stations.astype(np.int32)}
 
 
 def _comments(request: PlanRequest, instrument: Instrument, best: Plan) -> list[str]:

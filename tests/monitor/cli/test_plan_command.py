@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from monitor.cli import run
+from monitor.cli.planning import _properties
 from monitor.simulation import INSTRUMENTS, Visibility, visible_change
 from monitor.simulation.planning import spread_points
 from monitor.simulation.resolution import Plan, Task, choose_plan, plan_resolutions, see_vertices, stand_around_body
@@ -105,6 +106,12 @@ def test_the_plan_of_a_mesh_names_stations_around_it_and_colours_what_they_show(
     np.testing.assert_array_equal(is_green, found["smallest_change"].ravel() <= 0.002)
     np.testing.assert_array_equal((colors == 150).all(axis=1), found["n_stations"].ravel() == 0)
     assert (found["n_stations"].ravel()[z < -0.49] == 0).all()  # from the height of its middle, its foot is not seen
+
+
+def test_stations_are_counted_beyond_what_a_byte_holds():
+    counts = np.array([0.0, 255.0, 256.0, 300.0])
+    told = _properties(Visibility(counts, *[np.full(4, 0.001)] * 4), Task())
+    assert told["n_stations"].tolist() == [0, 255, 256, 300]
 
 
 def test_what_stands_beside_hides_and_a_program_reads_the_answer(ball_file, tmp_path, capsys):
