@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import difflib
 import glob
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -178,6 +179,11 @@ def _require_once(ids: list[str], what: str, path: Path) -> None:
             raise ParameterError(f"{path}: {what} {name} is declared twice; leave one of them out or change its id")
 
 
+def _at_home(path: str) -> str:
+    """Return a path of which ~ at the beginning is the user's home, as on the command line; a file may be called ~a."""
+    return os.path.expanduser(path) if path == "~" or path.startswith("~/") else path
+
+
 class _Table:
     """One table of the file: gives its values by name and kind, and knows which names were never asked for."""
 
@@ -233,11 +239,11 @@ class _Table:
     def path(self, key: str) -> Path | None:
         """Return a path, relative to the file's folder."""
         value = self.text(key)
-        return self.path_of_file.parent / value if value else None
+        return self.path_of_file.parent / _at_home(value) if value else None
 
     def required_path(self, key: str) -> Path:
         """Return a path that must be given."""
-        return self.path_of_file.parent / self.required_text(key)
+        return self.path_of_file.parent / _at_home(self.required_text(key))
 
     def file(self, key: str) -> Path | None:
         """Return the path of a file that must be there, where one is given."""
@@ -252,7 +258,7 @@ class _Table:
         if not listed or not all(isinstance(name, str) and name for name in listed):
             raise ParameterError(f'{self.at(key)}: a list of files is needed, like ["after-*.ply"]')
         found: list[Path] = []
-        for name in listed:
+        for name in map(_at_home, listed):
             folder = self.path_of_file.parent
             path = folder / name
             wild = any(c in name for c in WILD) and not path.exists()

@@ -262,6 +262,26 @@ def test_a_file_that_contradicts_the_project_is_refused(
     assert told in capsys.readouterr().err
 
 
+def test_paths_that_begin_at_home_do_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home, folder = tmp_path / "home", tmp_path / "campaign"
+    for place in (home / "scans", folder):
+        place.mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("USERPROFILE", str(home))
+    write_ply_mesh(home / "scans" / "after-1.ply", relief(0.0))
+    write_ply_mesh(folder / "~juno.ply", relief(0.0))
+    declared = CAMPAIGN.replace('extent = "box.json"', "").replace('"before.ply"', '"~/scans/after-1.ply"')
+    declared = declared.replace('"project"', '"~/project"').replace('"aft*.ply"', '"~/scans/aft*.ply"')
+    declared = declared.replace('"out/reports"', '"~/reports"').replace('"juno.ply"', '"~juno.ply"')
+    (folder / "campaign.toml").write_text(declared)
+    campaign = read_campaign(folder / "campaign.toml")
+    assert (campaign.project, campaign.report) == (home / "project", home / "reports")
+    assert campaign.export == folder / "out/files"
+    (before, after), (juno,) = (declared.epochs for declared in campaign.objects)
+    assert before.files == after.files == (home / "scans" / "after-1.ply",)
+    assert juno.files == (folder / "~juno.ply",)
+
+
 def test_other_poses_than_an_epoch_was_added_with_are_seen() -> None:
     headers = [
         ScanHeader(k, f"a.e57#{k + 1}", TURNED[k], np.zeros(3), 9, {}, None, "a.e57", "", k, False, np.zeros((2, 3)))
