@@ -17,6 +17,7 @@ KIND_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,31}")
 STEP_PATTERN = re.compile(r"[0-9a-f]{8,64}")
 PRODUCT_FILE_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,31}(-[A-Za-z0-9][A-Za-z0-9.-]{0,63})?-[0-9a-f]{8,64}\.h5")
 WINDOWS_DEVICES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
+TAKEN = ("series",)  # stands in an epoch's place in names of exported files
 TRANSLITERATED = str.maketrans(
     {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "ẞ": "SS", "æ": "ae", "ø": "oe",
      "å": "aa", "Æ": "Ae", "Ø": "Oe", "Å": "Aa", "œ": "oe", "Œ": "Oe", "ł": "l", "Ł": "L", "đ": "d", "Đ": "D"}
@@ -55,9 +56,20 @@ def require_id(text: str, what: str) -> str:
     )
 
 
+def require_epoch_id(text: str) -> str:
+    """Return `text` if an epoch may be called so: an id that stands for nothing else in names of exported files."""
+    require_id(text, "epoch")
+    if text.lower() in TAKEN:
+        raise ParameterError(
+            f"epoch id {text!r} stands for change over all epochs in names of exported files, where the epoch's own "
+            f"would be the same; choose another id, such as {text + '-1'!r}"
+        )
+    return text
+
+
 def require_new_id(text: str, existing: Iterable[str], what: str) -> str:
     """Return `text` if it is an id and no existing one equals it, with or without regard to upper and lower case."""
-    require_id(text, what)
+    text = require_epoch_id(text) if what == "epoch" else require_id(text, what)
     for other in existing:
         if other == text:
             raise StoreError(f"{what} {text!r} exists already; choose another id")

@@ -30,7 +30,7 @@ from projects.formats import (
     read_poses,
     sniff_format,
 )
-from projects.identifiers import require_id
+from projects.identifiers import require_epoch_id
 from projects.model import ControlPoint, EpochRecord
 from projects.provenance import hash_file
 from projects.raw import ScanHeader
@@ -81,7 +81,7 @@ def add_epoch_to_project(path: Path, request: EpochRequest, as_json: bool) -> No
 
 def _require_new(project: Project, request: EpochRequest) -> None:
     """Refuse a bad id and an epoch that exists, before anything is read."""
-    require_id(request.epoch_id, "EPOCH")
+    require_epoch_id(request.epoch_id)
     known = [e.epoch_id for e in project.epochs(project.object(request.object_id).object_id)]
     if request.epoch_id in known:
         raise StoreError(
@@ -93,7 +93,7 @@ def _require_new(project: Project, request: EpochRequest) -> None:
 def read_request(request: EpochRequest) -> tuple[EpochRecord, Mapping[str, PoseLine]]:
     """Return the record and the pose lines of a request; refuse what is wrong in it whatever the project holds: ids,
     date, preset, unit, control, poses, and what does not go with a finished mesh."""
-    require_id(request.epoch_id, "EPOCH")
+    require_epoch_id(request.epoch_id)
     unit = UnitCheck(metres_per_unit(request.unit or "m"), request.unit is not None)
     if request.mesh:
         _require_mesh_alone(request)

@@ -74,6 +74,17 @@ def test_name_that_is_no_id_is_refused_with_a_suggestion_and_nothing_changes(pro
     assert snapshot(tmp_path) == before
 
 
+@pytest.mark.parametrize("name", ["series", "Series"])
+def test_an_epoch_may_not_be_called_as_exports_of_all_epochs_are(project, tmp_path, rng, name):
+    stream = example_stream(tmp_path, rng)
+    before = snapshot(tmp_path)
+    with pytest.raises(ParameterError, match=f"epoch id '{name}' stands for change .* such as '{name}-1'"):
+        project.add_epoch(later_epoch(name), [stream])
+    assert snapshot(tmp_path) == before
+    project.add_object(ObjectRecord("series"))  # names of files begin with the object
+    project.add_epoch(later_epoch("series-1"), [stream])
+
+
 def test_suggestions_are_ids_themselves(rng):
     alphabet = [*"aZ9.-_/ äß\u0301\0\n\u202e石", "\udc80"]
     for length in rng.integers(0, 90, 500):

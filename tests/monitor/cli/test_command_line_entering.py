@@ -73,6 +73,20 @@ def test_a_mesh_that_is_taken_for_points_is_told_and_points_are_not(
     assert "mind" not in capsys.readouterr().err
 
 
+def test_an_epoch_called_series_is_refused_before_its_files_are_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = tmp_path / "p"
+    assert run(["init", str(project)]) == 0
+    assert run(["add-object", str(project), "ball"]) == 0
+    capsys.readouterr()
+    missing = str(tmp_path / "missing.ply")
+    assert run(["add-epoch", str(project), "ball", "series", "--date", "2026-05-01", "--mesh", missing]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "epoch id 'series' stands for change over all epochs in names of exported files" in line
+    assert "missing.ply" not in line
+
+
 def test_what_is_left_out_of_a_finished_mesh_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     project, ball = tmp_path / "p", trimesh.creation.icosphere(subdivisions=2, radius=0.1)
     corners = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in [*ball.vertices, (9.0, 9.0, 9.0), (8.0, 9.0, 9.0)]]
