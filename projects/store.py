@@ -44,6 +44,7 @@ from projects.products import CONTENT, drafted_product, is_whole, open_product, 
 from projects.provenance import now
 from projects.raw import Progress, ScanHeader, ScanStream
 from projects.verify import VerifyReport, delete_unnamed, verify_project
+from projects.visible_text import require_visible
 
 LOCK_WAIT = 10.0  # s that a writer waits for another: they hold the lock to enter what lies written, not to write it
 
@@ -61,7 +62,8 @@ class Project:
     @classmethod
     def create(cls, path: Path | str, *, name: str = "", crs: str = "", description: str = "") -> Project:
         """Make a new project in an empty or new folder; refuse any other."""
-        path = Path(path)
+        path, index = Path(path), Index(name=name, crs=crs, description=description, created=now())
+        require_visible(index, f"project {path.name}")
         _require_empty(path)
         try:
             make_folder(path)
@@ -70,7 +72,7 @@ class Project:
         project = cls(path.resolve())
         with project.writing():
             _require_empty(path)
-            project._commit(Index(name=name, crs=crs, description=description, created=now()))
+            project._commit(index)
         return project
 
     @classmethod
@@ -185,6 +187,7 @@ class Project:
         """Enter an object; its id must be new."""
         with self.writing():
             require_new_id(record.object_id, self.index().objects, "object")
+            require_visible(record, f"object {record.object_id}")
             if record.extent is not None:
                 Extent.from_mapping(record.extent)
             _require_bearing(record)
@@ -227,6 +230,7 @@ class Project:
         if type(record.date) is not datetime.date:
             raise ParameterError(f"date {record.date!r} of epoch {record.epoch_id!r}: a date (YYYY-MM-DD) is needed")
         require_new_id(record.epoch_id, find_object(self.index(), record.object_id).epochs, "epoch")
+        require_visible(record, f"epoch {record.epoch_id}")
 
     def remove_epoch(self, object_id: str, epoch_id: str, *, purge: bool = False) -> None:
         """Take an epoch out of the index, with the comparisons made from it; `purge` also deletes its files.

@@ -36,6 +36,7 @@ from projects.provenance import hash_file
 from projects.raw import ScanHeader
 from projects.reference_systems import name_of_plane
 from projects.store import Project
+from projects.visible_text import require_visible
 from reports.history import tell_blind
 
 FIRST_YEAR = 1850  # of photogrammetry; clouds of old plates are surveys too
@@ -102,7 +103,7 @@ def read_request(request: EpochRequest) -> tuple[EpochRecord, Mapping[str, PoseL
 
 def _record(request: EpochRequest, unit: UnitCheck) -> EpochRecord:
     """Return the epoch's record, everything checked."""
-    return EpochRecord(
+    record = EpochRecord(
         object_id=request.object_id,
         epoch_id=request.epoch_id,
         date=_date(request.date),
@@ -114,6 +115,8 @@ def _record(request: EpochRequest, unit: UnitCheck) -> EpochRecord:
         control=_control(request, unit),
         unit=unit.metres,
     )
+    require_visible(record, f"epoch {record.epoch_id}")
+    return record
 
 
 def _date(text: str) -> datetime.date:

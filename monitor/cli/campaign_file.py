@@ -24,6 +24,7 @@ from projects.errors import MonitorError, ParameterError
 from projects.extent import read_extent
 from projects.identifiers import require_id
 from projects.model import ObjectRecord
+from projects.visible_text import require_visible
 
 TEXTS = ("name", "inventory", "place", "material", "description")
 WILD = "*?["
@@ -91,6 +92,7 @@ def read_campaign(path: Path) -> Campaign:
         objects=tuple(_read_object(inner) for inner in table.tables("object")),
     )  # fmt: skip
     table.require_no_other()
+    require_visible(campaign, "the project")
     if not campaign.objects:
         raise ParameterError(f"{path}: declares no object; add one: [[object]] with id and [[object.epoch]]")
     _require_once([o.record.object_id for o in campaign.objects], "object", path)
@@ -132,6 +134,7 @@ def _read_object(table: _Table) -> ObjectRequest:
         front=None if front is None else bearing_from_direction(front, table.at("front")),
         **{name: table.text(name) for name in TEXTS},
     )
+    require_visible(record, f"object {object_id}")
     epochs = tuple(_read_epoch(inner, object_id) for inner in table.tables("epoch"))
     known = [e.epoch_id for e in epochs]
     _require_once(known, f"epoch of {object_id}", table.path_of_file)

@@ -391,7 +391,7 @@ def test_scans_that_cannot_be_kept_are_refused(project, tmp_path, rng, spoil, me
     [
         ({"date": datetime.datetime(2024, 5, 1, 12)}, "date"),
         ({"date": "1. Mai"}, "date"),
-        ({"label": "a\0b"}, "no text"),
+        ({"label": "a\0b"}, r"holds U\+0000"),
         ({"operator": "\udc80"}, "no text"),
         ({"control": ({"name": "P1"},)}, "control|whole index"),
     ],
