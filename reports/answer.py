@@ -14,6 +14,7 @@ from projects.model import Z95, Assessment, ComparedSurface, Comparison, NotAsse
 from reports.facts import Answer, EpochFacts, KeyFigure, RegionFacts, Told
 from reports.quantities import (
     MM,
+    NAN,
     NBSP,
     NOT_KNOWN,
     WORDS,
@@ -38,7 +39,6 @@ from reports.smallest import (
 from reports.whereabouts import Setting, locate_most
 from reports.wholemotion import PartMotion, describe_motion, describe_parts, knows_motion
 
-NAN = float("nan")
 LISTED = 6  # of one kind: beyond it their numbers are not listed
 MOSTLY = 0.5  # of the surface not assessable: the headline says so
 LEAST_SIGMA_SCALE = 1e-6 / Z95  # no scale is told closer: the doubt about the motion says the same number

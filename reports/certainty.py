@@ -14,7 +14,6 @@ import numpy as np
 from projects.model import Assessment, Comparison, Step
 from reports.answer import (
     AGREEMENT_UNKNOWN,
-    NAN,
     NOT_ASSESSABLE,
     WHY_NOT,
     print_significance,
@@ -22,7 +21,7 @@ from reports.answer import (
 )
 from reports.control import control_table
 from reports.facts import EpochFacts, Table
-from reports.quantities import DEGREES, MM, NOT_KNOWN, coordinates, count, estimate, millimetres, percent
+from reports.quantities import DEGREES, MM, NAN, NOT_KNOWN, coordinates, count, estimate, millimetres, percent
 from reports.smallest import is_beside_layer, level_beside, told_by_width, tolerance_in_words
 from reports.wholemotion import describe_motion, knows_motion, object_size
 

@@ -10,9 +10,7 @@ from typing import Any
 
 from projects.model import Step
 from reports.facts import Table
-from reports.quantities import count, millimetres, percent
-
-NAN = float("nan")
+from reports.quantities import NAN, count, millimetres, percent
 
 
 def opinion_tables(made: Step | None) -> tuple[Table, ...]:

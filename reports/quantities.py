@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from projects.model import Z95
 
-NOT_KNOWN = "not known"
+NOT_KNOWN, NAN = "not known", math.nan  # in words, and as the number
 MM, DEGREES = 1e3, 180.0 / math.pi  # of one m, rad
 NBSP, THIN, MINUS = "\u00a0", "\u202f", "\u2212"
 NO_SHARE = 1e-11  # of anything: what sums of shares round to

@@ -10,9 +10,8 @@ import math
 import numpy as np
 
 from projects.model import Comparison
-from reports.quantities import MM, NBSP, millimetres, percent
+from reports.quantities import MM, NAN, NBSP, millimetres, percent
 
-NAN = float("nan")
 MUCH_LESS = 0.9  # of what a narrower change needs: a wider one is worth words
 LEAST_COARSE = 0.01  # of the assessed surface tells only large changes: the report says so in words
 LEAST_UNSURE = 0.001  # of it does not tell changes of the client's tolerance: so here

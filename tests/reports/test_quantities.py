@@ -2,10 +2,14 @@
 
 import datetime
 import math
+import re
+from pathlib import Path
 
 import pytest
 
+from reports import quantities
 from reports.quantities import (
+    NAN,
     Estimate,
     about_square,
     choose_measures,
@@ -22,8 +26,6 @@ from reports.quantities import (
     square,
     tell_bearing,
 )  # fmt: skip
-
-NAN = float("nan")
 
 
 @pytest.mark.parametrize(
@@ -155,3 +157,12 @@ def test_coordinates_have_the_decimals_that_the_size_of_the_object_asks_for():
 ])  # fmt: skip
 def test_a_bearing_is_told_by_the_nearest_side_and_in_degrees(degrees, text):
     assert tell_bearing(math.radians(degrees)) == f"{text} clockwise from +y)"
+
+
+def test_what_is_not_known_is_defined_in_one_place():
+    """Each of four modules had a NAN of its own."""
+    modules = Path(quantities.__file__).parent.glob("*.py")
+    texts = {path.name: path.read_text(encoding="utf-8") for path in modules}
+    assert [name for name, text in texts.items() if re.search(r"^(\w+, )*NAN(, \w+)* = ", text, re.MULTILINE)] == [
+        "quantities.py"
+    ]
