@@ -97,8 +97,10 @@ def write_captions(facts: ReportFacts) -> Captions:
         kinds=tuple((kind, f"{MEANINGS[kind]}{OR_MOVED.get(kind, '')}") for kind in present if kind in MEANINGS),
         courses=(
             f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Filled: found as "
-            "a region in that epoch; hollow: measured at the same place, not significant there, as in every epoch of a "
-            "region that its trend alone shows. Line and band, where a trend is significant: the trend, and where "
+            "a region in that epoch; hollow: measured at the same place where none was found, as in every epoch of a "
+            "region that its trend alone shows. Where the bar of a hollow one does not reach zero, this place taken by "
+            "itself differs in that epoch; to be found, a region must stand out in a search of all of the surface, "
+            "which asks for more. Line and band, where a trend is significant: the trend, and where "
             f"95{NBSP}% of epochs will lie if it goes on."
         ),
         course_numbers=(

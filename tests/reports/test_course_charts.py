@@ -9,10 +9,12 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.dates import num2date
 from matplotlib.figure import Figure
+from report_examples import facts_of
 from series_examples import series_of
 
 from projects.model import Series
 from reports import course_charts
+from reports.captions import write_captions
 from reports.course_charts import draw_course, draw_courses, draw_dates
 
 NAN = float("nan")
@@ -75,3 +77,19 @@ def test_the_title_of_a_course_that_is_open_has_room() -> None:
     axes = Figure().add_subplot()
     draw_course(axes, series, series.regions.iloc[0])
     assert axes.get_title(loc="left") == "region 1: the epochs do not tell its course"
+
+
+def test_the_legend_is_true_of_a_hollow_point_whose_bar_does_not_reach_zero() -> None:
+    """It was called not significant."""
+    series = series_of("steady", (-1e-3, -4e-3))
+    history = series.history.assign(region=[0, 1], sigma_mean_m=1e-4)
+    axes = Figure(figsize=(2.6, 1.1)).add_subplot()
+    draw_course(axes, replace(series, history=history), series.regions.iloc[0])
+    (hollow,) = [line for line in axes.lines if str(line.get_markerfacecolor()) == "white"]
+    at = np.atleast_1d(hollow.get_xdata())[0]
+    (bar,) = [bar for bar in axes.collections[0].get_segments() if bar[0, 0] == at]
+    assert bar[:, 1].max() < 0.0
+    told = write_captions(facts_of()).courses
+    assert "not significant" not in told
+    assert "hollow: measured at the same place where none was found" in told
+    assert "Where the bar of a hollow one does not reach zero, this place taken by itself differs in that epoch" in told
