@@ -29,7 +29,7 @@ METHOD = {
     "mesh": 8,
     "quality": 3,
     "comparison": 60,
-    "series": 16,
+    "series": 17,
 }
 
 

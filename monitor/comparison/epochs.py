@@ -41,7 +41,7 @@ from monitor.comparison.regions.told_from import add_told_from, coarse_figures, 
 from monitor.comparison.sight.views import look_from
 from monitor.comparison.summary import area_figures, summarize
 from monitor.declare import check_settings, given_or_default, setting
-from projects.model import Bools, ComparedSurface, Comparison, Floats, Registration, Surface
+from projects.model import REGION_COLUMNS, Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +179,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
                         knows_frames=frames is not None)  # fmt: skip
     figures |= coarse_figures(on_both[1], told.sides[1].areas, tolerance)
     figures |= area_figures(on_both, told.sides, sights, found.test.size)
-    table = told.regions.table
+    table = told.regions.table[list(REGION_COLUMNS)]
     return Comparison(on_both[1], on_both[0], table, between.stated, mode, {**figures, **statistics})
 
 

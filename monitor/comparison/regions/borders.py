@@ -1,7 +1,8 @@
 """The border of a region: how far it moves with the errors there, and how far around it its volume is looked for.
 
-In: a side, a region of it, how much changed at each vertex and from where on it counts. Out: the sigma of its area, and
-its margin: the flanks of a change that fades out lie below the level of detection and still hold volume.
+In: a side, a region of it, how much changed at each vertex and from where on it counts. Out: the sigma of its area,
+what noise alone adds to its mean, and its margin: the flanks of a change that fades out lie below the level of
+detection and still hold volume.
 """
 
 from __future__ import annotations
@@ -78,10 +79,39 @@ def sigma_of_area(side: Side, size: Floats, level: Floats, parts: tuple[Ints, Bo
     a part. What fits make of a border, wider or narrower by up to a spacing, they do everywhere.
     """
     vertices, shift = parts[0], border_shift(side, size, level, parts)
-    perimeter = perimeter_of(side, vertices)
-    share = min(np.sqrt(2.0 * correlation.length / perimeter), 1.0)
+    perimeter, share = perimeter_of(side, vertices), share_that_agrees(side, vertices, correlation)
     step = perimeter * float(np.sqrt(np.median(side.areas[vertices]) / 3.0))  # uniform up to a spacing on either side
     return float(np.hypot(shift * share, step))
+
+
+def share_that_agrees(side: Side, vertices: Ints, correlation: Correlation) -> float:
+    """Return by which share of one sigma the whole border of a region moves, where each place of it moves by one."""
+    return float(min(np.sqrt(2.0 * correlation.length / perimeter_of(side, vertices)), 1.0))
+
+
+def chosen_by_noise(side: Side, found: Detection, sign: float, parts: tuple[Ints, Bools],
+                    correlation: Correlation) -> tuple[float, float]:  # fmt: skip
+    """Return how much [m] noise alone adds to the size of a region's mean change, and one sigma of it.
+
+    A vertex is of the region since its change, or its smoothed change, lies beyond a level: of those at the border the
+    ones whose noise goes that way are in, and the others out. The mean of noise over what passes a threshold is its
+    variance times the density of what lies at the threshold (Stein 1981, lemma 1; errors may agree as they like):
+    here, one sigma of a vertex times the area that one sigma moves in or out, over the area of the region.
+    `parts` as in `border_shift`.
+    """
+    vertices, margin = parts
+    own, size = (sign * np.nan_to_num(v) for v in (side.distances, found.smooth))
+    by = tuple((v, level, level / Z95) for v, level in ((own, found.lod95), (size, found.smooth_lod95)))
+    beyond = np.logical_or(*(v > level - 0.5 * sigma for v, level, sigma in by))
+    around = _around_border(side, vertices, margin & side.is_assessed & beyond, size)
+    added, n_border = 0.0, 0
+    for (v, level, sigma), (other, its_level, _) in (by, by[::-1]):
+        at_border = (np.abs(v - level) < 0.5 * sigma)[around] & (other <= its_level)[around]
+        added += float((side.areas * sigma)[around][at_border].sum())
+        n_border += int(np.count_nonzero(at_border))
+    added /= float(side.areas[vertices].sum())
+    unsure = np.hypot(share_that_agrees(side, vertices, correlation), 1.0 / np.sqrt(max(n_border, 1)))
+    return added, added * float(unsure)
 
 
 def border_shift(side: Side, size: Floats, level: Floats, parts: tuple[Ints, Bools]) -> float:
@@ -93,12 +123,17 @@ def border_shift(side: Side, size: Floats, level: Floats, parts: tuple[Ints, Boo
     below the level to half of one above.
     """
     vertices, margin = parts
-    allowed = margin & (size > level * (1.0 - 0.5 / Z95))
-    allowed[vertices] = True
-    joined = (spread_along(side, vertices, allowed, np.inf) >= 0).astype(np.int32)
-    around = np.flatnonzero(trim_skirts(side, joined, size))
+    around = _around_border(side, vertices, margin & (size > level * (1.0 - 0.5 / Z95)), size)
     at_border = np.abs(size[around] - level[around]) < 0.5 * level[around] / Z95
     return float(side.areas[around][at_border].sum())
+
+
+def _around_border(side: Side, vertices: Ints, allowed: Bools, size: Floats) -> Ints:
+    """Return the vertices of a region and of those `allowed` (n,) what hangs together with it, less the skirts of its
+    steps."""
+    allowed[vertices] = True
+    joined = (spread_along(side, vertices, allowed, np.inf) >= 0).astype(np.int32)
+    return np.flatnonzero(trim_skirts(side, joined, size))
 
 
 def perimeter_of(side: Side, vertices: Ints) -> float:

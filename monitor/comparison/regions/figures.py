@@ -7,7 +7,7 @@ of the two is the volume between them to second order.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from monitor.comparison.noise.correlation import Correlation, kept_variance
 from monitor.comparison.noise.guesses import sigma_of_guess
 from monitor.comparison.noise.scan_errors import ScanErrors, stated_over
 from monitor.comparison.regions.beyond import SIGNS, Beyond
-from monitor.comparison.regions.borders import sigma_of_area, spread_margin
+from monitor.comparison.regions.borders import chosen_by_noise, sigma_of_area, spread_margin
 from monitor.registration.motion.sampling import motion_rows
 from projects.model import Z95, Bools, Floats, Ints, NotAssessed, Registration
 
@@ -28,6 +28,8 @@ N_AROUND = 7  # vertices, the place itself among them, that tell how large the l
 LEAST_AROUND, SHARE_AROUND = 3, 0.25  # of a region's vertices: of a chip seven are most, and their median its mean
 UNIFORM = 0.25  # a layer: the change varies by less than this share of its mean beyond noise
 MOST_UNKNOWN = 0.2  # of a region's area: with more of its margin not assessable, its volume is not known
+MOST_CHOSEN = 0.9  # of a mean, that noise may have added
+CHOICE = "choice_m"  # column of what was taken off a mean; see `RegionView.chosen`
 WHOLE = ("lost", "added")  # without any perpendicular: gone or come as a whole
 GAINS = ("added", "coated")
 WIDE = 20.0  # a layer: as wide as this many times its thickness
@@ -88,15 +90,17 @@ def view_sides(number: int, sides: Pair, found: Detected, regions: tuple[Ints, I
 
 
 def describe_region(number: int, views: list[RegionView]) -> list[Any]:
-    """Return the row of one region in the order of `REGION_COLUMNS`."""
+    """Return the row of one region in the order of `REGION_COLUMNS`, and what was taken off its mean (`CHOICE`)."""
     volume, sigma_volume = combine([v.volume for v in views], [v.sigma_volume for v in views])
     extreme, sigma_extreme = extreme_of(views)
     area, sigma_area = area_of(views, float(np.sign(extreme)))
-    mean, sigma_mean = mean_of(views, float(np.sign(extreme)))
+    raw, sigma_raw = mean_of(views, float(np.sign(extreme)))
+    (mean, sigma_mean) = mean_of([v.freed for v in views], float(np.sign(extreme)))
     centroid = np.mean([v.centroid for v in views], axis=0)
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
-    kind = name_kind(mean, sigma_mean, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
-    return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid]
+    kind = name_kind(raw, sigma_raw, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]
+    return [number, kind, area, sigma_area, volume, sigma_volume, extreme, sigma_extreme, mean, sigma_mean, *centroid,
+            raw - mean]  # fmt: skip
 
 
 def extreme_of(views: list[RegionView]) -> tuple[float, float]:
@@ -186,7 +190,7 @@ class RegionView:
     `sign` is that of the changes whose material this side shows: -1 before, +1 after. `unmatched_share` of the area
     has no perpendicular; `gap` is the mean with what the nearest points say there, and its sigma. `sigma_measured` [m]
     is the mean's sigma without what the surfaces guess there (`guesses`), `stated` [m] what its scans are stated to
-    disagree by.
+    disagree by. `chosen` [m] is what noise alone adds to the mean, and its sigma (`borders.chosen_by_noise`).
     """
 
     sign: float
@@ -203,6 +207,13 @@ class RegionView:
     gap: tuple[float, float]
     centroid: Floats
     unevenness: float
+    chosen: tuple[float, float]
+
+    @property
+    def freed(self) -> RegionView:
+        """The same with a mean that is free of what noise alone adds to it."""
+        added, sigma = self.chosen
+        return replace(self, mean=self.mean - added, sigma_mean=float(np.hypot(self.sigma_mean, sigma)))
 
 
 def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Bools, Bools],
@@ -243,7 +254,17 @@ def view_region(side: Side, found: Detected, which: int, masks: tuple[Bools, Boo
         gap=find_gap(side, found, (vertices, whole), beyond.change[which]),
         centroid=np.average(side.surface.vertices[whole], axis=0, weights=side.areas[whole]),
         unevenness=float(np.sqrt(np.fmax(spread2 - noise2, 0.0))) if len(vertices) else np.nan,
+        chosen=_chosen(mean, *chosen_by_noise(side, here, np.sign(mean), (vertices, masks[2]), correlation))
+        if len(vertices)
+        else (0.0, 0.0),
     )
+
+
+def _chosen(mean: float, size: float, sigma: float) -> tuple[float, float]:
+    """Return what noise adds to a mean [m], so much in `size`, and its sigma: never all of the mean, whose sign is
+    known by the test that found the region."""
+    most = MOST_CHOSEN * abs(mean)
+    return float(np.sign(mean)) * min(size, most), float(np.hypot(sigma, max(size - most, 0.0)))
 
 
 def measured_area(side: Side, vertices: Ints) -> float:

@@ -29,6 +29,7 @@ from monitor.comparison.regions.chips import HANDFUL, stand_alone, turn_sharply
 from monitor.comparison.regions.covered import take_covered
 from monitor.comparison.regions.enclosure import measure_body, over_each_other, spread_over_assessed
 from monitor.comparison.regions.figures import (
+    CHOICE,
     depths_of_points,
     describe_region,
     is_volume_known,
@@ -108,7 +109,7 @@ def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, regi
     widths = margin_widths(sides, found, seen, signs)
     margins = [spread_margin(s, r, widths) for s, r in zip(sides, seen, strict=True)]
     views = [view_sides(k, sides, found, seen, whole, margins, beyond, registration) for k in range(1, len(gone) + 1)]
-    table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=list(REGION_COLUMNS))
+    table = pd.DataFrame([describe_region(k, v) for k, v in enumerate(views, 1)], columns=[*REGION_COLUMNS, CHOICE])
     table[["volume_m3", "sigma_volume_m3"]] = measure_volumes(
         table, sides, whole, signs, widths, found, beyond, registration
     )

@@ -11,20 +11,21 @@ import numpy as np
 import pandas as pd
 
 from monitor.comparison.distances.side import Side
+from monitor.comparison.regions.figures import CHOICE
 from monitor.lengths import in_millimetres
 from projects.model import Bools, Floats, Ints
 
 
 def describe_shapes(table: pd.DataFrame, sides: tuple[Side, Side], regions: tuple[Ints, Ints],
                     are_hollows: Bools) -> list[dict[str, Any]]:  # fmt: skip
-    """Return for each region its length and width [m], the unit vectors along and across it, its name, and whether it
-    is a hollow too narrow for a surface (`are_hollows` (r,)).
+    """Return for each region its length and width [m], the unit vectors along and across it, its name, whether it is a
+    hollow too narrow for a surface (`are_hollows` (r,)), and what noise alone had added to its mean [m].
 
     Along and across are the principal directions of its surface, in the reference epoch's coordinates; lengths are
     those of the region's whole extent along them.
     """
     out = []
-    for number, kind, is_hollow in zip(table["region"], table["kind"], are_hollows, strict=True):
+    for number, kind, choice, is_hollow in zip(table["region"], table["kind"], table[CHOICE], are_hollows, strict=True):
         masks = [r == number for r in regions]
         points = np.vstack([s.surface.vertices[m] for s, m in zip(sides, masks, strict=True)])
         weights = np.concatenate([s.areas[m] for s, m in zip(sides, masks, strict=True)])
@@ -32,7 +33,7 @@ def describe_shapes(table: pd.DataFrame, sides: tuple[Side, Side], regions: tupl
         out.append({
             "region": int(number), "length_m": float(extents[0]), "width_m": float(extents[1]),
             "along": axes[0].tolist(), "across": axes[1].tolist(), "name": name_region(str(kind), extents),
-            "is_hollow": bool(is_hollow),
+            "is_hollow": bool(is_hollow), CHOICE: float(choice),
         })  # fmt: skip
     return out
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from projects.model import ComparedSurface, Comparison, Ints, NotAssessed
+from projects.model import ComparedSurface, Comparison, Floats, Ints, NotAssessed
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,16 @@ class EpochChange:
         number, n = later.changed_region, len(self.comparison.regions) + 1
         n_through = np.bincount(number[later.reasons == NotAssessed.LOOKED_THROUGH], minlength=n)
         return np.setdiff1d(np.flatnonzero(2 * n_through > np.bincount(number, minlength=n)), [0])
+
+    @property
+    def choices(self) -> Floats:
+        """What noise alone had added to the mean change of each region [m], by its number; entry 0 is of no region.
+        Comparisons of older versions do not tell."""
+        shapes = self.comparison.statistics.get("region_shapes", [])
+        out = np.zeros(max([0, *(int(s["region"]) for s in shapes)]) + 1)
+        for s in shapes:
+            out[int(s["region"])] = float(s.get("choice_m", 0.0))
+        return np.append(out, np.zeros(max(len(self.comparison.regions) + 1 - len(out), 0)))
 
     @property
     def places(self) -> Ints:

@@ -2,8 +2,8 @@
 
 In: the comparisons of several epochs with one reference epoch, and their dates. Out: a `Series` on the reference
 surface. Regions are found epoch by epoch and, where no single epoch shows them, by the rates of all (`rate_regions`),
-followed (`following`), and measured over their whole footprint in every
-epoch (`footprints`); how each goes on is a `Course` (`trend`).
+followed (`identity`), and measured over their whole footprint in every epoch (`footprints`); how each goes on is a
+`Course` (`trend`).
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     numbers, signs = [c.places for c in changes], [sign_of_regions(c.comparison) for c in changes]
     followed = follow_rates(follow_regions(numbers, signs, areas), going, areas, len(changes) - 1)
     share = (sigma_reference / np.fmin.reduce(sigmas)) ** 2
-    measured = [measure_footprint(f, changes, rates.side, share) for f in followed]
+    measured = [measure_footprint(f, changes, rates.side, share, years) for f in followed]
     courses = [m.course(years, seed) for m in measured]
     identity = np.zeros(len(areas), dtype=np.int32)
     for f in sorted(followed, key=lambda f: -areas[f.footprint].sum()):

@@ -49,20 +49,23 @@ class Footprint:
         return per_metre * course.rate, abs(per_metre) * course.sigma_rate
 
 
-def measure_footprint(followed: Followed, changes: Sequence[EpochChange], surface: Side, share: Floats) -> Footprint:
-    """Measure a followed region over its whole footprint in every epoch, less where the reference's `surface` goes on
-    beyond its samples; `share` (n,) of the variance of a difference that the reference brings."""
+def measure_footprint(followed: Followed, changes: Sequence[EpochChange], surface: Side, share: Floats,
+                      years: Floats) -> Footprint:  # fmt: skip
+    """Measure a followed region over its whole footprint in every epoch, `years` (k,) after the reference, less where
+    the reference's `surface` goes on beyond its samples; `share` (n,) of the variance of a difference that the
+    reference brings."""
     areas, measured = surface.areas, followed.footprint & ~surface.is_fringe
     at = np.flatnonzero(measured if measured.any() else followed.footprint)
     means = np.array([mean_over(c.side, areas, at) for c in changes])
     missed = missed_by_unseen(np.stack([c.side.distances[at] for c in changes]), areas[at])
-    means, sigmas = means + missed, np.hypot(sigmas_over(followed, changes, at), missed)
     area, bodies = float(areas[at].sum()), bodies_of(followed, changes)
+    part = float(np.nanmean(share[at])) if np.isfinite(share[at]).any() else 0.5
+    chosen = chosen_by_noise(followed, changes, areas, part, years) / area
+    means, sigmas = means + missed - chosen, np.hypot(sigmas_over(followed, changes, at), missed)
     came = np.array([followed.numbers.get(k, 0) in c.came for k, c in enumerate(changes)])
     if came.any():  # how high it stands is told by its body: the ground under it has no perpendicular
         means[came], sigmas[came] = bodies[came].T / area
     sigmas = np.where(np.isfinite(means), sigmas, np.nan)
-    part = float(np.nanmean(share[at])) if np.isfinite(share[at]).any() else 0.5
     known = sigmas[np.isfinite(sigmas)]
     centre = np.average(changes[0].side.surface.vertices[at], axis=0, weights=areas[at])
     own = float(np.sqrt(part) * known.min()) if len(known) else float("nan")
@@ -100,6 +103,24 @@ def missed_by_unseen(distances: Floats, areas: Floats) -> Floats:
     out = short[most, np.arange(len(short))]
     out[known.all(axis=1) | (np.count_nonzero(counted) < 2)] = 0.0
     return np.asarray(out)
+
+
+def chosen_by_noise(followed: Followed, changes: Sequence[EpochChange], areas: Floats, part: float,
+                    years: Floats) -> Floats:  # fmt: skip
+    """Return what noise alone adds to the change over a footprint in each epoch (k,) [m3], by that its vertices were
+    chosen where it showed (`regions.borders.chosen_by_noise`).
+
+    The reference brings `part` of the variance of each difference into all of them, whichever epoch chose: as much as
+    of the one that chose most. The rest is an epoch's own, and there only where it chose itself. A region that its
+    rates found was chosen by all, each by its share of the time.
+    """
+    if followed.found_by == "trend" or followed.is_grown:
+        return followed.chosen * years / years[-1]
+    own = np.zeros(len(changes))
+    for k, number in followed.numbers.items():
+        own[k] = changes[k].choices[number] * areas[changes[k].places == number].sum()
+    most = own[int(np.argmax(np.abs(own)))]
+    return part * most + (1.0 - part) * own
 
 
 def sigmas_over(followed: Followed, changes: Sequence[EpochChange], at: Ints) -> Floats:

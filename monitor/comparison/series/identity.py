@@ -28,6 +28,7 @@ class Followed:
     the identity that it split from and `merged_into` the one it went into, 0 where none. `found_by` says what shows it:
     "epochs" by themselves, its "trend" alone, or "both"; `is_grown` whether its footprint is what its rates show, and
     what epochs found a part of it; `kept` which share of a vertex's sigma the mean over it keeps, where no epoch tells.
+    `chosen` [m3] is what noise alone adds to its change over the series where its rates chose its vertices.
     """
 
     identity: int
@@ -41,6 +42,7 @@ class Followed:
     found_by: str = "epochs"
     is_grown: bool = False
     kept: float = 1.0
+    chosen: float = 0.0
 
 
 def sign_of_regions(comparison: Comparison) -> Floats:
@@ -110,16 +112,17 @@ def follow_rates(followed: list[Followed], rates: RateRegions, areas: Floats, la
     out = list(followed)
     for r, mean in enumerate(rates.means, 1):
         mask, sign = rates.region == r, float(np.sign(mean))
+        chosen = float(rates.chosen[r - 1] * areas[mask].sum())
         same = sorted(_found_there(followed, mask, sign, areas), key=lambda f: -areas[f.footprint & mask].sum())
         for f in same:
             f.found_by = "both"
         if not same:
             out.append(Followed(len(out) + 1, sign, mask, mask.copy(), events={last: "found by its trend"},
-                                found_by="trend", kept=float(rates.kept[r - 1])))  # fmt: skip
+                                found_by="trend", kept=float(rates.kept[r - 1]), chosen=chosen))  # fmt: skip
         elif areas[same[0].footprint & mask].sum() < MOST * areas[mask].sum():
             others = np.logical_or.reduce([f.footprint for f in followed if f is not same[0]] or [~mask & mask])
             same[0].footprint |= mask & ~others
-            same[0].is_grown = True
+            same[0].is_grown, same[0].chosen = True, chosen
     return out
 
 

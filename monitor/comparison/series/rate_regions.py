@@ -35,7 +35,8 @@ from monitor.comparison.distances.side import Side
 from monitor.comparison.noise.correlation import Correlation, estimate_correlation
 from monitor.comparison.noise.patch_errors import PatchErrors
 from monitor.comparison.noise.scan_errors import stated_over
-from monitor.comparison.regions.figures import sigma_of_mean, sigma_of_noise
+from monitor.comparison.regions.borders import chosen_by_noise, spread_margin
+from monitor.comparison.regions.figures import CHOICE, sigma_of_mean, sigma_of_noise
 from monitor.comparison.regions.finding import (
     Regions,
     assessed_area,
@@ -56,12 +57,14 @@ LEVEL = 0.05  # expected share of false ones among the patches whose rate is cal
 class RateRegions:
     """Regions 1 to r of significant rates: the `region` (n,) of each vertex, 0 for none; the `assessment` (n,) of each
     vertex's rate, CHANGED where it is significant; and of each region (r,) the mean change over the series at its rate,
-    `means` [m], and which share of a vertex's sigma that mean keeps, `kept`. Of each vertex (n,), NaN where not
+    `means` [m], what of it noise alone adds, by which its vertices were chosen, `chosen` [m], and which share of a
+    vertex's sigma that mean keeps, `kept`. Of each vertex (n,), NaN where not
     assessed, from how large a change over the series on one is told, `told_from` [m] (`told_from.tell_smallest`)."""
 
     region: Ints
     assessment: NDArray[np.uint8]
     means: Floats
+    chosen: Floats
     kept: Floats
     told_from: Floats
 
@@ -72,7 +75,7 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     state = np.where(side.is_assessed, Assessment.UNCHANGED, Assessment.NOT_ASSESSABLE).astype(np.uint8)
     if not side.is_assessed.any():
         nothing, unknown = np.zeros(len(state), dtype=np.int32), np.full(len(state), np.nan)
-        return RateRegions(nothing, state, np.zeros(0), np.zeros(0), unknown)
+        return RateRegions(nothing, state, np.zeros(0), np.zeros(0), np.zeros(0), unknown)
     sides = (side, side)  # nobody told the rates on another surface: this one stands for both
     found = detect_rates(rates, level, seed)
     region = trim_skirts(side, hold_together(side, found, level), found.sides[0].smooth)
@@ -86,10 +89,11 @@ def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> R
     state[np.append(False, shown & ~is_known)[ordered.seen[0]]] = Assessment.NOT_ASSESSABLE
     held = ordered.keep(np.flatnonzero(shown & is_known))
     state[held.seen[0] > 0] = Assessment.CHANGED
-    means, sigmas, alone = (held.table[c].to_numpy(dtype=float) for c in ("mean_m", "sigma_mean_m", "sigma_vertex_m"))
+    means, chosen, sigmas, alone = (held.table[c].to_numpy(dtype=float)
+                                    for c in ("mean_m", CHOICE, "sigma_mean_m", "sigma_vertex_m"))  # fmt: skip
     told_from = tell_smallest(sides, found, patches_needed(sides, found), level, are_points_asked=False)[0]
     told_from = np.where(state == Assessment.NOT_ASSESSABLE, np.nan, told_from)
-    return RateRegions(held.seen[0].astype(np.int32), state, means, sigmas / alone, told_from)
+    return RateRegions(held.seen[0].astype(np.int32), state, means, chosen, sigmas / alone, told_from)
 
 
 def detect_rates(rates: RateSide, level: float, seed: int) -> Detected:
@@ -151,15 +155,17 @@ def hold_together(side: Side, found: Detected, level: float) -> Ints:
 
 def measure_rates(rates: RateSide, region: Ints, found: Detected) -> pd.DataFrame:
     """Return of each region of the vertices (n,) its area, its mean change over the series with its sigma, how many
-    sigmas of a normal distribution it lies off zero, with what the surfaces guess and without, and the mean of what is
-    stated of its vertices."""
-    side, rows = rates.side, []
+    sigmas of a normal distribution it lies off zero, with what the surfaces guess and without, the mean of what is
+    stated of its vertices, and what noise alone adds to the mean."""
+    side, rows, margin = rates.side, [], spread_margin(rates.side, region, found.test.size)
     stated = np.hypot(side.sigma_surfaces, side.sigma_common)
     for k in range(1, int(region.max(initial=0)) + 1):
         at = np.flatnonzero(region == k)
         mean, alone = (float(np.average(v[at], weights=side.areas[at])) for v in (side.distances, stated))
         sigmas = [of(side, found, at, rates.motion) for of in (sigma_of_mean, sigma_of_noise)]
         z = [found.test.scans.as_normal(float(np.divide(abs(mean), s)), s, stated_over(side, at)) for s in sigmas]
-        rows.append([k, float(side.areas[at].sum()), mean, sigmas[0], *z, alone])
+        sign = float(np.sign(mean))
+        added, _ = chosen_by_noise(side, found.sides[0], sign, (at, margin == k), found.noise.correlation)
+        rows.append([k, float(side.areas[at].sum()), mean, sigmas[0], *z, alone, sign * added])
     return pd.DataFrame(rows, columns=["region", "area_m2", "mean_m", "sigma_mean_m", "z_stated", "z_measured",
-                                       "sigma_vertex_m"])  # fmt: skip
+                                       "sigma_vertex_m", CHOICE])  # fmt: skip

@@ -108,7 +108,7 @@ def rates_at(at: slice, mean: float) -> RateRegions:
     region = np.zeros(20, dtype=np.int32)
     region[at] = 1
     told = np.full(20, 1e-3)
-    return RateRegions(region, (region + 1).astype(np.uint8), np.array([mean]), np.array([0.2]), told)
+    return RateRegions(region, (region + 1).astype(np.uint8), np.array([mean]), np.zeros(1), np.array([0.2]), told)
 
 
 def test_a_region_that_epochs_and_rates_show_stays_one_and_is_found_by_both() -> None:
