@@ -100,8 +100,8 @@ def write_captions(facts: ReportFacts) -> Captions:
             "a region in that epoch; hollow: measured at the same place where none was found, as in every epoch of a "
             "region that its trend alone shows. Where the bar of a hollow one does not reach zero, this place taken by "
             "itself differs in that epoch; to be found, a region must stand out in a search of all of the surface, "
-            "which asks for more. Line and band, where a trend is significant: the trend, and where "
-            f"95{NBSP}% of epochs will lie if it goes on."
+            "which asks for more. Line and band, where a trend is significant and does not slow down: the trend, and "
+            f"where 95{NBSP}% of epochs will lie if it goes on."
         ),
         course_numbers=(
             "Numbers are those of the series, which a region keeps through all epochs. On the map: which region it is "

@@ -128,7 +128,7 @@ def tell_course(series: Series, row: pd.Series, measures: Measures) -> CourseFac
         number=int(row["identity"]),
         side="lost" if mean < 0 else "gained" if mean > 0 else "other",
         course=say_course(series, row) + since,
-        origin=_origin(row),
+        origin=_origin(row, series.regions),
         first_seen="by its trend alone" if _is_by_trend(row) else str(row["first_seen"]),
         area=_area(row, measures),
         mean=estimate(mean, sigma, MM, "mm", signed=True),
@@ -198,11 +198,14 @@ def _when(series: Series, years: float) -> str:
     return day(datetime.date.fromisoformat(dates[nearest]))
 
 
-def _origin(row: pd.Series) -> str:
-    """Return from which regions one came, or into which it went, in words."""
+def _origin(row: pd.Series, regions: pd.DataFrame) -> str:
+    """Return from which of the `regions` one came, into which it went, or which went into it, in words."""
     parts = []
     if int(row["parent"]):
         parts.append(f"split from {int(row['parent'])}")
     if int(row["merged_into"]):
-        parts.append(f"merged into {int(row['merged_into'])}")
+        parts.append(f"merged into {int(row['merged_into'])}, which tells of it since")
+    merged = regions.loc[regions["merged_into"] == row["identity"], "identity"]
+    if len(merged):
+        parts.append(f"in all epochs with what was {' and '.join(str(int(i)) for i in merged)}")
     return ", ".join(parts)

@@ -47,6 +47,7 @@ def find_footprints(series: Series, comparison: Comparison, bearing: float | Non
     last = series.history[series.history["epoch"] == series.epoch_ids[-1]]
     of_last = {int(h["identity"]): int(h["region"]) for _, h in last.iterrows() if h["region"] in rows.index}
     shared = pd.Series(of_last, dtype=int).value_counts()
+    into = {int(row["identity"]): int(row["merged_into"]) for _, row in series.regions.iterrows()}
     found = {}
     for _, row in series.regions.iterrows():
         number = of_last.get(int(row["identity"]), 0)
@@ -54,8 +55,15 @@ def find_footprints(series: Series, comparison: Comparison, bearing: float | Non
             where = locate(comparison, number, rows.loc[number, ["x", "y", "z"]].to_numpy(dtype=float), setting)
         else:
             where = _locate_footprint(series, row, comparison.on_reference.surface, setting)
-        found[int(row["identity"])] = Footprint(where, number)
+        found[int(row["identity"])] = Footprint(where, of_last.get(_went_into(int(row["identity"]), into), 0))
     return found
+
+
+def _went_into(identity: int, into: dict[int, int]) -> int:
+    """Return the region that one has become, by which each merged `into`; itself where it did not."""
+    while into.get(identity):
+        identity = into[identity]
+    return identity
 
 
 def _locate_footprint(series: Series, row: pd.Series, surface: Surface, setting: Setting) -> str:

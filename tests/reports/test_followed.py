@@ -50,6 +50,19 @@ def test_what_is_part_of_a_region_lies_where_its_own_footprint_does() -> None:
     }
 
 
+def test_what_merged_into_another_has_its_number_on_the_map() -> None:
+    """Region 7 went into 5, and 5 into 9, which is the comparison's region 2."""
+    series = followed({5: 0, 7: 0, BEHIND: 2})
+    regions = series.regions.assign(merged_into=series.regions["identity"].map({5: BEHIND, 7: 5, BEHIND: 0}))
+    told = place_courses(tell_series(dataclasses.replace(series, regions=regions)), example_comparison())
+    assert {c.number: c.on_map.replace(NBSP, " ") for c in told.courses} == dict.fromkeys((5, 7, BEHIND), "no. 2")
+    assert {c.number: c.origin for c in told.courses} == {
+        5: f"merged into {BEHIND}, which tells of it since, in all epochs with what was 7",
+        7: "merged into 5, which tells of it since",
+        BEHIND: "in all epochs with what was 5",
+    }
+
+
 def test_of_a_surface_that_was_made_again_only_the_place_is_told() -> None:
     series = followed({BEHIND: 0})
     one = np.zeros(1)

@@ -181,8 +181,13 @@ def area_in(comparison: Comparison, number: int) -> tuple[float, float]:
 
 
 def forecast_rows(followed: Followed, measured: Footprint, course: Course, years: Floats) -> list[list[object]]:
-    """Return what epochs up to a quarter of the time beyond the last should show (`FORECAST_COLUMNS`)."""
-    if course.model not in GOES_ON:
+    """Return what epochs up to a quarter of the time beyond the last should show (`FORECAST_COLUMNS`).
+
+    Nothing of what slows down: the parabola of an acceleration turns back sooner or later, and what comes to rest does
+    not; nor of what merged into another.
+    """
+    slows_down = course.model == "accelerating" and course.acceleration * course.rate < 0.0
+    if course.model not in GOES_ON or slows_down or followed.merged_into:
         return []
     at = np.linspace(0.0, (1.0 + AHEAD) * years[-1], N_FORECAST)
     degree = 2 if course.model == "accelerating" else 1

@@ -53,7 +53,7 @@ def measure_footprint(followed: Followed, changes: Sequence[EpochChange], surfac
                       years: Floats) -> Footprint:  # fmt: skip
     """Measure a followed region over its whole footprint in every epoch, `years` (k,) after the reference, less where
     the reference's `surface` goes on beyond its samples; `share` (n,) of the variance of a difference that the
-    reference brings."""
+    reference brings. From where it merged into another on, that one tells of it: NaN."""
     areas, measured = surface.areas, followed.footprint & ~surface.is_fringe
     at = np.flatnonzero(measured if measured.any() else followed.footprint)
     means = np.array([mean_over(c.side, areas, at) for c in changes])
@@ -65,6 +65,7 @@ def measure_footprint(followed: Followed, changes: Sequence[EpochChange], surfac
     came = np.array([followed.numbers.get(k, 0) in c.came for k, c in enumerate(changes)])
     if came.any():  # how high it stands is told by its body: the ground under it has no perpendicular
         means[came], sigmas[came] = bodies[came].T / area
+    means[followed.merged_at or len(means) :] = np.nan
     sigmas = np.where(np.isfinite(means), sigmas, np.nan)
     known = sigmas[np.isfinite(sigmas)]
     centre = np.average(changes[0].side.surface.vertices[at], axis=0, weights=areas[at])

@@ -25,7 +25,8 @@ class Followed:
 
     `identity` is its number, 1 the first; `sign` +1 gained, -1 lost; `latest` and `footprint` are masks (n,) of the
     reference's vertices, where it was last seen and in any epoch; `events` says by epoch what became of it; `parent` is
-    the identity that it split from and `merged_into` the one it went into, 0 where none. `found_by` says what shows it:
+    the identity that it split from and `merged_into` the one it went into, 0 where none, at the epoch `merged_at`, from
+    which on that one tells of it. `found_by` says what shows it:
     "epochs" by themselves, its "trend" alone, or "both"; `is_grown` whether its footprint is what its rates show, and
     what epochs found a part of it; `kept` which share of a vertex's sigma the mean over it keeps, where no epoch tells.
     `chosen` [m3] is what noise alone adds to its change over the series where its rates chose its vertices.
@@ -39,6 +40,7 @@ class Followed:
     events: dict[int, str] = field(default_factory=dict)
     parent: int = 0
     merged_into: int = 0
+    merged_at: int | None = None
     found_by: str = "epochs"
     is_grown: bool = False
     kept: float = 1.0
@@ -71,7 +73,8 @@ def follow_regions(numbers: Sequence[Ints], signs: Sequence[Floats], areas: Floa
                 gone_on.add(f.identity)
         for _, f, r in links:
             if f.identity not in gone_on and not f.merged_into:
-                f.merged_into, f.events[k] = taken[r].identity, f"merged into {taken[r].identity}"
+                f.merged_into, f.merged_at = taken[r].identity, k
+                f.events[k] = f"merged into {taken[r].identity}"
         for r, mask in regions.items():
             if r not in taken:
                 origin = next((f for _, f, other in links if other == r), None)

@@ -18,7 +18,7 @@ from projects.model import Floats
 MISFIT = 0.01  # a kind whose residuals chance leaves less often is none that fits
 AS_LIKELY = 2.0 * np.log(20.0)  # in the criterion: a kind that is 20 times less likely than another is told from it
 KINDS = ("accelerating", "bending", "jump", "onset", "stopped", "jump and rate")  # in the order in which they are named
-UNDATED = KINDS[:2]
+UNDATED, DATED = KINDS[:2], ("onset", "stopped")  # without a moment, and with another one than a jump's
 # Kinds that come as close to one as one likes and fit no worse: they are no rivals of the one that needs less.
 CONTAINS = {"jump": ("onset", "stopped", "bending"), "accelerating": ("bending",)}
 LEAST_BESIDE = 2  # epochs on each side of a jump beside a rate: one alone may be off by itself
@@ -99,6 +99,7 @@ def summarize(candidates: list[Candidate]) -> Choice:
     if rivals & set(UNDATED) or {"stopped"} < rivals:  # no moment for sure, or a beginning or an end
         return Choice(kinds, (np.nan, np.nan))
     moments = [c.between for c in candidates if c.kind in kinds and c.criterion <= least[c.kind] + AS_LIKELY]
+    moments += [c.between for c in candidates if c.kind in DATED and c.criterion <= least[first] + AS_LIKELY]
     return Choice(kinds, (min(m[0] for m in moments), max(m[1] for m in moments)))
 
 

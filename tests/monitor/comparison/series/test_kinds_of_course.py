@@ -107,6 +107,20 @@ def footprint(means: Floats, sigma: float, own: float) -> Footprint:
     return Footprint(1e-2, np.zeros(3), means, np.full(k, sigma), own, np.zeros((k, 2)))
 
 
+def test_what_slows_down_or_merged_is_not_forecast() -> None:
+    """The parabola of a loss that comes to rest turns back: the stone would grow again."""
+    years, followed = np.arange(1.0, 6.0), Followed(1, -1.0, np.ones(3, dtype=bool), np.ones(3, dtype=bool))
+    slower = footprint(-3e-3 * (1.0 - np.exp(-years / 2.5)), 5e-5, 2e-5)
+    course = dataclasses.replace(slower.course(years, 0), model="accelerating")
+    assert course.rate < 0.0 < course.acceleration
+    assert forecast_rows(followed, slower, course, years) == []
+    faster = footprint(-2e-4 * years**2, 5e-5, 2e-5)
+    course = dataclasses.replace(faster.course(years, 0), model="accelerating")
+    assert len(forecast_rows(followed, faster, course, years)) > 1
+    merged = dataclasses.replace(followed, merged_into=2, merged_at=3)
+    assert forecast_rows(merged, faster, course, years) == []
+
+
 def test_an_acceleration_is_forecast_with_a_band_that_holds_the_next_epoch_and_what_is_open_is_not() -> None:
     years, sigma, own, rng = np.array([0.6, 1.5, 2.1, 3.4, 4.0]), 1.2e-4, 8e-5, np.random.default_rng(3)
     at, hits, told = 1.25 * years[-1], 0, 0

@@ -7,11 +7,14 @@ import datetime
 import numpy as np
 import pytest
 import trimesh
+from simulated_series import YEARS, plane, simulate_series, square
 
 from monitor.comparison import compare
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.follow import follow, reference_part
-from monitor.comparison.series.footprints import missed_by_unseen
+from monitor.comparison.series.footprints import measure_footprint, missed_by_unseen
+from monitor.comparison.series.identity import Followed
+from monitor.comparison.series.rate_side import lay_bare
 from monitor.comparison.series.trend import fit_course
 from projects.model import Comparison, Floats, Registration, Surface
 
@@ -83,3 +86,19 @@ def test_what_all_epochs_saw_misses_nothing_and_parts_that_nobody_else_saw_tell_
     alone = np.where([[True] * 60 + [False] * 40], changes[:1], np.nan)
     alone[0, :60] = -1e-4
     np.testing.assert_array_equal(missed_by_unseen(alone, np.ones(100)), [0.0])
+
+
+def test_what_merged_into_another_is_measured_until_then(rng: np.random.Generator) -> None:
+    """From there on the other one tells of it; both told would count it twice."""
+    changes, inside = simulate_series(rng, YEARS, -1e-4 * square(0.02)), square(0.02)
+    side = lay_bare(plane(), changes[0].comparison.registration)
+    measured = [
+        measure_footprint(Followed(1, -1.0, inside, inside, merged_into=into, merged_at=at), changes, side,
+                          np.full(len(inside), 0.5), YEARS)
+        for into, at in ((0, None), (2, 6))
+    ]  # fmt: skip
+    assert np.isfinite(measured[0].means).all()
+    np.testing.assert_array_equal(measured[1].means[:6], measured[0].means[:6])
+    for told in (measured[1].means, measured[1].sigmas, *measured[1].volumes.T):
+        assert np.isnan(told[6:]).all()
+        assert np.isfinite(told[:6]).all()
