@@ -85,7 +85,8 @@ def write_captions(facts: ReportFacts) -> Captions:
         regions=(
             f"± is the half-width of the 95{NBSP}% interval.{hardly} Positive: material gained; negative: lost. "
             "Extreme: the middle of the several neighbouring places where the change is largest, so that no single one "
-            f"decides. Mean: free of what chance adds to it where borders are drawn. {beside}{_name_hollows(facts)}{_name_sides(facts)}"
+            "decides. Mean: free of what chance adds to it where borders are drawn. "
+            f"{beside}{_name_hollows(facts)}{_name_sides(facts)}"
         ),
         region_columns=(
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),

@@ -2,7 +2,8 @@
 
 The bumpy sheet of the experiment on detection, with one change an epoch: a square step, as where a piece came off or a
 hole was filled, or a cosine bowl that fades out, as where a place is worn. All settings automatic. The true area is
-that of the surface where it changed: of a step its square, of a bowl where it is deeper than the median lod95.
+that of the surface where it changed: of a step its square, of a bowl where it is deeper than the median lod95. The true
+mean is that of the change at the vertices of the region that was found.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from detection import Change, compare_pair, make_surface, sheet_height, step
 from rows import Row, Size, in_percent, in_words, judge, mean_of
 
 from projects.model import Comparison, Floats
+from projects.triangles import vertex_areas, vertex_normals
 
 TITLE = "Figures of change regions: area and volume of steps and bowls"
 LIMIT = 3000.0
@@ -68,7 +70,7 @@ def run(size: Size) -> list[Row]:
 
 def rows_of(kind: Kind, number: int, n_pairs: int) -> list[Row]:
     """Return the rows of one kind of change."""
-    areas, volumes, z_area, z_volume = [], [], [], []
+    areas, volumes, means, z_area, z_volume, z_mean = [], [], [], [], [], []
     for k in range(n_pairs):
         rng = np.random.default_rng([FIRST_SEED + k, number])
         place, sign = rng.uniform(-0.03, 0.03, 2), rng.choice([-1.0, 1.0])
@@ -84,8 +86,12 @@ def rows_of(kind: Kind, number: int, n_pairs: int) -> list[Row]:
         volumes.append(found.volume_m3 / volume)
         z_area.append((found.area_m2 - area) / found.sigma_area_m2)
         z_volume.append((found.volume_m3 - volume) / found.sigma_volume_m3)
+        mean = true_mean(result, int(found.region), change)
+        means.append(found.mean_m / mean)
+        z_mean.append((found.mean_m - mean) / found.sigma_mean_m)
     area_mean, area_error = mean_of(areas)
     volume_mean, volume_error = mean_of(volumes)
+    mean_mean, mean_error = mean_of(means)
     return [
         Row(f"{kind.name}: area over the true one", f"{in_words(area_mean, 2)} ± {in_words(area_error, 2)}",
             judge(abs(area_mean - 1.0) <= TOLERANCE), asked="within a tenth", value=area_mean,
@@ -93,6 +99,9 @@ def rows_of(kind: Kind, number: int, n_pairs: int) -> list[Row]:
         Row(f"{kind.name}: volume over the true one", f"{in_words(volume_mean, 3)} ± {in_words(volume_error, 3)}",
             judge(abs(volume_mean - 1.0) <= 0.02 + 2.0 * np.nan_to_num(volume_error)), asked="within 2 % + 2 s.e.",
             value=volume_mean, others={"truth within 1.96 sigma": within(z_volume)}),
+        Row(f"{kind.name}: mean over the true one", f"{in_words(mean_mean, 3)} ± {in_words(mean_error, 3)}",
+            judge(abs(mean_mean - 1.0) <= TOLERANCE), asked="within a tenth",
+            value=mean_mean, others={"truth within 1.96 sigma": within(z_mean)}),
     ]  # fmt: skip
 
 
@@ -104,6 +113,19 @@ def within(z: list[float]) -> str:
 def median_lod95(result: Comparison) -> float:
     """Return the median level of detection [m] of the compared side."""
     return float(np.nanmedian(result.on_compared.lod95))
+
+
+def true_mean(result: Comparison, number: int, change: Change) -> float:
+    """Return the mean [m] over the assessed vertices of a region, of both sides, of the true change along normals."""
+    means = []
+    for side in (result.on_reference, result.on_compared):
+        at = (side.region == number) & np.isfinite(side.distances)
+        if at.any():
+            surface = side.surface
+            normals, area = (of(surface.vertices, surface.faces)[at] for of in (vertex_normals, vertex_areas))
+            x, y = surface.vertices[at, :2].T
+            means.append(np.average(change(x, y) * np.abs(normals[:, 2]), weights=area))
+    return float(np.mean(means))
 
 
 def true_figures(change: Change, least: float) -> tuple[float, float]:
