@@ -78,15 +78,15 @@ class Comparison:
     `on_compared` and `on_reference` hold the change at the vertices of the later and of the earlier surface, both in
     the reference epoch's coordinates. `registration` is of the compared epoch onto the reference; in the `mode`
     "relative" its motion was removed, in "absolute" it stays in the differences. `regions` is a table with the columns
-    `REGION_COLUMNS`, largest first; `mean_m` is free of what noise alone adds to it, by that vertices whose noise goes
-    that way are the ones that count (`choice_m` of the statistic `region_shapes` [m]: so much it was larger). Where the registration tells a layer all over, regions are what stands out of it,
-    and their figures are beside it, as the statistic `lod95_beside_layer_median_m` says by being there; distances and
-    `lod95` are with it. `statistics` holds the figures of the summary file (`stable_share`,
-    `bias_m`, `nmad_m`, `rmse_m`, `lod95_median_m`, `n_vertices`, `n_not_assessable`, `n_unchanged`, `n_changed`,
-    `share_above_lod95`, `motion_significance`, ...); `motion_significance` is NaN, and `motion_is_significant` None,
-    where it is not known how far the frames of both epochs may differ; `told_by_width_m` has rows of how wide [m] a
-    change is and from how large a mean change [m] on one so wide is told in 19 of 20 cases, the median over the
-    surface.
+    `REGION_COLUMNS`, largest first; `mean_m` is free of what noise alone adds to it, by that vertices whose noise
+    goes that way are the ones that count (`choice_m` of the statistic `region_shapes` [m]: so much it was larger).
+    Where the registration tells a layer all over, regions are what stands out of it, and their figures are beside
+    it, as the statistic `lod95_beside_layer_median_m` says by being there; distances and `lod95` are with it.
+    `statistics` holds the figures of the summary file (`stable_share`, `bias_m`, `nmad_m`, `rmse_m`,
+    `lod95_median_m`, `n_vertices`, `n_not_assessable`, `n_unchanged`, `n_changed`, `share_above_lod95`,
+    `motion_significance`, ...); `motion_significance` is NaN, and `motion_is_significant` None, where it is not
+    known how far the frames of both epochs may differ; `told_by_width_m` has rows of how wide [m] a change is and
+    from how large a mean change [m] on one so wide is told in 19 of 20 cases, the median over the surface.
     """
 
     on_compared: ComparedSurface
