@@ -21,7 +21,14 @@ from projects.atomic import PARTIAL, clear_partial, draft, make_folder, place
 from projects.elements import read_element, write_element
 from projects.errors import ParameterError, StoreError
 from projects.extent import Extent
-from projects.identifiers import epoch_folder, product_of_file, require_new_id, require_step_id, split_product
+from projects.identifiers import (
+    epoch_folder,
+    object_folder,
+    product_of_file,
+    require_new_id,
+    require_step_id,
+    split_product,
+)
 from projects.index import (
     EpochEntry,
     Index,
@@ -38,6 +45,7 @@ from projects.index import (
     without_product,
 )
 from projects.index_file import INDEX_NAME, read_index, write_index
+from projects.letter_case import require_own_folder
 from projects.lock import LOCK_NAME, Lock
 from projects.model import EpochRecord, ObjectRecord, Scan, Step, Surface
 from projects.products import CONTENT, drafted_product, is_whole, open_product, place_product, require_bytes
@@ -187,6 +195,7 @@ class Project:
         """Enter an object; its id must be new."""
         with self.writing():
             require_new_id(record.object_id, self.index().objects, "object")
+            require_own_folder(self.path, object_folder(record.object_id), f"object {record.object_id!r}")
             require_visible(record, f"object {record.object_id}")
             if record.extent is not None:
                 Extent.from_mapping(record.extent)
@@ -230,6 +239,7 @@ class Project:
         if type(record.date) is not datetime.date:
             raise ParameterError(f"date {record.date!r} of epoch {record.epoch_id!r}: a date (YYYY-MM-DD) is needed")
         require_new_id(record.epoch_id, find_object(self.index(), record.object_id).epochs, "epoch")
+        require_own_folder(self.path, epoch_folder(record.object_id, record.epoch_id), f"epoch {record.epoch_id!r}")
         require_visible(record, f"epoch {record.epoch_id}")
 
     def remove_epoch(self, object_id: str, epoch_id: str, *, purge: bool = False) -> None:

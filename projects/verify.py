@@ -12,6 +12,7 @@ from projects.errors import MonitorError
 from projects.identifiers import PRODUCT_FILE_PATTERN, object_folder
 from projects.index import Index, all_products
 from projects.index_file import INDEX_NAME, read_index
+from projects.letter_case import fold_names, is_named
 from projects.lock import LOCK_NAME, is_stale, is_unfinished, read_owner
 from projects.products import open_product, require_bytes, stored_step
 from projects.records import to_json
@@ -67,12 +68,13 @@ def verify_project(path: Path, progress: Callable[[str, int], None] | None = Non
 
 def _unnamed(root: Path, index: Index) -> Iterator[Finding]:
     """Yield a finding for each thing in the folder that the index does not name."""
-    named = {INDEX_NAME, *(entry.file for _, entry in all_products(index))}
+    named = fold_names({INDEX_NAME, *(entry.file for _, entry in all_products(index))})
     for path in sorted(root.rglob("*")):
         name = path.relative_to(root).as_posix()
         if path.is_symlink():
-            yield Finding(ERROR if name in named else WARNING, name, "is a symbolic link; a project holds none")
-        elif not path.is_dir() and name not in named:
+            is_error = named.get(name.casefold()) == name
+            yield Finding(ERROR if is_error else WARNING, name, "is a symbolic link; a project holds none")
+        elif not path.is_dir() and not is_named(root, path, named):
             yield _judge(path, name)
 
 
@@ -106,13 +108,13 @@ def delete_unnamed(
     Of an object or of all, those whose names, relative to the project, are meant. Only what this program wrote goes:
     files of other names, and links, are left where they are.
     """
-    named = {entry.file for _, entry in all_products(index)}
+    named = fold_names({entry.file for _, entry in all_products(index)})
     folder = root / "objects" if object_id is None else root / object_folder(object_id)
     deleted = []
     for path in sorted(folder.rglob("*.h5")):
         name = path.relative_to(root).as_posix()
         is_ours = _is_product_file(name) and not path.is_symlink() and _is_inside(path, root)
-        if is_ours and name not in named and is_meant(name):
+        if is_ours and is_meant(name) and not is_named(root, path, named):
             path.unlink()
             deleted.append(path)
     for path in sorted(folder.rglob("*"), reverse=True):
