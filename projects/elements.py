@@ -66,18 +66,24 @@ def read_element(group: h5py.Group, name: str) -> Any:
     element, version = read_mark(item)
     if element == "table":
         return _read_table(item)
-    parts = {key: read_element(item, key) for key in item}
     if element == "mapping":
-        return parts
+        return {key: read_element(item, key) for key in item}
     if element not in NOUNS:
         raise StoreError(f"{item.file.filename}: {item.name} is a {element}, which cannot stand here")
-    parts |= {key: hdf5.read_attribute(item, key) for key in item.attrs if key not in (KIND, VERSION)}
-    parts = upgrade(element, version, parts)
     known = {f.name for f in dataclasses.fields(NOUNS[element])}
+    parts = upgrade(element, version, _read_fields(item, known if version == CURRENT[element] else set(item)))
     try:
         return NOUNS[element](**{key: value for key, value in parts.items() if key in known})
     except TypeError as error:
         raise StoreError(f"{item.file.filename}: {item.name} is not a whole {element} ({error})") from error
+
+
+def _read_fields(group: h5py.Group, known: set[str]) -> dict[str, Any]:
+    """Return the attributes of a noun, and of its items those that are known; others are passed over."""
+    for key in set(group) - known:
+        hdf5.require_allowed(group, key)
+    attributes = {key: hdf5.read_attribute(group, key) for key in group.attrs if key not in (KIND, VERSION)}
+    return {key: read_element(group, key) for key in group if key in known} | attributes
 
 
 def _holds_arrays(value: Any) -> bool:

@@ -103,6 +103,13 @@ def child(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset:
     return group[name]
 
 
+def require_allowed(group: h5py.Group, name: str) -> None:
+    """Raise `StoreError` where an item that a reader does not know, and passes over, is one that no file may hold."""
+    item = child(group, name)
+    if isinstance(item, h5py.Dataset) and h5py.check_string_dtype(item.dtype) is None:
+        require_own(item)
+
+
 def write_array(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:
     """Write an array with its dtype; text arrays as fixed-length UTF-8."""
     if array.dtype.kind in "UOT":

@@ -31,6 +31,7 @@ FORMAT = "heritage-monitor project"
 SEAL_BYTES = 512  # the smallest user block of HDF5
 RECORDS = {"extent", "sources", "control", "step"}  # kept as JSON
 LINK = "file"  # name of the link to a product's file
+GROUPS = {"objects", "epochs", "products"}
 
 Value = str | bool | int | float
 
@@ -214,12 +215,16 @@ def _write_node(group: h5py.Group, node: Node) -> None:
 
 
 def _read_node(group: h5py.Group, where: str) -> Node:
-    """Return the node of a group with all that is in it."""
+    """Return the node of a group with the groups in it; arrays that another program added are passed over."""
     node = Node(where, {name: hdf5.read_attribute(group, name) for name in group.attrs})
     for name in group:
         link = group.get(name, getlink=True)
         if name == LINK and isinstance(link, h5py.ExternalLink) and link.path == "/":
             node.link = link.filename
+        elif isinstance(item := hdf5.child(group, name), h5py.Group):
+            node.groups[name] = _read_node(item, f"{where}/{name}")
+        elif name in GROUPS:
+            raise StoreError(f"{where}/{name} is an array; a group was expected")
         else:
-            node.groups[name] = _read_node(hdf5.child(group, name), f"{where}/{name}")
+            hdf5.require_allowed(group, name)
     return node
