@@ -24,6 +24,7 @@ from monitor.registration.network.steady_motion import fit_steady_motion
 from monitor.scan_network import frames_of
 from projects.identifiers import comparison_product, series_product
 from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
+from projects.records import plain
 from projects.store import Project
 
 Notify = Callable[[str], None]
@@ -111,7 +112,8 @@ def tell_network(network: EpochNetwork, links: Sequence[EpochLink], epochs: Sequ
 
 def tell_steady_motion(network: EpochNetwork, epochs: Sequence[EpochRecord], frames: Sequence[Frames | None],
                        ) -> dict[str, Any]:  # fmt: skip
-    """Return how the object moves on as a whole, as the `statistics` of a series hold it: the member `steady_motion`.
+    """Return how the object moves on as a whole, as the `statistics` of a series hold it: the member `steady_motion`,
+    vectors and matrices as lists, as a record is stored.
 
     `frames` say of each epoch how far its own may be off. Nothing is told of epochs where that is not known, and
     without the first and two others nothing at all: whatever the frames differ by would pass for a motion. Nor where
@@ -131,7 +133,7 @@ def tell_steady_motion(network: EpochNetwork, epochs: Sequence[EpochRecord], fra
         np.array([_years_since(epochs, k) for k in known]), np.array([[*m.rotation, *m.translation] for m in moved]),
         covariance,
     )  # fmt: skip
-    return {"steady_motion": {"centre": network.centre, "epochs": len(known) + 1, **vars(steady)}}
+    return {"steady_motion": plain({"centre": network.centre, "epochs": len(known) + 1, **vars(steady)})}
 
 
 def _motion_row(network: EpochNetwork, k: int, epochs: Sequence[EpochRecord], frames: Frames | None) -> list[object]:

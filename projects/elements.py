@@ -55,14 +55,14 @@ def write_element(group: h5py.Group, name: str, value: Any) -> None:
     elif isinstance(value, Mapping) and _holds_arrays(value):
         _write_mapping(group.create_group(name), value)
     else:
-        hdf5.write_record(group, name, value).attrs[KIND] = "json"
+        mark(hdf5.write_record(group, name, value), "json")
 
 
 def read_element(group: h5py.Group, name: str) -> Any:
     """Return what `write_element` wrote, equal to what it was given; tuples in records come back as lists."""
     item = hdf5.child(group, name)
     if isinstance(item, h5py.Dataset):
-        return hdf5.read_record(item) if hdf5.read_attribute(item, KIND) == "json" else hdf5.read_array(item)
+        return _read_json(item) if hdf5.read_attribute(item, KIND) == "json" else hdf5.read_array(item)
     element, version = read_mark(item)
     if element == "table":
         return _read_table(item)
@@ -76,6 +76,13 @@ def read_element(group: h5py.Group, name: str) -> Any:
         return NOUNS[element](**{key: value for key, value in parts.items() if key in known})
     except TypeError as error:
         raise StoreError(f"{item.file.filename}: {item.name} is not a whole {element} ({error})") from error
+
+
+def _read_json(dataset: h5py.Dataset) -> Any:
+    """Return a JSON value; older programs wrote the first version of it without a number."""
+    if VERSION in dataset.attrs:
+        read_mark(dataset)
+    return hdf5.read_record(dataset)
 
 
 def _read_fields(group: h5py.Group, known: set[str]) -> dict[str, Any]:

@@ -22,6 +22,7 @@ CURRENT: Mapping[str, int] = {
     "step": 1,
     "scans": 1,
     "scan": 1,
+    "json": 1,
     "mapping": 1,
     "table": 1,
     "point-cloud": 1,

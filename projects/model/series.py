@@ -51,9 +51,9 @@ class Series:
     smaller is coarse (`coarse_from_m_per_year`), which share of the assessed area is (`coarse_area_share`), and from
     how large a rate on nearly all of that tells one (`coarse_told_from_m_per_year`); empty of older programs.
     Where it is known how far the frames of the first and two more epochs may be off, they hold as `steady_motion` how
-    the object moves on as a whole: `rate` (6,) of (w, t) about `centre` [rad/year, m/year], its `covariance`, by how
-    many `epochs`, and how often chance makes as much of an object at rest (`p_rate`; `p_turn`, `p_shift`) or leaves as
-    much of one that moves steadily (`p_fit`).
+    the object moves on as a whole: `rate` (6,) of (w, t) about `centre` [rad/year, m/year], its `covariance`, all
+    lists, arrays of older programs, by how many `epochs`, and how often chance makes as much of an object at rest
+    (`p_rate`; `p_turn`, `p_shift`) or leaves as much of one that moves steadily (`p_fit`).
     """
 
     reference_id: str

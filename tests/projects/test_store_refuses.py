@@ -23,6 +23,7 @@ from store_examples import (
 )
 
 from projects import hdf5, index_file
+from projects.elements import read_element, write_element
 from projects.errors import MonitorError, ParameterError, StoreError
 from projects.identifiers import PRODUCT_FILE_PATTERN, product_file, require_id, split_product, suggest_id
 from projects.model import ObjectRecord, PointCloud
@@ -205,17 +206,22 @@ def test_newer_versions_are_refused_in_one_line(project, rng, monkeypatch):
         h5py.File(project.path / entry.file) as file,
         pytest.raises(StoreError, match=r"surface version 2 is newer than this program reads \(1\); update"),
     ):
-        hdf5_read(file)
+        read_element(file, "content")
     monkeypatch.setattr(index_file, "CURRENT", {**index_file.CURRENT, "project": 7})
     index_file.write_index(project.path / index_file.INDEX_NAME, project.index())
     with pytest.raises(StoreError, match="project version 7 is newer"):
         Project.open(project.path)
 
 
-def hdf5_read(file: h5py.File) -> object:
-    from projects.elements import read_element
-
-    return read_element(file, "content")
+def test_json_values_have_a_version_and_are_read_without_as_older_programs_wrote_them(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        write_element(file, "facts", {"n": [1, None]})
+        assert dict(file["facts"].attrs) == {"encoding-type": "json", "encoding-version": 1}
+        del file["facts"].attrs["encoding-version"]
+        assert read_element(file, "facts") == {"n": [1, None]}
+        file["facts"].attrs["encoding-version"] = 2
+        with pytest.raises(StoreError, match=r"json version 2 is newer than this program reads \(1\)"):
+            read_element(file, "facts")
 
 
 # products that are not what they were

@@ -1,6 +1,7 @@
 """Whether an object moves on as a whole: against least squares by hand, and against simulated truth."""
 
 import datetime
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -91,6 +92,12 @@ def test_motions_turn_the_object_about_the_centre_the_way_that_it_turned(rng: np
     assert np.asarray(told["centre"]) == pytest.approx(CENTRE)
     late = perturb(np.eye(4), CENTRE, rate * 5.0)
     assert Rotation.from_matrix(late[:3, :3]).as_rotvec() == pytest.approx(5.0 * rate[:3])
+
+
+def test_what_is_told_is_a_record_that_comes_back_as_it_was(rng: np.random.Generator) -> None:
+    told = observe(rng, np.zeros(6), of_frames(1e-5))
+    assert json.loads(json.dumps(told)) == told
+    assert np.shape(told["covariance"]) == (6, 6)
 
 
 def test_nothing_is_told_where_frames_are_not_known(rng: np.random.Generator) -> None:
