@@ -8,7 +8,7 @@ import pytest
 from pye57 import libe57
 
 from projects.errors import FormatError
-from projects.formats import read_scans, write_e57
+from projects.formats import read_scans, write_e57, write_ptx
 from projects.model import PointCloud, Scan
 from projects.transforms import apply, rotation_from_vector
 
@@ -271,3 +271,13 @@ def test_nothing_to_write_is_refused(tmp_path):
     empty = Scan("S", PointCloud(np.empty((0, 3))), np.eye(4))
     with pytest.raises(FormatError, match="S holds no points"):
         write_e57(tmp_path / "a.e57", [empty])
+
+
+@pytest.mark.parametrize("change", [{"pose": np.diag([-1.0, -1.0, 1.0, 1.0])}, {"origin": np.ones(3)}])
+@pytest.mark.parametrize("write", [write_e57, write_ptx])
+def test_blocks_of_one_scan_that_were_scanned_from_elsewhere_are_refused(tmp_path, stations, write, change):
+    blocks = [dataclasses.replace(stations[0].take(stations[0].columns < 9), pose=np.eye(4))]
+    blocks.append(dataclasses.replace(stations[0].take(stations[0].columns >= 9), **{"pose": np.eye(4), **change}))
+    with pytest.raises(FormatError, match=f"a block of scan S0 has another {next(iter(change))} than its first one"):
+        write(tmp_path / "a", [iter(blocks)])
+    assert not (tmp_path / "a").exists()
