@@ -112,7 +112,12 @@ def _add_given(deposit: Deposit, stem: Path, epoch: EpochSource) -> tuple[str, .
         yield from epoch.project.iterate_scan(record.object_id, record.epoch_id, k)
 
     path, about = _named(stem, "scans.e57"), f"epoch {record.epoch_id} of {record.date.isoformat()} {record.label}"
-    write_e57(path, (blocks(k) for k in range(len(epoch.headers))), description=about.strip())
+    lost = write_e57(path, (blocks(k) for k in range(len(epoch.headers))), description=about.strip())
+    if lost:
+        deposit.minds.append(
+            f"of the scans of epoch {record.epoch_id} of {record.object_id}, {', '.join(lost)} are archived without "
+            "their grid of rows and columns, as some of their points have no place in it; all of their points are there"
+        )
     told = "Scans as measured, each in its scanner's frame with the pose that was given; metres"
     return (*deposit.add(path, told), *held)
 

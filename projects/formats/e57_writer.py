@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from projects.errors import FormatError
+from projects.errors import FormatError, ParameterError
 from projects.formats.complete_file import complete_file
 from projects.formats.e57_bounds import Extremes, header_bounds
 from projects.formats.scan_blocks import ScanSource, in_blocks
@@ -33,6 +33,7 @@ GPS_EPOCH = datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)
 NOT_XML = re.compile(
     "[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 )  # XML 1.0, section 2.2: one makes a file unreadable
+GRID = ("rowIndex", "columnIndex")
 NO_RETURN = 2  # cartesianInvalidState: no part of the coordinate is meaningful
 
 
@@ -44,8 +45,11 @@ def write_e57(
     acquired: datetime.datetime | None = None,
     description: str = "",
     crs: str = "",
-) -> None:
-    """Write scans, each in its own frame with its pose, to one E57 file.
+) -> tuple[str, ...]:
+    """Write scans, each in its own frame with its pose, to one E57 file; return those whose grid could not be kept.
+
+    E57 has no row or column for a point that has no place in the grid (`rows` or `columns` of -1). A scan with such
+    points beside others keeps all its points and loses its grid; its name is returned.
 
     Parameters
     ----------
@@ -56,7 +60,7 @@ def write_e57(
         disk all.
     fill_grid : write the cells of the grid that have no point too, flagged invalid, in column order; needs whole
         scans with `rows` and `columns` that name every cell at most once.
-    acquired : when the scans were made (with a time zone); left out where unknown.
+    acquired : when the scans were made, with a time zone; left out where unknown.
     description : free text of every scan.
     crs : reference system that the poses lead to, as EPSG:n.
 
@@ -64,19 +68,32 @@ def write_e57(
     ------
     FormatError
         No scans, an empty scan, points that are not finite, a grid that cannot be filled, or blocks that differ in
-        what they state of a point.
+        what they state of a point or in where they were scanned from.
+    ParameterError
+        A time without a time zone.
     """
-    path, n_scans = Path(path), 0
+    path, n_scans, without_grid = Path(path), 0, list[str]()
+    _require_zone(acquired)
     about = {"acquired": acquired, "description": description}
     with complete_file(path) as unfinished, _new_image(unfinished, acquired, wkt_of(crs)) as image:
         for source in scans:
             if fill_grid and not isinstance(source, Scan):
                 raise FormatError(f"{path}: fill_grid needs whole scans; this one comes in blocks")
             with in_blocks(source, path) as blocks:
-                _write_scan(image, _Blocks(blocks, path, fill_grid), about)
+                without_grid += _write_scan(image, _Blocks(blocks, path, fill_grid), about)
             n_scans += 1
         if not n_scans:
             raise FormatError(f"{path}: no scans were given; an E57 file needs at least one")
+    return tuple(without_grid)
+
+
+def _require_zone(acquired: datetime.datetime | None) -> None:
+    """Raise `ParameterError` where a time has no zone, so that nobody knows which instant it is."""
+    if acquired is not None and acquired.utcoffset() is None:
+        raise ParameterError(
+            f"acquired {acquired.isoformat()} has no time zone, and E57 counts seconds of UTC; give it one, such as "
+            "tzinfo=datetime.UTC"
+        )
 
 
 @dataclass(frozen=True)
@@ -149,8 +166,8 @@ def _fields_of(scan: Scan, path: Path, fill_grid: bool) -> dict[str, Any]:
             fields["isIntensityInvalid"] = unknown.astype(np.uint8)
     if scan.cloud.colors is not None:
         fields |= {f"color{c}": scan.cloud.colors[:, k] for k, c in enumerate(("Red", "Green", "Blue"))}
-    if scan.rows is not None and scan.columns is not None and scan.rows.min() >= 0 and scan.columns.min() >= 0:
-        fields |= {"rowIndex": scan.rows, "columnIndex": scan.columns}
+    if scan.rows is not None and scan.columns is not None:
+        fields |= dict(zip(GRID, (scan.rows, scan.columns), strict=True))
     return _with_empty_cells(fields, scan.name, path) if fill_grid else fields
 
 
@@ -158,6 +175,11 @@ def _with_empty_cells(fields: dict[str, Any], name: str, path: Path) -> dict[str
     """Return the fields over every cell of the grid, column by column; cells without a point are flagged."""
     if "rowIndex" not in fields:
         raise FormatError(f"{path}: scan {name} has no rows and columns; it cannot be written with fill_grid")
+    if min(fields[name].min() for name in GRID) < 0:
+        raise FormatError(
+            f"{path}: scan {name} has points without a place in its grid (a row or column of -1), which fill_grid "
+            "cannot fill; leave them out"
+        )
     n_rows = int(fields["rowIndex"].max()) + 1
     n_columns = int(fields["columnIndex"].max()) + 1
     cell = fields["columnIndex"].astype(np.int64) * n_rows + fields["rowIndex"]
@@ -189,12 +211,22 @@ def _survey(blocks: _Blocks) -> tuple[list[str], Extremes]:
     return names, extremes
 
 
-def _write_scan(image: Any, blocks: _Blocks, about: dict[str, Any]) -> None:
-    """Append one scan with its header and points."""
+def _without_grid(names: list[str], extremes: Extremes) -> tuple[list[str], Extremes]:
+    """Return fields and extremes without those of the grid."""
+    low, high = ({k: v for k, v in ends.items() if k not in GRID} for ends in (extremes.low, extremes.high))
+    return [name for name in names if name not in GRID], dataclasses.replace(extremes, low=low, high=high)
+
+
+def _write_scan(image: Any, blocks: _Blocks, about: dict[str, Any]) -> list[str]:
+    """Append one scan with its header and points; return its name where its grid could not be kept."""
     from pye57 import libe57
 
     scan = blocks.header()
     names, extremes = _survey(blocks)
+    lost: list[str] = []
+    if "rowIndex" in names and min(extremes.low[name] for name in GRID) < 0:
+        lost = [scan.name] if min(extremes.high[name] for name in GRID) >= 0 else []  # there was no grid at all
+        names, extremes = _without_grid(names, extremes)
     node = _structure(image, {"guid": "{" + str(uuid.uuid4()) + "}", "name": scan.name, **_instrument(scan, about)})
     for name, content in header_bounds(extremes).items():
         node.set(name, _structure(image, content))
@@ -204,6 +236,7 @@ def _write_scan(image: Any, blocks: _Blocks, about: dict[str, Any]) -> None:
     node.set("points", points)
     libe57.VectorNode(image.root().get("data3D")).append(node)
     _write_points(image, points, names, blocks.fields())
+    return lost
 
 
 def _instrument(scan: Scan, about: dict[str, Any]) -> dict[str, Any]:

@@ -1,13 +1,14 @@
 """E57: what an instrument writes comes back; what is invalid is dropped and counted; what is broken is refused."""
 
 import dataclasses
+import datetime
 
 import numpy as np
 import pye57
 import pytest
 from pye57 import libe57
 
-from projects.errors import FormatError
+from projects.errors import FormatError, ParameterError
 from projects.formats import read_scans, write_e57, write_ptx
 from projects.model import PointCloud, Scan
 from projects.transforms import apply, rotation_from_vector
@@ -281,3 +282,27 @@ def test_blocks_of_one_scan_that_were_scanned_from_elsewhere_are_refused(tmp_pat
     with pytest.raises(FormatError, match=f"a block of scan S0 has another {next(iter(change))} than its first one"):
         write(tmp_path / "a", [iter(blocks)])
     assert not (tmp_path / "a").exists()
+
+
+def test_points_without_a_place_in_the_grid_cost_the_scan_its_grid_and_that_is_told(tmp_path, stations, read_whole):
+    first, second = stations
+    off = dataclasses.replace(first, rows=np.where(np.arange(500) == 3, -1, first.rows))
+    assert write_e57(tmp_path / "a.e57", [off, second]) == ("S0",)
+    bare, kept = read_whole(tmp_path / "a.e57")
+    assert (len(bare.cloud), bare.rows) == (500, None)
+    assert_same_scan(kept, second)
+    blocks = [off.take(np.arange(500) >= 250), off.take(np.arange(500) < 250)]  # the second alone has one
+    assert write_e57(tmp_path / "b.e57", [iter(blocks)]) == ("S0",)
+    (again,) = read_whole(tmp_path / "b.e57")
+    assert (len(again.cloud), again.rows) == (500, None)
+    with pytest.raises(FormatError, match="S0 has points without a place in its grid"):
+        write_e57(tmp_path / "c.e57", [off], fill_grid=True)
+    none = dataclasses.replace(first, rows=np.full(500, -1), columns=np.full(500, -1))
+    assert write_e57(tmp_path / "d.e57", [none]) == (), "what never was a grid is none that was lost"
+
+
+def test_time_without_a_zone_is_refused(tmp_path, stations):
+    with pytest.raises(ParameterError, match=r"acquired 2020-01-02T09:30:00 has no time zone"):
+        write_e57(tmp_path / "a.e57", stations, acquired=datetime.datetime(2020, 1, 2, 9, 30))
+    assert not (tmp_path / "a.e57").exists()
+    write_e57(tmp_path / "a.e57", stations, acquired=datetime.datetime(2020, 1, 2, 9, 30, tzinfo=datetime.UTC))

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import bagit
 import numpy as np
@@ -427,3 +428,20 @@ def test_scans_of_which_nobody_knows_where_the_scanner_stood_are_archived_as_the
     assert np.isnan(scan.origin).all()  # and it stays unknown, whatever its points look like
     np.testing.assert_array_equal(np.loadtxt(folder / "column_e1_GRmatrices_scan1.txt"), np.eye(4))
     assert pd.read_csv(folder / "column_e1_scans.csv")[["station_x", "station_y", "station_z"]].isna().all(axis=None)
+
+
+def test_scans_with_points_beside_their_grid_are_archived_whole_and_without_it(tmp_path: Path) -> None:
+    (tmp_path / "a.e57").write_bytes(b"as it came")
+    cloud, rows = measured(0), np.arange(400) // 20
+    whole = Scan("station", cloud, TURN, rows=np.where(rows < 19, rows, -1), columns=np.arange(400) % 20)
+    stream = SimpleNamespace(
+        name="station", index=0, path=tmp_path / "a.e57", pose=TURN, origin=np.zeros(3), scanner=None, is_grid=True,
+        chunks=lambda: (whole.take(rows < 9), whole.take(rows >= 9)),
+    )  # fmt: skip
+    project = Project.create(tmp_path / "p")
+    project.add_object(example_object())
+    project.add_epoch(EpochRecord("column", "e1", datetime.date(2025, 5, 12)), [stream])
+    told = write_archive(tmp_path / "archive", project, ["column"], silent).minds
+    assert any("of the scans of epoch e1 of column, station are archived without their grid" in mind for mind in told)
+    (scan,) = read_scans(tmp_path / "archive/data/column/e1/column_e1_scans.e57")
+    assert sum(len(block.cloud) for block in scan.chunks()) == 400
