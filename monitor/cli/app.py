@@ -343,7 +343,7 @@ def plan(
     ],
     out: OutOption,
     change: Annotated[float, typer.Option(metavar="MM", help="Change that is to be seen.")] = 2.0,
-    width: Annotated[float, typer.Option(metavar="MM", help="How wide it is.")] = 20.0,
+    width: Annotated[float, typer.Option(metavar="MM", help="How wide it is; three pulses must fall on it.")] = 20.0,
     scanner: Annotated[str, typer.Option(metavar="PRESET", help="Instrument.")] = "phase-2020",
     distances: Annotated[
         str, typer.Option(metavar="M,...", help="From the circle about the object to where one may stand.")

@@ -146,7 +146,7 @@ def _properties(seen: Visibility, task: Task) -> dict[str, Any]:
     """Return colours, the smallest change [m], spacing and footprint [m] and the number of stations of each vertex."""
     colors = np.full((len(seen.sigma), 3), NOT_SHOWN, dtype=np.uint8)
     colors[seen.smallest_change <= task.change] = SHOWN
-    colors[seen.n_stations == 0] = UNSEEN
+    colors[~seen.in_sight] = UNSEEN
     lengths = {
         name: getattr(seen, name).astype(np.float32) for name in ("smallest_change", "spacing", "footprint", "sigma")
     }
@@ -159,7 +159,7 @@ def _comments(request: PlanRequest, instrument: Instrument, best: Plan) -> list[
     return [
         f"change of {request.change:g} mm, {request.width:g} mm wide, seen by {instrument.name} from "
         f"{len(best.taken)} stations, step {np.degrees(best.step):.4f} degrees; green: it shows, red: it does not, "
-        "gray: no station sees it; lengths in metres"
+        "gray: no station has it in sight; lengths in metres"
     ]
 
 
@@ -174,6 +174,7 @@ def _figures(plan: Plan) -> dict[str, Any]:
         "footprint_mm": _median_mm(plan.seen.footprint),
         "smallest_change_mm": _median_mm(plan.seen.smallest_change),
         "shown": round(plan.shown, 3),
+        "too_few_pulses": round(plan.too_few, 3),
         "unseen": round(plan.unseen, 3),
     }
 
@@ -200,8 +201,8 @@ def _say(
 ) -> None:
     """Print the plans, the advice and the stations."""
     console = Console(width=None if Console().is_terminal else 120)
-    headings = ("resolution", "step", "stations", "pulses", "between pulses", "beam", "smallest change", "shows it",
-                "not seen")  # fmt: skip
+    headings = ("resolution", "step", "stations", "pulses", "between\npulses", "beam", "smallest\nchange", "shows it",
+                "too few\npulses", "not seen")  # fmt: skip
     shown = Table(*headings, title=f"{request.change:g} mm over {request.width:g} mm, {instrument.name}")
     for plan in plans:
         f = _figures(plan)
@@ -209,7 +210,7 @@ def _say(
         mark = " *" if plan is best else ""
         shown.add_row(
             f["resolution"] + mark, f"{f['step_deg']}°", str(f["n_stations"]), f"{plan.n_pulses / 1e6:.1f} M", *lengths,
-            f"{plan.shown:.0%}", f"{plan.unseen:.0%}",
+            f"{plan.shown:.0%}", f"{plan.too_few:.0%}", f"{plan.unseen:.0%}",
         )  # fmt: skip
     console.print(shown)
     advice = _figures(best)
@@ -217,6 +218,10 @@ def _say(
         f"advice (*): {advice['resolution']} of the finest resolution ({advice['step_deg']} degrees) from "
         f"{len(best.taken)} stations; {best.shown:.0%} of the surface then shows the change, "
         f"{best.unseen:.0%} is not seen"
+    )
+    typer.echo(
+        "too few pulses: in sight, but fewer than three pulses of any station fall on a place as wide as was asked; "
+        "not seen: in sight of none of the stations taken, or too far, too near or too dark for them"
     )
     typer.echo(
         "smallest change: what one place differs from zero by at 95 %; a comparison, sure that nothing on all of the "

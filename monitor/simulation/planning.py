@@ -19,6 +19,7 @@ from projects.model import Z95, Bools, Floats
 from projects.transforms import apply, invert
 from projects.triangles import area_vectors
 
+FEWEST_PULSES = 3.0  # over the extent asked for: from so many on their mean says where the surface is
 CLEAR = 5e-4  # m and 1e-4 of the range: what is met nearer than this before a point hides it
 
 
@@ -28,11 +29,12 @@ class Visibility:
 
     Attributes
     ----------
-    n_stations : (n,) that see the point.
+    n_stations : (n,) that see the point: in sight, with at least three pulses over the extent asked for.
     spacing : (n,) m, between neighbouring pulses on the surface, of the densest station (root of the area a pulse).
     footprint : (n,) m, 1/e2 diameter of the beam on the surface, of the sharpest station (root of its two axes).
     sigma : (n,) m, expected one sigma of the surface's place along its normal, over the extent asked for, one epoch.
     smallest_change : (n,) m, that differs from zero at 95 % confidence between two epochs scanned alike.
+    in_sight : (n,) whether a station has the point in sight, be it with fewer pulses than three.
     """
 
     n_stations: Floats
@@ -40,6 +42,7 @@ class Visibility:
     footprint: Floats
     sigma: Floats
     smallest_change: Floats
+    in_sight: Bools
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,15 @@ class _View:
     """What each station sees of each point, (m, n): NaN where it does not.
 
     `spacing` [m] between pulses, `footprint` [m] the width of the beam and `sigma` [m] of the mean, over the surface,
-    and the share of a change that the beam leaves of it, `kept`.
+    the share of a change that the beam leaves of it, `kept`, and whether it has the point `in_sight`, with however few
+    pulses.
     """
 
     spacing: Floats
     footprint: Floats
     sigma: Floats
     kept: Floats
+    in_sight: Bools
 
 
 def spread_points(body: Body, n: int, *, seed: int = 0) -> tuple[Floats, Floats]:
@@ -93,8 +98,8 @@ def visible_change(
     Stations add up as 1 / sigma**2 = sum 1 / sigma_s**2. The smallest change is 1.96 sqrt(2) sigma / k, the level of
     detection of Lague et al. 2013 (eq. 1, with the registration in quadrature) of two epochs alike; k is the share of
     a beam's power within the extent, 1 - exp(-extent**2 / (8 s**2)) with s a quarter of the footprint: what is
-    smaller than the beam shows flattened. Fewer than three pulses a patch count as not seen. Cyclic and axis errors
-    repeat between epochs scanned alike and are left out.
+    smaller than the beam shows flattened. A station with fewer than three pulses on the patch does not see it, though
+    it may have it in sight. Cyclic and axis errors repeat between epochs scanned alike and are left out.
     """
     view = _look(scene, instrument, stations, points, normals, step, extent, reflectance, sigma_registration)
     return _sum_up(view, np.ones(len(stations), dtype=bool))
@@ -141,7 +146,7 @@ def _look(
             "above 0 and a reflectance of up to 1 are needed"
         )
     step, target = instrument.angular_step if step is None else step, Target.of(scene, 2)
-    views = []
+    views, sights = [], []
     for pose in stations:
         towards = points - pose[:3, 3]
         r = np.linalg.norm(towards, axis=1)
@@ -153,17 +158,19 @@ def _look(
         facing = np.clip(cosine, 1e-6, 1.0)
         power = reflectance / REFERENCE_REFLECTANCE * facing * (REFERENCE_RANGE / r) ** 2
         n_pulses = 0.25 * np.pi * extent**2 * facing / (r * step) ** 2
-        sees = (cosine > 0.0) & (met > r - CLEAR - 1e-4 * r) & (power >= instrument.power_min) & (n_pulses >= 3.0)
-        sees &= (r >= instrument.range_min) & (r <= instrument.range_max)
-        sees &= (elevation >= instrument.elevation_min) & (elevation <= instrument.elevation_max)
+        in_sight = (cosine > 0.0) & (met > r - CLEAR - 1e-4 * r) & (power >= instrument.power_min)
+        in_sight &= (r >= instrument.range_min) & (r <= instrument.range_max)
+        in_sight &= (elevation >= instrument.elevation_min) & (elevation <= instrument.elevation_max)
         along = range_noise(instrument, power) * facing
         aside = instrument.angular_noise * r * np.sqrt(1.0 - facing**2)
         sigma = np.sqrt((along**2 + aside**2) / n_pulses + sigma_registration**2)
         beam = np.hypot(instrument.beam_diameter, instrument.beam_divergence * r) / np.sqrt(facing)
         kept = 1.0 - np.exp(-2.0 * (extent / np.maximum(beam, 1e-12)) ** 2)
+        sees = in_sight & (n_pulses >= FEWEST_PULSES)
+        sights.append(in_sight)
         views.append(np.where(sees, np.stack([r * step / np.sqrt(facing), beam, sigma, kept]), np.nan))
     spacing, footprint, sigmas, kepts = np.stack(views, axis=1)
-    return _View(spacing, footprint, sigmas, kepts)
+    return _View(spacing, footprint, sigmas, kepts, np.stack(sights))
 
 
 def _sum_up(view: _View, taken: Bools) -> Visibility:
@@ -180,5 +187,6 @@ def _sum_up(view: _View, taken: Bools) -> Visibility:
     sigma = 1.0 / np.sqrt(total)
     kept = np.where(sees, weight * view.kept, 0.0).sum(axis=0) / total
     return Visibility(
-        sees.sum(axis=0), best(view.spacing), best(view.footprint), sigma, Z95 * np.sqrt(2.0) * sigma / kept
+        sees.sum(axis=0), best(view.spacing), best(view.footprint), sigma, Z95 * np.sqrt(2.0) * sigma / kept,
+        np.asarray(view.in_sight[taken].any(axis=0)),
     )  # fmt: skip

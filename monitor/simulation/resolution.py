@@ -56,7 +56,9 @@ class Plan:
     taken : which of the candidates, the most useful first.
     n_pulses : of all of them, each scanning the smallest window that holds the body.
     seen : at each point asked about.
-    shown : share of the points where the change shows; unseen : share that no station sees.
+    shown : share of the points where the change shows.
+    too_few : share that is in sight of a station, but on whose patches fewer than three pulses of any fall.
+    unseen : share that no station has in sight.
     """
 
     fraction: int
@@ -65,6 +67,7 @@ class Plan:
     n_pulses: int
     seen: Visibility
     shown: float
+    too_few: float
     unseen: float
 
 
@@ -121,9 +124,9 @@ def plan_resolutions(
             scene, instrument, candidates, points, normals, change=task.change, share=task.share, step=step,
             extent=task.extent, reflectance=task.reflectance, sigma_registration=task.sigma_registration,
         )  # fmt: skip
-        shown, unseen = float(np.mean(seen.smallest_change <= task.change)), float(np.mean(seen.n_stations == 0))
         n_pulses = int(solid[taken].sum() / step**2)
-        plans.append(Plan(fraction, step, tuple(taken), n_pulses, seen, shown, unseen))
+        shares = (seen.smallest_change <= task.change, seen.in_sight & (seen.n_stations == 0), ~seen.in_sight)
+        plans.append(Plan(fraction, step, tuple(taken), n_pulses, seen, *(float(np.mean(share)) for share in shares)))
     return tuple(plans)
 
 

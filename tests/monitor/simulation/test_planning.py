@@ -81,6 +81,21 @@ def test_what_is_hidden_turned_away_or_out_of_field_is_not_seen():
     assert not visible_change(scene, EXACT, [beneath], points, normals, step=0.0005).n_stations.any()
 
 
+def test_what_is_in_sight_of_too_few_pulses_is_told_from_what_is_hidden():
+    ball = make_ball("ball", np.array([0.0, 0.0, 1.0]), 0.3, n_rings=40)
+    points, normals = spread_points(ball, 2000, seed=1)
+    pose = stand_at([0.0, -3.0, 1.0], facing=[0.0, 0.0, 1.0])
+    fine, coarse = (
+        visible_change(Scene("ball", (ball,)), EXACT, [pose], points, normals, step=s) for s in (5e-4, 4e-3)
+    )
+    facing = ((pose[:3, 3] - points) * normals).sum(axis=1) > 0.0
+    assert (fine.in_sight == facing).mean() > 0.99  # but near the rim, where the ball's own faces are in the way
+    np.testing.assert_array_equal(coarse.in_sight, fine.in_sight)
+    # pi / 4 of 20 mm squared, by steps of 4 mm at a metre: three pulses fall within 1.6 m, and it stands 2.7 m off
+    assert fine.n_stations.any()
+    assert not coarse.n_stations.any()
+
+
 def test_the_plan_takes_the_fewest_stations_that_show_the_change():
     ball = make_ball("ball", np.array([0.0, 0.0, 1.5]), 0.5, n_rings=40)
     scene, instrument = Scene("ball", (ball,)), INSTRUMENTS["phase-2020"]
