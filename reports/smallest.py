@@ -49,6 +49,7 @@ def say_how_small(comparison: Comparison, changed: bool) -> str:
     if not rows:
         return (
             f"The level of detection of single places is {say_level(comparison)} (95\u00a0%, median over the surface)."
+            f"{_say_unknown(comparison)}"
         )
     (narrow, least), (wide, deepest) = rows[0], rows[-1]
     more = f", one {millimetres(wide)} wide from {millimetres(deepest)} on" if len(rows) > 1 else ""
@@ -57,6 +58,16 @@ def say_how_small(comparison: Comparison, changed: bool) -> str:
         f"A change {millimetres(narrow)} wide or wider {told} told{against} from about {millimetres(least)} on{more} "
         "(19 of 20 such changes, median over the surface)."
     )
+
+
+def _say_unknown(comparison: Comparison) -> str:
+    """Return that how small a change is told is not known, and why, where surfaces state no noise; nothing of records
+    of older programs, which tell no widths."""
+    states = [s.surface.sigma is not None for s in (comparison.on_reference, comparison.on_compared)]
+    if all(states) or not comparison.statistics.get("told_by_width_m"):
+        return ""
+    which = "one surface does not state" if any(states) else "neither surface states"
+    return f" From how large a change on one is told, by its width, is not known, as {which} its noise."
 
 
 def least_told(comparison: Comparison) -> float:

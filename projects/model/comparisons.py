@@ -37,7 +37,8 @@ class ComparedSurface:
     `told_from` [m] float32, NaN where not assessed, is from about how large a mean change of the place of a vertex, as
     wide as errors agree or less, on it is told, in 19 of 20 cases: what its patch needs to be significant among all
     patches, and more where the surfaces guess what lies between their points. Where it is more than `coarse_from` [m]
-    "unchanged" says much less than on most of the surface. None and NaN: not known.
+    "unchanged" says much less than on most of the surface. Both are NaN all over where not both surfaces state their
+    noise, as finished meshes do not; None is of older programs: not known.
     """
 
     surface: Surface
@@ -86,7 +87,8 @@ class Comparison:
     `lod95_median_m`, `n_vertices`, `n_not_assessable`, `n_unchanged`, `n_changed`, `share_above_lod95`,
     `motion_significance`, ...); `motion_significance` is NaN, and `motion_is_significant` None, where it is not
     known how far the frames of both epochs may differ; `told_by_width_m` has rows of how wide [m] a change is and
-    from how large a mean change [m] on one so wide is told in 19 of 20 cases, the median over the surface.
+    from how large a mean change [m] on one so wide is told in 19 of 20 cases, the median over the surface; NaN, as
+    `told_from` is, where not both surfaces state their noise.
     """
 
     on_compared: ComparedSurface

@@ -46,7 +46,8 @@ class Series:
     discoveries held over the surface and over patches of every size, so that one vertex's rate over its sigma does not
     decide; NOT_ASSESSABLE where fewer than two epochs tell one; None where an older program left it open.
     `rate_told_from` (n,) float32 [m/year], NaN where not assessed, is from about how large a rate on one is told, of a
-    place as wide as errors agree, in 19 of 20 cases; more where surfaces guess what lies between their points.
+    place as wide as errors agree, in 19 of 20 cases; more where surfaces guess what lies between their points. It and
+    its figures are NaN all over where not all surfaces state their noise, as finished meshes do not.
     `statistics` hold its median (`told_from_median_m_per_year`), beyond how large a rate a place that tells none
     smaller is coarse (`coarse_from_m_per_year`), which share of the assessed area is (`coarse_area_share`), and from
     how large a rate on nearly all of that tells one (`coarse_told_from_m_per_year`); empty of older programs.

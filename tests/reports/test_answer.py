@@ -232,6 +232,17 @@ def test_a_wide_change_that_needs_nearly_as_much_is_no_words_worth_and_one_besid
     assert plain(beside.answer.figures[1].note) == "25 mm wide or wider, 19 of 20 such; against the rest"
 
 
+def test_how_small_a_change_is_told_is_said_not_to_be_known_where_surfaces_state_no_noise():
+    untold = example_comparison(told_by_width_m=[[0.025, NAN], [0.131, NAN]])
+    unknown = "From how large a change on one is told, by its width, is not known, as {} its noise."
+    assert f"median over the surface). {unknown.format('neither surface states')}" in said(facts_of(untold))
+    of_scans = dataclasses.replace(untold.on_reference.surface, sigma=np.full(len(untold.on_reference.distances), 1e-4))
+    one = dataclasses.replace(untold, on_reference=dataclasses.replace(untold.on_reference, surface=of_scans))
+    assert unknown.format("one surface does not state") in said(facts_of(one))
+    for known in (example_comparison(**BY_WIDTH), example_comparison()):  # and of older programs
+        assert "is not known, as" not in said(facts_of(known))
+
+
 def test_what_tells_only_large_changes_is_said_with_its_share_and_what_it_tells():
     coarse = {"coarse_from_m": 4 * 0.00035, "coarse_area_share": 0.062, "coarse_told_from_m": 0.0123}
     facts = facts_of(example_comparison(**coarse))
