@@ -23,6 +23,7 @@ from monitor.comparison.regions.borne_out import spread_rings
 from monitor.comparison.regions.chips import HANDFUL, is_strewn_once, levels_off
 from monitor.comparison.regions.evidence import ABSENT
 from monitor.comparison.regions.under import (
+    BESIDE,
     Cubes,
     Under,
     largest_around,
@@ -131,17 +132,18 @@ def _place_near_hollows(sides: tuple[Side, Side], k: int, points: tuple[Floats, 
 
 def _end_at_points(side: Side, is_open: Bools, points: Floats, theirs: Under, sunk_by: float) -> tuple[Bools, Bools]:
     """Return which vertices (n,) lie over hollows, those at the border only where a sunk point is nearer than one on
-    the surface, and which beside one are nearer to one on it. Counts do not tell the border: a beam that comes aslant
-    meets the walls of a hollow more often than its mouth."""
+    the surface, and which beside one have a point on it next to them and none sunk. Counts do not tell the border: a
+    beam that comes aslant meets the walls of a hollow more often than its mouth."""
     near = spread_rings(side.neighbours, is_open, RIM)
     at = np.flatnonzero(np.isfinite(theirs.height) & near[theirs.vertex])
     under = Under(theirs.vertex[at], theirs.height[at])
     which, is_sunk = np.flatnonzero(near), under.height < -sunk_by
     on, sunk = (nearest_along(side, which, points[at[i]], Under(under.vertex[i], under.height[i]))
                 for i in (~is_sunk, is_sunk))  # fmt: skip
-    is_rim = np.zeros(len(is_open), dtype=np.bool_)
-    is_rim[which] = on <= sunk
-    return is_open & ~is_rim, is_rim
+    is_beside, is_rim = np.zeros((2, len(is_open)), dtype=np.bool_)
+    is_beside[which] = on <= sunk
+    is_rim[which] = (on <= sunk) & (on < BESIDE * side.spacing)
+    return is_open & ~is_beside, is_rim
 
 
 def _reaches(side: Side, depth: Floats) -> Bools:
