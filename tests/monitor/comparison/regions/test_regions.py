@@ -270,7 +270,7 @@ def view_of(mean: float, sigma: float, measured: float | None = None, stated: fl
     what its scans are stated to disagree by."""
     largest, measured = (mean, sigma), sigma if measured is None else measured
     return RegionView(
-        -1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, measured, stated, largest, largest, np.zeros(3), 0.0
+        -1.0, 0.0, 1e-3, 1e-5, 0.0, 0.0, mean, sigma, measured, stated, largest, largest, np.zeros(3), 0.0, (0.0, 0.0)
     )
 
 
