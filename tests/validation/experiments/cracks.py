@@ -28,7 +28,7 @@ PLACES = ((-60.0, 2.2, 0.5), (-90.0, 2.4, 0.2), (-120.0, 2.3, 0.8))  # degrees, 
 MIDDLE = 0.25  # m, half as high as the wall
 BOX = np.array([[-0.43, -0.1, 0.02], [0.43, 0.1, 0.48]])
 PAIRS = {"small": 1, "full": 8}
-TOLD, AREA = 2.0, 0.35  # spacings wide, from which on cracks are to be told; share by which areas may be off
+TOLD, AREA = 2.0, 0.2  # spacings wide, from which on cracks are to be told; share by which areas may be off
 
 
 @dataclass(frozen=True)
