@@ -60,7 +60,7 @@ def measure_footprint(followed: Followed, changes: Sequence[EpochChange], surfac
     missed = missed_by_unseen(np.stack([c.side.distances[at] for c in changes]), areas[at])
     area, bodies = float(areas[at].sum()), bodies_of(followed, changes)
     part = float(np.nanmean(share[at])) if np.isfinite(share[at]).any() else 0.5
-    chosen = chosen_by_noise(followed, changes, areas, part, years) / area
+    chosen = added_by_noise(followed, changes, areas, part, years) / area
     means, sigmas = means + missed - chosen, np.hypot(sigmas_over(followed, changes, at), missed)
     came = np.array([followed.numbers.get(k, 0) in c.came for k, c in enumerate(changes)])
     if came.any():  # how high it stands is told by its body: the ground under it has no perpendicular
@@ -106,8 +106,8 @@ def missed_by_unseen(distances: Floats, areas: Floats) -> Floats:
     return np.asarray(out)
 
 
-def chosen_by_noise(followed: Followed, changes: Sequence[EpochChange], areas: Floats, part: float,
-                    years: Floats) -> Floats:  # fmt: skip
+def added_by_noise(followed: Followed, changes: Sequence[EpochChange], areas: Floats, part: float,
+                   years: Floats) -> Floats:  # fmt: skip
     """Return what noise alone adds to the change over a footprint in each epoch (k,) [m3], by that its vertices were
     chosen where it showed (`regions.borders.chosen_by_noise`).
 
