@@ -13,6 +13,23 @@ from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
 from reports.quantities import NBSP, listed, tell_bearing
 from reports.smallest import dotted_from, is_beside_layer
 
+COURSES = (
+    f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Filled: found as a "
+    "region in that epoch; hollow: measured at the same place where none was found, as in every epoch of a region "
+    "that its trend alone shows. Where the bar of a hollow one does not reach zero, this place taken by itself "
+    "differs in that epoch; to be found, a region must stand out in a search of all of the surface, which asks for "
+    f"more. Line and band, where a trend is significant and does not slow down: the trend, and where 95{NBSP}% of "
+    "epochs will lie if it goes on."
+)
+COURSE_NUMBERS = (
+    "Numbers are those of the series, which a region keeps through all epochs. On the map: which region it is in the "
+    "pictures and the table of this comparison, which are numbered by themselves; –: none of them. Areas are of the "
+    "whole footprint of a region, to two digits: no margin of them is known."
+)
+RECORD = (
+    "Each step with its settings and the values it found for itself, as they are kept: lengths in metres, angles in "
+    "radians; “auto” was found from the data."
+)
 # What two surfaces do not tell from it, where the surface goes on: plaster that bulges, wood that shrinks.
 OR_MOVED = {"lost": ", or surface that sank in (not told which)",
             "added": ", or surface that bulged out (not told which)"}  # fmt: skip
@@ -56,38 +73,13 @@ def _name_hollows(facts: ReportFacts) -> str:
 def write_captions(facts: ReportFacts) -> Captions:
     """Return the sentences of a report."""
     before, after = facts.before, facts.after
-    inside = (
-        "Seen from within: what looks away from the viewer is left out."
-        if facts.is_room
-        else "Dark grey: the inside, seen through where nothing was recorded."
-    )
-    is_dotted = math.isfinite(dotted_from(facts.comparison))
-    dotted = " Dotted: unchanged as far as can be told; only larger changes are told there." if is_dotted else ""
-    numbers = " Numbers are those of the table of regions." if facts.regions else ""
     moved = f", the {after.order} moved onto the {before.order}" if facts.mode == "relative" else ""
-    looked_for = ", looked for only where you said that nothing moved" if facts.stable else ""
-    not_asked = "; nearly white: outside of what you gave, not asked" if facts.stable else ""
-    dark = "" if facts.is_room else " Dark grey: the inside."
     crs = f", {facts.crs}" if facts.crs else ""
-    beside = "Figures are beside what all of the surface lies off by. " if is_beside_layer(facts.comparison) else ""
-    is_hardly_known = any(r.area.most for r in facts.regions)
-    hardly = " Up to: the upper end of it, for an area that is not well known." if is_hardly_known else ""
     present = dict.fromkeys(r.kind for r in facts.regions)
     return Captions(
-        difference=(
-            f"What changed from {before.date} to {after.date}, drawn on the {after.order} surface; all views at one "
-            "scale. Warm colours: material lost, paler where it stood before what is there now. Blue: material gained. "
-            "The darkest colours: as much or more; their scale is this comparison’s own, do not compare colours with "
-            f"another report’s. Light grey: assessed and unchanged.{dotted} Hatched: not assessable. "
-            f"{inside}{numbers}"
-        ),
+        difference=_name_colours(facts),
         strips=f"The same fixed views of both epochs{moved}.",
-        regions=(
-            f"± is the half-width of the 95{NBSP}% interval.{hardly} Positive: material gained; negative: lost. "
-            "Extreme: the middle of the several neighbouring places where the change is largest, so that no single one "
-            "decides. Mean: free of what chance adds to it where borders are drawn. "
-            f"{beside}{_name_hollows(facts)}{_name_sides(facts)}"
-        ),
+        regions=_name_figures(facts),
         region_columns=(
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),
         ),
@@ -96,36 +88,62 @@ def write_captions(facts: ReportFacts) -> Captions:
             ("Volume rate", f"{facts.series.measures.volume}/year"),
         ),
         kinds=tuple((kind, f"{MEANINGS[kind]}{OR_MOVED.get(kind, '')}") for kind in present if kind in MEANINGS),
-        courses=(
-            f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Filled: found as "
-            "a region in that epoch; hollow: measured at the same place where none was found, as in every epoch of a "
-            "region that its trend alone shows. Where the bar of a hollow one does not reach zero, this place taken by "
-            "itself differs in that epoch; to be found, a region must stand out in a search of all of the surface, "
-            "which asks for more. Line and band, where a trend is significant and does not slow down: the trend, and "
-            f"where 95{NBSP}% of epochs will lie if it goes on."
-        ),
-        course_numbers=(
-            "Numbers are those of the series, which a region keeps through all epochs. On the map: which region it is "
-            "in the pictures and the table of this comparison, which are numbered by themselves; –: none of them. "
-            "Areas are of the whole footprint of a region, to two digits: no margin of them is known."
-        ),
+        courses=COURSES,
+        course_numbers=COURSE_NUMBERS,
         distribution=(
             f"The differences of all assessed places of the {after.order} surface, with the level of detection of "
             f"single places (95{NBSP}%, median)."
         ),
-        stable=(
-            f"What held the two epochs together, on the {after.order} surface. Green: held to be stable{looked_for}. "
-            f"Sand: changed. Light grey: neither, left out{not_asked}.{dark}"
-        ),
-        record=(
-            "Each step with its settings and the values it found for itself, as they are kept: lengths in metres, "
-            "angles in radians; “auto” was found from the data."
-        ),
+        stable=_name_stable(facts),
+        record=RECORD,
         foot=(
             f"{facts.title}. {before.epoch_id} compared with {after.epoch_id}. Coordinates are those of the "
             f"{before.order} epoch{crs}; positive differences are material gained."
         ),
     )  # fmt: skip
+
+
+def _name_colours(facts: ReportFacts) -> str:
+    """Return what the picture of the difference shows, and what its colours mean."""
+    is_dotted = math.isfinite(dotted_from(facts.comparison))
+    dotted = " Dotted: unchanged as far as can be told; only larger changes are told there." if is_dotted else ""
+    numbers = " Numbers are those of the table of regions." if facts.regions else ""
+    inside = (
+        "Seen from within: what looks away from the viewer is left out."
+        if facts.is_room
+        else "Dark grey: the inside, seen through where nothing was recorded."
+    )
+    return (
+        f"What changed from {facts.before.date} to {facts.after.date}, drawn on the {facts.after.order} surface; all "
+        "views at one scale. Warm colours: material lost, paler where it stood before what is there now. Blue: "
+        "material gained. The darkest colours: as much or more; their scale is this comparison’s own, do not compare "
+        f"colours with another report’s. Light grey: assessed and unchanged.{dotted} Hatched: not assessable. "
+        f"{inside}{numbers}"
+    )
+
+
+def _name_figures(facts: ReportFacts) -> str:
+    """Return what the figures in the table of regions mean."""
+    beside = "Figures are beside what all of the surface lies off by. " if is_beside_layer(facts.comparison) else ""
+    is_hardly_known = any(r.area.most for r in facts.regions)
+    hardly = " Up to: the upper end of it, for an area that is not well known." if is_hardly_known else ""
+    return (
+        f"± is the half-width of the 95{NBSP}% interval.{hardly} Positive: material gained; negative: lost. "
+        "Extreme: the middle of the several neighbouring places where the change is largest, so that no single one "
+        "decides. Mean: free of what chance adds to it where borders are drawn. "
+        f"{beside}{_name_hollows(facts)}{_name_sides(facts)}"
+    )
+
+
+def _name_stable(facts: ReportFacts) -> str:
+    """Return what the picture of the stable areas shows."""
+    looked_for = ", looked for only where you said that nothing moved" if facts.stable else ""
+    not_asked = "; nearly white: outside of what you gave, not asked" if facts.stable else ""
+    dark = "" if facts.is_room else " Dark grey: the inside."
+    return (
+        f"What held the two epochs together, on the {facts.after.order} surface. Green: held to be stable{looked_for}. "
+        f"Sand: changed. Light grey: neither, left out{not_asked}.{dark}"
+    )
 
 
 def _name_sides(facts: ReportFacts) -> str:
