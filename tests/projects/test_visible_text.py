@@ -38,7 +38,10 @@ def test_the_character_is_named_in_words():
         require_visible(ObjectRecord("head", description="a\x07b"), "object head")
 
 
-def test_texts_of_all_scripts_are_taken_and_a_description_may_have_lines():
+def test_texts_of_all_scripts_are_taken_and_a_description_may_have_lines(tmp_path):
     names = ("Säule am Tor – „Kopf“ № 3", "راس می\u200cخواهم", "ראש אבן", "石の頭", "क्\u200dष", "5\u00a0mm", "e\u0301")
-    for name in names:
-        require_visible(ObjectRecord("head", name=name, description=f"{name}\n\t{name}\r\n"), "object head")
+    project = Project.create(tmp_path / "p")
+    for k, name in enumerate(names):
+        project.add_object(ObjectRecord(f"head-{k}", name=name, description=f"{name}\n\t{name}\r\n"))
+        kept = project.object(f"head-{k}")
+        assert (kept.name, kept.description) == (name, f"{name}\n\t{name}\r\n")
