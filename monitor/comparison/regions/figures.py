@@ -95,7 +95,7 @@ def describe_region(number: int, views: list[RegionView]) -> list[Any]:
     extreme, sigma_extreme = extreme_of(views)
     area, sigma_area = area_of(views, float(np.sign(extreme)))
     raw, sigma_raw = mean_of(views, float(np.sign(extreme)))
-    (mean, sigma_mean) = mean_of([v.freed for v in views], float(np.sign(extreme)))
+    mean, sigma_mean = mean_of([v.freed for v in views], float(np.sign(extreme)))
     centroid = np.mean([v.centroid for v in views], axis=0)
     unevenness = [v.unevenness for v in views if np.isfinite(v.unevenness)]
     kind = name_kind(raw, sigma_raw, float(np.mean(unevenness)), area) if unevenness else WHOLE[extreme > 0.0]

@@ -38,9 +38,7 @@ LEVELS = 3.0  # median levels of detection that a point must lie behind, too; wh
 FEWEST_SUNK = 2  # points around a vertex
 FEWEST_DEEP, SHARE_DEEP = 8, 0.1  # points of a hollow that lie deep; and of those sunk
 FEWEST_ON, MOST_SUNK = 3, 0.1  # points on its surface around a vertex; share of those sunk, in the epoch that has it
-AS_DENSE = (
-    0.5  # of what its points should be there by how many the other epoch has, or lie beside: else it bridged, too
-)
+AS_DENSE = 0.5  # of what its points should be there by how many the other epoch has, or lie beside: else a bridge, too
 HALF = 0.5  # of the depth of the points below a mouth: a surface nearer to it bridges it
 AWAY = -0.3  # cosine between two surfaces: what lies on one that looks the other way was not measured through this one
 ON = 2.0  # spacings of the vertices from a surface, within which points lie on it
@@ -123,9 +121,8 @@ def _place_near_hollows(sides: tuple[Side, Side], k: int, points: tuple[Floats, 
         return None
     over = np.zeros(len(own.areas), dtype=np.bool_)
     over[far.vertex[is_deep]] = True
-    near = np.append(
-        cubes.around(own.surface.vertices[spread_rings(own.neighbours, over, AROUND)]), True
-    )  # -1: far off
+    over = spread_rings(own.neighbours, over, AROUND)
+    near = np.append(cubes.around(own.surface.vertices[over]), True)  # the last entry is cube -1, of what lies far off
     theirs = _place_in_front(sides, k, tree, theirs_all, np.flatnonzero(near[cube]), by[0])
     return place_under(own, tree, points[0], np.flatnonzero(near[cubes.of(points[0])])), theirs
 
