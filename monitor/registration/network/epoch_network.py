@@ -2,7 +2,8 @@
 
 In: registrations between pairs of epochs, each with its covariance. Out: one pose an epoch, adjusted by least squares,
 its covariance, and how well the links close. Every epoch against the first and against the one before it makes a net
-with one loop an epoch, which shows a link that is wrong.
+with one loop an epoch, which shows a link that is wrong. What an epoch's own surface errs by is in all of its links: it
+closes every loop, and no number of links averages it.
 """
 
 from __future__ import annotations
@@ -11,11 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import nnls
 from scipy.stats import chi2
 
+from monitor.registration.motion.covariance import about
 from projects.errors import RegistrationError
 from projects.model import Floats, Registration
-from projects.transforms import invert, motion_about, perturb
+from projects.transforms import apply, invert, motion_about, perturb
 
 N_ITERATIONS = 10
 STEP = 1e-6  # rad and m, of the derivatives by differences
@@ -43,7 +47,8 @@ class EpochNetwork:
     misfit : (links,), by how much each link departs from the adjusted poses, in sigmas (square root of its chi-square
         over six).
     chi2, freedom, probability : of all misfits; NaN without loops. Where chi2 exceeds the freedom, the covariance is
-        raised by their ratio.
+        raised by their ratio; where it falls short, the ratio is the share of the links' variance that is their own,
+        and the rest is that of the epochs, which all links of an epoch have in common.
     """
 
     T_first_epoch: Floats
@@ -77,8 +82,9 @@ def adjust_network(links: Sequence[EpochLink], n_epochs: int) -> EpochNetwork:
     normal, _ = normal_equations(links, weights, poses, centre)
     squares = np.array([r @ w @ r for r, w in zip(misfits(links, poses), weights, strict=True)])
     freedom = 6 * (len(links) - (n_epochs - 1))
-    factor = max(1.0, float(squares.sum()) / freedom) if freedom else 1.0
-    joint = factor * np.linalg.inv(normal)
+    ratio = float(squares.sum()) / freedom if freedom else 1.0
+    joint = ratio * np.linalg.inv(normal) if ratio else np.zeros_like(normal)
+    joint += max(1.0 - ratio, 0.0) * common_errors(links, poses, centre)
     covariance = np.zeros((n_epochs, 6, 6))
     for k in range(1, n_epochs):
         covariance[k] = joint[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k]
@@ -86,6 +92,32 @@ def adjust_network(links: Sequence[EpochLink], n_epochs: int) -> EpochNetwork:
         poses, covariance, joint, centre, np.sqrt(squares / 6.0), float(squares.sum()), freedom,
         float(chi2.sf(squares.sum(), freedom)) if freedom else float("nan"),
     )  # fmt: skip
+
+
+def common_errors(links: Sequence[EpochLink], poses: Floats, centre: Floats) -> Floats:
+    """Return the covariance (6 (n - 1), 6 (n - 1)) about `centre` of the poses of all epochs but the first where all
+    that the links err by is the epochs' own: each pose by its epoch's, and all of them by what the first errs by."""
+    of_link = [_in_first_frame(link, poses[link.target], centre) for link in links]
+    usual = np.diag(np.mean(of_link, axis=0))
+    sizes = np.array([np.mean(np.diag(C) / usual) for C in of_link])
+    takes_part = np.array([[k in (link.target, link.source) for k in range(len(poses))] for link in links])
+    of_epoch = nnls(takes_part.astype(float), sizes)[0]
+    own = []
+    for k in range(len(poses)):
+        shares = [
+            of_epoch[k] / max(of_epoch[link.target] + of_epoch[link.source], 1e-300) * C
+            for link, C, takes in zip(links, of_link, takes_part[:, k], strict=True) if takes
+        ]  # fmt: skip
+        own.append(np.mean(shares, axis=0))
+    n = len(poses) - 1
+    return np.asarray(block_diag(*own[1:]) + np.kron(np.ones((n, n)), own[0]))
+
+
+def _in_first_frame(link: EpochLink, T_first_target: Floats, centre: Floats) -> Floats:
+    """Return the covariance (6, 6) of a link in the first epoch's frame about `centre`."""
+    turn = block_diag(T_first_target[:3, :3], T_first_target[:3, :3])
+    own = apply(T_first_target, link.registration.centre)
+    return about(turn @ link.registration.covariance @ turn.T, centre - own)
 
 
 def require_connected(links: Sequence[EpochLink], n_epochs: int) -> None:

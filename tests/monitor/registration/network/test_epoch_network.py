@@ -10,10 +10,11 @@ from scipy.stats import chi2
 
 from monitor.registration.motion.held import Frames
 from monitor.registration.network.epoch_network import EpochLink, adjust_network
+from monitor.registration.network.steady_motion import fit_steady_motion
 from monitor.through_time import tell_network, without_frames
 from projects.errors import RegistrationError
 from projects.model import EpochRecord, Floats, Registration
-from projects.transforms import apply, invert, perturb
+from projects.transforms import apply, invert, motion_about, perturb
 
 
 def pose(rng: np.random.Generator, turn: float = 0.02, shift: float = 0.01) -> Floats:
@@ -80,11 +81,36 @@ def test_what_frames_may_differ_by_is_told_once_and_not_averaged_over_links(rng:
     assert without_frames(links[0], None) is links[0]
     epochs = [EpochRecord("stair", f"e{k}", datetime.date(2020 + k, 5, 1)) for k in range(3)]
     motions, closures = tell_network(adjust_network(bare, 3), bare, epochs, [frames, None])
-    assert motions["sigma_shift_m"][0] == pytest.approx(np.sqrt(2.0 / 3.0 * 1e-10 + 4e-6), rel=1e-4)
-    assert motions["sigma_shift_m"][1] == pytest.approx(np.sqrt(2.0 / 3.0) * 1e-5, rel=1e-4)
+    # the loop closes: what the links err by is the epochs' own, and three links do not make it sure to 0.82 of itself
+    assert motions["sigma_shift_m"][0] == pytest.approx(np.sqrt(1e-10 + 4e-6), rel=1e-4)
+    assert motions["sigma_shift_m"][1] == pytest.approx(1e-5, rel=1e-4)
     assert motions["probability_unmoved"][0] > 0.9  # 1 mm in frames known to 2 mm
     assert np.isnan(motions["probability_unmoved"][1])  # of frames of which nothing is known
     assert len(closures) == 3
+
+
+def test_what_an_epoch_errs_by_in_all_its_links_is_not_averaged(rng: np.random.Generator) -> None:
+    """Each epoch's surface errs, one of them three times as much, and its links with it: every loop closes, and the
+    95 % ellipsoids of links taken for independent hold the truth in three of four cases."""
+    sizes, inside, moves = np.array([1.0, 1.0, 3.0, 1.0, 1.0]), [], []
+    shape = random_covariance(rng)
+    pairs = [(0, k) for k in range(1, 5)] + [(k, k + 1) for k in range(1, 4)]
+    for _ in range(100):
+        errors = rng.multivariate_normal(np.zeros(6), shape, 5) * sizes[:, None]
+        links = []
+        for a, b in pairs:
+            both, alone = (sizes[a] ** 2 + sizes[b] ** 2) * shape, 0.1  # of the variance, each link's own
+            step = np.sqrt(1.0 - alone) * (errors[b] - errors[a])
+            step = step + rng.multivariate_normal(np.zeros(6), alone * both)
+            T = perturb(np.eye(4), np.zeros(3), step)
+            links.append(EpochLink(a, b, Registration(T, both, np.zeros(3), True)))
+        network = adjust_network(links, 5)
+        found = np.array([motion_about(T, network.centre) for T in network.T_first_epoch[1:]])
+        inside += [e @ np.linalg.solve(C, e) < chi2.ppf(0.95, 6)
+                   for e, C in zip(found, network.covariance[1:], strict=True)]  # fmt: skip
+        moves.append(fit_steady_motion(np.arange(1.0, 5.0), found, network.joint).p_rate < 0.05)
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.04)  # 95 +- 1.5 %; 74 % as links of their own
+    assert np.mean(moves) < 0.13  # of an object at rest; 30 % as links of their own
 
 
 def test_wrong_link_is_the_one_that_does_not_close(rng: np.random.Generator) -> None:
