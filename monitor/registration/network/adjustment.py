@@ -81,7 +81,8 @@ class Adjustment:
 
     `applied` is False, with its `reason`, where the given poses stay. `converged` is False, with its `reason`, where
     nothing may be built on the result. `covariances` (n, 6, 6) are of each scan's motion about `centres` (n, 3) [m]
-    (turn first, rad, then shift, m): relative to the mean of all scans, or, with control, in the project's frame; then
+    (turn first, rad, then shift, m): relative to the mean of all scans, or, where control holds every motion (three
+    points that are not on one line), in the project's frame; then
     `joint_covariance` (6 n, 6 n) is of all of them together, so that what they do in common is known too, and
     `covariance` (6, 6) is that of the epoch as a whole about `centre`, NaN otherwise. `ties` and `components` are the
     residuals of targets and control points and the variance components (1: as stated). `doubt` says which scans
@@ -169,7 +170,8 @@ def adjust_scans(
     The stated variances of targets and of control are raised by what their residuals show, and those that contradict
     the rest are left out (Baarda 1968). The prior on each scan's motion, turns and ways apart, is the misfit as given
     or, once the scans lie on each other, the variance component that the motions themselves show: it holds what few
-    patches hold, such as a ring of scans that could bend, or scans around a body that all move outward together.
+    patches hold, such as a ring of scans that could bend, or scans around a body that all move outward together. Of the
+    whole it holds nothing where control does: it would draw an epoch back to a frame that control contradicts.
     Scans that lie near each other as given are matched finely at once: the first, wide matching would draw them out,
     and from there they come back only in part. Without targets a good network of poses is better than what
     five scans can say of themselves, so the given poses stay unless the motions explain a third of the misfit of
@@ -227,7 +229,7 @@ def _beside_rivals(found: Adjustment, network: _Network, motions: Sequence[Float
 
 def _with_covariances(found: Adjustment, state: _State, network: _Network) -> Adjustment:
     """Return the adjustment with the covariance of each scan and, with control, of the whole."""
-    is_absolute = bool(state.ties.has_control.any())
+    is_absolute = state.ties.holds_the_whole
     full = network_covariance(state.matches, state.motions, state.scales, state.solution, is_absolute=is_absolute)
     centres = np.array(
         [apply(T, s.points.mean(axis=0)) for T, s in zip(state.motions, network.overlaps.samples, strict=True)]
@@ -288,7 +290,7 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
         matches = match_overlaps(network.overlaps, motions, radius, fine=fine, steepest=steepest)
         sigma = max(misfit_of(matches) if matches else _tie_sigma(network.ties), least)
         prior = np.full(2, max(sigma, _given_misfit(network))) if step == 1 else prior
-        scales = _scales(network, matches, sigma, prior, fine, motions)
+        scales = replace(_scales(network, matches, sigma, prior, fine, motions), in_control=_in_control(ties, matches))
         solution = solve_network(pair_equations(matches, motions, scales), ties, places, motions, (scales, components))
         way = solution.delta * np.repeat([scales.lever, 1.0], 3)
         # where pairs swap to and fro the poses swing about a place without a zero: go there by ever shorter steps
@@ -321,6 +323,8 @@ def _start_by_ties(network: _Network, motions: list[Floats]) -> tuple[list[Float
         return motions, places
     u = 6 * len(motions)
     scales = Scales(1.0, np.full(2, max(_given_misfit(network), 1e-6)), network.lever, 1.0, False)
+    if ties.holds_the_whole:  # scans without targets go with the others
+        scales = replace(scales, in_control=tuple(range(len(motions))))
     for _ in range(N_TIE_STEPS):
         step = solve_network((np.zeros((u, u)), np.zeros(u)), ties, places, motions, (scales, TieScales()))
         motions = [perturb(T, np.zeros(3), d) for T, d in zip(motions, step.delta, strict=True)]
@@ -362,6 +366,13 @@ def _scales(
         scales, pair_factors=pair_factors(matches, motions, scales),
         pair_sharers=count_sharers(matches, motions, scales.patch),
     )  # fmt: skip
+
+
+def _in_control(ties: Ties, matches: Pairs) -> tuple[int, ...]:
+    """Return the scans that control holds together: where it holds the whole, all that have targets or overlap."""
+    if not ties.holds_the_whole:
+        return ()
+    return tuple(sorted({*ties.scan[ties.kept].tolist(), *(k for pair in matches for k in pair)}))
 
 
 def _about(T: Floats, shift: Floats) -> Floats:

@@ -38,6 +38,8 @@ class Scales:
     pair_factors : of each pair of scans; 1 where left out.
     pair_sharers : of each pair of scans, how many scans share a patch of theirs; 1 where left out. m scans bear
         m - 1 witnesses, and their m (m - 1) / 2 pairs, matched both ways, would be taken for m times as many.
+    in_control : scans that control holds together: of their motion in common it tells alone, the poses as given say
+        only how they stand to each other.
     """
 
     sigma: float
@@ -47,6 +49,7 @@ class Scales:
     fine: bool
     pair_factors: Mapping[tuple[int, int], float] = field(default_factory=dict)
     pair_sharers: Mapping[tuple[int, int], float] = field(default_factory=dict)
+    in_control: tuple[int, ...] = ()
 
     def witness_share(self, key: tuple[int, int], points: Floats) -> float:
         """Return the weight, in units of 1 / sigma^2, of each of a pair's points (k, 3): its patches are witnesses."""
@@ -152,11 +155,11 @@ def solve_network(
     normal += np.einsum("kau,kav->uv", equations.rows, weighted, optimize=True)
     right -= np.einsum("kau,ka->u", weighted, equations.misclosures)
     gone = np.concatenate([as_motion(T, scale.lever) for T in motions])
-    hold = prior_weights(scale, n)
-    normal[: 6 * n, : 6 * n] += np.diag(hold)
-    right[: 6 * n] -= hold * gone
+    hold = prior_information(scale, n)
+    normal[: 6 * n, : 6 * n] += hold
+    right[: 6 * n] -= hold @ gone
     lonely = np.flatnonzero(np.diag(normal) == 0.0)  # a point whose ties are all blunders
-    normal[lonely, lonely] = hold.min()
+    normal[lonely, lonely] = prior_weights(scale, 1).min()
     step = np.linalg.solve(normal, right)
     unit = np.repeat([1.0 / scale.lever, 1.0], 3)
     return Solution(step[: 6 * n].reshape(n, 6) * unit, step[6 * n :].reshape(m, 3), normal, equations, scaled)
@@ -167,6 +170,18 @@ def prior_weights(scales: Scales, n: int) -> Floats:
     return np.tile(np.repeat(1.0 / scales.prior**2, 3), n)
 
 
+def prior_information(scales: Scales, n: int) -> Floats:
+    """Return the information (6 n, 6 n) [1 / m2] of the poses as given, none of what scans do in common in control."""
+    return np.kron(_less_common(scales, n), np.diag(prior_weights(scales, 1)))
+
+
+def _less_common(scales: Scales, n: int) -> Floats:
+    """Return the matrix (n, n) that takes from each scan in control the mean of all of them."""
+    common, held = np.zeros((n, n)), list(scales.in_control)
+    common[np.ix_(held, held)] = 1.0 / max(len(held), 1)
+    return np.asarray(np.eye(n) - common)
+
+
 def estimate_prior(solution: Solution, motions: Sequence[Floats], scales: Scales) -> Floats:
     """Return one sigma (2,) [m] of the poses as given, the roots of their variance components, turns and ways.
 
@@ -174,9 +189,10 @@ def estimate_prior(solution: Solution, motions: Sequence[Floats], scales: Scales
     the mean of their variance given the motions; infinite where too little is told. So for the ways.
     """
     n = len(motions)
-    left = np.diag(np.linalg.inv(solution.normal))[: 6 * n] * prior_weights(scales, n)
-    gone = np.concatenate([as_motion(T, scales.lever) for T in motions])
-    redundancy, square = ((part.reshape(n, 2, 3)).sum(axis=(0, 2)) for part in (1.0 - left, gone**2))
+    alone = np.kron(_less_common(scales, n), np.eye(6))
+    left = np.diag(np.linalg.inv(solution.normal)[: 6 * n, : 6 * n] @ prior_information(scales, n))
+    gone = alone @ np.concatenate([as_motion(T, scales.lever) for T in motions])
+    redundancy, square = ((part.reshape(n, 2, 3)).sum(axis=(0, 2)) for part in (np.diag(alone) - left, gone**2))
     told = redundancy > LEAST_TOLD
     return np.where(told, np.sqrt(square / np.where(told, redundancy - 2.0, 1.0)), np.inf)
 

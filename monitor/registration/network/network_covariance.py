@@ -15,7 +15,7 @@ from monitor.registration.motion.correlation import correlate, find_ranges, fit_
 from monitor.registration.motion.patch_field import sum_by
 from monitor.registration.motion.patches import cut_patches
 from monitor.registration.motion.sampling import motion_rows
-from monitor.registration.network.equations import Pairs, Scales, Solution, prior_weights
+from monitor.registration.network.equations import Pairs, Scales, Solution, prior_information
 from monitor.robust import tukey_slope, tukey_weights
 from projects.model import Floats, Ints
 
@@ -30,7 +30,8 @@ def network_covariance(
 ) -> Floats:
     """Return the covariance (6 n, 6 n) of the motions of all scans about the origin, rad and m.
 
-    Without control (`is_absolute` False) it is of the motions less their mean, since the whole is held by nothing.
+    Without control (`is_absolute` False) it is of the motions less their mean, since the whole is held by nothing. With
+    it the poses as given say where scans are against each other, and nothing of the whole: that is control's alone.
     """
     n = len(motions)
     turned = _turn(pairs, motions)
@@ -79,7 +80,7 @@ def _tie_information(solution: Solution, scales: Scales, n: int) -> tuple[Floats
     if len(solution.equations.rows):
         rows = solution.equations.rows
         information += np.einsum("kau,kab,kbv->uv", rows, np.linalg.inv(solution.scaled), rows, optimize=True)
-    information[: 6 * n, : 6 * n] += np.diag(prior_weights(scales, n))
+    information[: 6 * n, : 6 * n] += prior_information(scales, n)
     return information, information.copy()
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from monitor.registration.motion.six_parameters import closest_motion
+from monitor.registration.motion.six_parameters import closest_motion, require_spread
 from monitor.registration.targets.homologous import match_points
 from projects.errors import RegistrationError
 from projects.model import Bools, ControlPoint, Floats, Ints, SurveyTarget
@@ -55,6 +55,16 @@ class Ties:
     def has_control(self) -> Bools:
         """Which points (m,) are held by control."""
         return np.isfinite(self.control[:, 0]) & self.control_kept
+
+    @property
+    def holds_the_whole(self) -> bool:
+        """Whether control holds every motion: three points that targets are, not on one line within their sigma."""
+        held = self.has_control & np.isin(np.arange(len(self.names)), self.point[self.kept])
+        try:
+            require_spread(self.control[held], self.sigma_control[held])
+        except RegistrationError:
+            return False
+        return True
 
     def shifted(self, shift: Floats) -> Ties:
         """Return the ties in coordinates less `shift`."""

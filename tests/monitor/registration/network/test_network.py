@@ -103,6 +103,46 @@ def test_too_small_sigmas_are_raised_by_their_variance_component(rng: np.random.
     assert 10.0 < bold < 45.0  # 25
 
 
+def turned_about_control(rng: np.random.Generator, known: np.ndarray, turn: float) -> tuple[Adjustment, np.ndarray]:
+    """Return an adjustment of three caps whose common frame is turned by `turn` [rad] about the line from the first to
+    the last of the control points `known` (k, 3) [m], and the motion (6,) left of the whole about its centre."""
+    line = known[-1] - known[0] if len(known) > 1 else np.array([0.0, 0.0, 1.0])
+    common = perturb(np.eye(4), known[0], np.concatenate([turn * line / np.linalg.norm(line), np.zeros(3)]))
+    clouds = noisy_caps(rng, 3, None)
+    errors = [common @ E for E in pose_errors(rng, 3)]
+    ties = identify_targets(seen_targets(rng, known, errors), known_points(rng, known))
+    found = adjust_scans([displaced(c, E) for c, E in zip(clouds, errors, strict=True)], FEW, ties)
+    centre = np.nan_to_num(found.centre)
+    return found, np.mean([small_motion(M @ E, centre) for M, E in zip(found.motions, errors, strict=True)], axis=0)
+
+
+@pytest.mark.parametrize("known", [
+    target_places(6)[:1], target_places(6)[:2],
+    target_places(6)[0] + np.linspace(0.0, 1.0, 4)[:, None] * (target_places(6)[1] - target_places(6)[0]),
+])  # fmt: skip
+def test_control_that_leaves_a_turn_free_does_not_say_how_sure_the_whole_is(
+    rng: np.random.Generator, known: np.ndarray
+) -> None:
+    found, left = turned_about_control(rng, known, 0.005)
+    assert found.applied
+    assert np.linalg.norm(left[:3]) > 0.003  # rad, of 0.005 that nothing shows; it was stated to 0.0005
+    assert np.isnan(found.covariance).all()
+    assert np.isfinite(found.covariances).all()  # of each against the mean of all
+
+
+@pytest.mark.parametrize("aside", [0.1, 0.5, 1.0])
+def test_the_frame_as_given_draws_nothing_back_that_control_holds(aside: float) -> None:
+    """Three control points, one of them `aside` [m] of the line of the others, about which the frame as given is turned
+    by 20 mrad: 15 of them were left, under a control that was held to be six times as poor as stated."""
+    known = np.array([[-1.0, 0.9, 0.1], [0.0, 0.9 + aside, 0.1], [1.0, 0.9, 0.1]])
+    statistics = []
+    for seed in (1, 3):
+        found, left = turned_about_control(np.random.default_rng(seed), known, 0.02)
+        assert abs(left[0]) < 3.0 * 0.0015 / aside  # 0.6 mm of control and targets across, on 2/3 of the way aside
+        statistics.append(left @ np.linalg.solve(found.covariance, left))
+    assert max(statistics) < chi2.ppf(0.999, 6)
+
+
 def test_the_truth_lies_in_the_ellipsoids_of_a_network_with_control() -> None:
     each, whole = zip(*(simulate_network(seed, 0.03, is_absolute=True) for seed in range(4)), strict=True)
     assert np.mean(np.array(each) < chi2.ppf(0.95, 6)) >= 0.8
