@@ -8,7 +8,7 @@ settle is refused with its reason.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -56,7 +56,10 @@ def adjust_epoch(
                 f"the scans could not be fitted onto each other: {found.reason}; check their poses, give better ones "
                 "with --poses, or keep them as given with the setting adjust.enabled = false"
             )
-        return Made(_as_arrays(found, seen, setups), _figures(found, seen) | {"n_setups": int(setups.max()) + 1})
+        figures = _figures(found, seen) | {"n_setups": int(setups.max()) + 1}
+        if settings.enabled and not found.ties:  # else the scans stand as they were given, on control or not
+            figures["n_control"] = 0
+        return Made(_as_arrays(found, seen, setups), figures)
 
     return once_step(place, Asked("network", "network", parameters, (*scans, *targets)), make)
 
@@ -180,6 +183,21 @@ def _tie(fit: TieFit, seen: Sequence[int]) -> dict[str, Any]:
 def _place_name(fit: TieFit, seen: Sequence[int]) -> str:
     """Return which observation a blunder is, in words."""
     return f"control point {fit.name}" if fit.scan < 0 else f"{fit.name} in scan {seen[fit.scan] + 1}"
+
+
+def tell_control(figures: Mapping[str, Any], n_given: int) -> str:
+    """Return what is wrong with the targets and the `n_given` control points of an epoch, by the figures of its network
+    step: none found, too few to hold the whole, some left out; "" where nothing is."""
+    told = []
+    n_held, sigma = figures.get("n_control"), figures.get("sigma_position_m")
+    if n_given and n_held == 0:
+        told.append(f"none of its {n_given} control points holds a target of its scans, so control holds nothing")
+    elif n_held and (sigma is None or not np.isfinite(sigma)):
+        told.append(f"{n_held} of its {n_given} control points hold targets, and a turn of the whole stays free; how "
+                    "sure its frame is takes three that are not on one line")  # fmt: skip
+    if figures.get("blunders"):
+        told.append(f"left out, as beyond chance against the others: {', '.join(figures['blunders'])}")
+    return "; ".join(told)
 
 
 def _rms(fits: Sequence[TieFit]) -> float:

@@ -17,6 +17,7 @@ from monitor.cli.progress import show_progress
 from monitor.comparison.comparable import MODES
 from monitor.engine import open_engine, require_where
 from monitor.record import Place
+from monitor.scan_network import tell_control
 from monitor.settings import Settings, read_settings
 from monitor.through_time import epochs_of_one_date, follow_epochs
 from projects.errors import MonitorError, ParameterError, StoreError
@@ -32,6 +33,15 @@ from reports.wholemotion import knows_motion
 Facts = dict[str, Any]
 Where = tuple[int | None, str | None]  # workers, scheduler
 HERE: Where = (None, None)  # in this process
+TOLD = (
+    "open_holes",
+    "uncovered",
+    "outside",
+    "turned",
+    "alone",
+    "control",
+    "doubt",
+)  # of an epoch, where there is cause
 COMPARED = "{object} {reference} -> {compared}: {answer}"  # the line of a comparison
 
 
@@ -53,7 +63,7 @@ def process_project(
         facts, failed = _try_each([partial(process_place, place) for place in places])
     _tell(facts, as_json, "{object} {epoch}: {n_vertices} vertices {source}")
     for fact in facts:
-        for told in filter(None, (fact[name] for name in ("open_holes", "uncovered", "outside", "turned", "alone"))):
+        for told in filter(None, (fact[name] for name in TOLD)):
             typer.echo(f"mind: {fact['object']} {fact['epoch']}: {told}", err=True)
     _require_all(len(facts), len(places), failed, "epochs could not be processed")
 
@@ -101,6 +111,8 @@ def _processed(place: Place, steps: list[Step]) -> Facts:
     surface = place.project.get(place.object_id, place.epoch_id, "surface")
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
     n_points = sum(h.n_points for h in headers)
+    n_control = len(place.project.epoch(place.object_id, place.epoch_id).control)
+    network = [s.automatic for s in steps if s.product == "network"]
     return {
         "object": place.object_id,
         "epoch": place.epoch_id,
@@ -111,6 +123,8 @@ def _processed(place: Place, steps: list[Step]) -> Facts:
         "open_holes": "".join(tell_open_holes(s) for s in steps if s.product == "surface"),
         "uncovered": "".join(tell_uncovered(s) for s in steps if s.product == "surface").replace(NBSP, " "),
         "alone": "".join(tell_alone(s) for s in steps if s.product == "network").replace(NBSP, " "),
+        "control": "".join(tell_control(figures, n_control) for figures in network),
+        "doubt": "".join(str(figures.get("doubt") or "") for figures in network),
         "turned": "".join(tell_turned(s) for s in steps if s.product == "surface").replace(NBSP, " "),
         "outside": "".join(tell_outside(s) for s in steps if s.product == "surface").replace(NBSP, " "),
         "steps": {s.product: s.step_id for s in steps},

@@ -11,7 +11,7 @@ from monitor.filtered_scans import FilteredScans
 from monitor.range_calibration import largest_of_setups
 from monitor.registration.network.adjustment import Adjustment
 from monitor.registration.network.snooping import TieFit
-from monitor.scan_network import _as_arrays, _figures, _why_nothing_is_left
+from monitor.scan_network import _as_arrays, _figures, _why_nothing_is_left, tell_control
 from monitor.setups import join_setups, join_targets, number_setups
 from monitor.simulation import stand_at
 from projects.model import PointCloud, Step, SurveyTarget
@@ -69,6 +69,18 @@ def test_a_control_point_that_was_left_out_holds_no_network() -> None:
     figures = _figures(found, [0])
     assert figures["n_control"] == 2
     assert figures["n_targets"] == 1
+
+
+def test_control_that_holds_not_the_whole_or_was_left_out_is_told() -> None:
+    held = {"n_control": 5, "sigma_position_m": 2e-4, "blunders": []}
+    assert tell_control(held, 5) == tell_control({}, 5) == ""  # {}: switched off, or made before it was recorded
+    assert tell_control({"n_control": 0}, 0) == ""
+    assert "none of its 5 control points" in tell_control({"n_control": 0}, 5)
+    for unknown in (np.nan, None):
+        told = tell_control(held | {"n_control": 2, "sigma_position_m": unknown}, 5)
+        assert told.startswith("2 of its 5 control points hold targets, and a turn of the whole stays free")
+    wrong = held | {"blunders": ["control point S3", "target 4 in scan 2"]}
+    assert tell_control(wrong, 5).endswith("against the others: control point S3, target 4 in scan 2")
 
 
 def test_windows_are_calibrated_with_the_largest_scan_of_their_set_up() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from monitor.chain import is_held_by_control
 from monitor.cli import run
 from projects import Project
 
@@ -52,6 +53,24 @@ def test_scans_that_overlap_no_other_are_said(tmp_path, capsys, places, alone, w
     minded, found = said_of(tmp_path, places, capsys)
     assert found == alone
     assert minded == ([f"mind: relief e1: {words}"] if words else [])
+
+
+def test_control_of_which_no_scan_holds_a_target_is_said_and_holds_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flat = np.random.default_rng(3).uniform(-0.12, 0.12, (3000, 2))
+    np.savetxt(
+        tmp_path / "a.xyz", np.c_[flat, 0.02 * np.sin(40.0 * flat[:, 0]) * np.cos(30.0 * flat[:, 1])], fmt="%.6f"
+    )
+    (tmp_path / "control.csv").write_text("P1,1,0,0\nP2,0,1,0\nP3,0,0,1\n")
+    project = str(tmp_path / "project")
+    assert run(["init", project]) == run(["add-object", project, "relief"]) == 0
+    given = ["--date", "2026-05-01", "--control", str(tmp_path / "control.csv")]
+    assert run(["add-epoch", project, "relief", "e1", *given, str(tmp_path / "a.xyz")]) == 0
+    assert run(["process", project]) == 0
+    told = "mind: relief e1: none of its 3 control points holds a target of its scans, so control holds nothing"
+    assert told in capsys.readouterr().err.splitlines()
+    assert not is_held_by_control(Project.open(project), "relief", "e1")  # it was, and absolute mode the default
 
 
 def test_scans_beside_the_extent_are_told_where_they_lie(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
