@@ -143,6 +143,16 @@ def test_the_frame_as_given_draws_nothing_back_that_control_holds(aside: float) 
     assert max(statistics) < chi2.ppf(0.999, 6)
 
 
+def test_a_scan_without_targets_goes_with_the_others_that_control_moves_far(rng: np.random.Generator) -> None:
+    """The frame as given lies 0.4 m off: the third cap stayed there, beyond the reach of the others' surfaces."""
+    places, clouds = target_places(6), noisy_caps(rng, 3, None)
+    errors = [perturb(E, np.zeros(3), np.array([0, 0, 0, 0.4, 0, 0])) for E in pose_errors(rng, 3)]
+    seen = [*seen_targets(rng, places, errors)[:2], []]
+    ties = identify_targets(seen, known_points(rng, places))
+    found = adjust_scans([displaced(c, E) for c, E in zip(clouds, errors, strict=True)], FEW, ties)
+    assert worst_place(found, errors) < 0.001  # control has 0.5 mm
+
+
 def test_the_truth_lies_in_the_ellipsoids_of_a_network_with_control() -> None:
     each, whole = zip(*(simulate_network(seed, 0.03, is_absolute=True) for seed in range(4)), strict=True)
     assert np.mean(np.array(each) < chi2.ppf(0.95, 6)) >= 0.8
