@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from projects.errors import FormatError
 from projects.formats.parsing import ReadLimits, ask_child
+from projects.formats.precision import require_precision
 from projects.formats.rawscan import Columns
 from projects.formats.sniffing import sniff_format
 from projects.formats.units import require_unit
@@ -49,7 +50,8 @@ def read_counted_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | Non
     Raises
     ------
     FormatError
-        Another format, a broken file, no faces, faces that name vertices that are not there, corners not finite.
+        Another format, a broken file, no faces, faces that name vertices that are not there, corners not finite, or in
+        single precision where that is coarser than a scanner's noise.
     """
     path, limits = Path(path), limits or ReadLimits()
     require_unit(unit)
@@ -64,6 +66,7 @@ def read_counted_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | Non
     vertices, faces = _only_corners(vertices, faces)
     n_alone = n_vertices - len(vertices["points"])
     _require_places(path, vertices["points"])
+    require_precision(vertices["points"], unit, str(path))
     for join in (_joined_at_seams, _joined_where_parted):
         vertices, faces = join(vertices, faces)
         faces = _true_triangles(path, faces, len(vertices["points"]))

@@ -16,6 +16,7 @@ import numpy as np
 from projects.errors import FormatError, ParameterError
 from projects.formats.parsing import ReadLimits, ask_child
 from projects.formats.poses import PoseLine, find_pose_line
+from projects.formats.precision import require_precision
 from projects.formats.rawscan import Columns, ScanHeader
 from projects.formats.sniffing import sniff_format
 from projects.formats.units import require_unit
@@ -91,7 +92,8 @@ def read_scans(
     Raises
     ------
     FormatError
-        The file is of no known format, broken, or holds no points; a transform that is not rigid, with its scale.
+        The file is of no known format, broken, or holds no points; a transform that is not rigid, with its scale;
+        coordinates in single precision where that is coarser than a scanner's noise.
     """
     path, limits = Path(path), limits or ReadLimits()
     require_unit(unit)
@@ -177,6 +179,7 @@ def _scan(path: Path, columns: Columns, message: dict[str, Any], unit: float, fr
     lengths = {len(values) for values in columns.values()}
     if points is None or len(lengths) != 1 or not np.isfinite(points).all() or "faces" in columns:
         raise FormatError(f"{path}: cannot be read (the reader's answer is garbled)")
+    require_precision(points, unit, str(path))
     known = {name: columns[name] for name in ("normals", "intensity", "colors") if name in columns}
     cloud = PointCloud(points=points * unit, origins=frame["origin"], **known)
     dropped = {str(reason): int(n) for reason, n in message["dropped"].items()}

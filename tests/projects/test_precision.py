@@ -1,0 +1,64 @@
+"""Files in single precision far from 0: refused where the numbers are too coarse for what was measured."""
+
+import numpy as np
+import pytest
+
+from projects.errors import FormatError
+from projects.formats import read_mesh, read_scans
+
+FACADE = np.array([10_000.0, 50_000.0, 200.0])  # where surveys of a town lie in its system, m
+
+
+def write_ply(path, points, kind, faces=()):
+    """Write points (n, 3) as a binary PLY of `kind`, float or double, with faces where given."""
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    head += "".join(f"property {kind} {axis}\n" for axis in "xyz")
+    if len(faces):
+        head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\n"
+    rows = np.zeros(len(faces), [("n", "u1"), ("corners", "<i4", 3)])
+    rows["n"] = 3
+    if len(faces):
+        rows["corners"] = faces
+    body = points.astype("<f4" if kind == "float" else "<f8").tobytes() + rows.tobytes()
+    path.write_bytes(head.encode() + b"end_header\n" + body)
+    return path
+
+
+def read(path, unit=1.0):
+    return np.concatenate([chunk.cloud.points for scan in read_scans(path, unit=unit) for chunk in scan.chunks()])
+
+
+@pytest.mark.parametrize(("unit", "scale"), [(1.0, 1.0), (0.001, 1000.0)])
+def test_single_precision_fifty_kilometres_away_is_refused_with_its_step_and_double_is_read(tmp_path, rng, unit, scale):
+    """Read as it was, a face 2 mm aside stated a sigma of 6 micrometres: all its points had one coordinate."""
+    points = FACADE + rng.random((500, 3)) * [1.0, 0.002, 1.0]
+    with pytest.raises(
+        FormatError, match=r"single precision, as far as 50000 m from 0, where they are rounded to (3.9|4) mm"
+    ):
+        read(write_ply(tmp_path / "far.ply", points * scale, "float"), unit)
+    np.testing.assert_allclose(
+        read(write_ply(tmp_path / "far.ply", points * scale, "double"), unit), points, rtol=1e-15
+    )
+
+
+@pytest.mark.parametrize("digits", [3, 6])
+def test_single_precision_written_as_text_is_told_from_coordinates_rounded_to_millimetres(tmp_path, rng, digits):
+    points, path = FACADE + rng.random((500, 3)), tmp_path / "far.xyz"
+    np.savetxt(path, points, fmt=f"%.{digits}f")
+    assert len(read(path)) == 500
+    np.savetxt(path, points.astype(np.float32), fmt="%.6f")
+    with pytest.raises(FormatError, match="single precision"):
+        read(path)
+
+
+@pytest.mark.parametrize("shift", [0.0, 4000.0, 8000.0])
+def test_single_precision_is_read_where_it_is_finer_than_noise(tmp_path, rng, shift):
+    points = shift + rng.random((500, 3))
+    assert np.abs(read(write_ply(tmp_path / "near.ply", points, "float")) - points).max() <= 0.25e-3
+
+
+def test_a_mesh_in_single_precision_far_away_is_refused_too(tmp_path, rng):
+    points, faces = FACADE + rng.random((300, 3)), np.arange(300).reshape(-1, 3)
+    with pytest.raises(FormatError, match="single precision"):
+        read_mesh(write_ply(tmp_path / "far.ply", points, "float", faces))
+    assert len(read_mesh(write_ply(tmp_path / "far.ply", points, "double", faces)).vertices) == 300
