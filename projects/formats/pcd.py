@@ -94,7 +94,7 @@ def read_layout(path: str) -> Layout:
 
 def _layout(words: dict[str, list[str]], offset: int, line: int) -> Layout:
     """Return the header's words as numbers."""
-    names = words.get("FIELDS", [])
+    names = [name.lower() for name in words.get("FIELDS", [])]
     sizes, kinds = words.get("SIZE", []), words.get("TYPE", [])
     counts = words.get("COUNT", ["1"] * len(names))
     encoding = " ".join(words["DATA"]).lower()
@@ -136,7 +136,7 @@ def _text_blocks(path: str, layout: Layout) -> Iterator[dict[str, Any]]:
     table = TableLayout(offset=layout.offset, n_columns=n_columns, n_rows=layout.n, first_line=layout.line)
     for rows in read_table(path, table):
         yield {
-            name: rows[:, k].astype(kind) if name.lower() in ("rgb", "rgba") else rows[:, k]
+            name: rows[:, k].astype(kind) if name in ("rgb", "rgba") else rows[:, k]
             for (name, kind, _), k in zip(layout.fields, starts[:-1], strict=True)
         }
 

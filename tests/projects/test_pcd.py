@@ -113,6 +113,16 @@ def test_viewpoint_is_the_origin_where_it_is_one(tmp_path, records, viewpoint, o
     assert header.pose is None
 
 
+def test_fields_in_capitals_are_read(tmp_path, records):
+    path = tmp_path / "a.pcd"
+    named = head("binary").replace(b"x y z _ rgb intensity", b"X Y Z _ RGB Intensity")
+    path.write_bytes(named + records.tobytes())
+    _, got, _ = read(path)
+    np.testing.assert_array_equal(got["points"], records["xyz"])
+    np.testing.assert_allclose(got["intensity"], records["intensity"] / 255.0, atol=1e-6)
+    assert got["colors"][0].tolist() == [1, 2, 3]
+
+
 def test_references_back_that_overlap_themselves_are_decompressed():
     assert pcd.decompress_lzf(bytes([0, 97, 0xE0, 3, 0]), 13) == b"a" * 13
     assert pcd.decompress_lzf(bytes([2, 97, 98, 99, 0x80, 2]), 9) == b"abcabcabc"
