@@ -68,12 +68,15 @@ def within_unit_range(values: NDArray[Any], low: float, high: float) -> NDArray[
     return np.where(near, np.clip(scaled, 0.0, 1.0), np.nan).astype(np.float32)
 
 
-def guess_intensity_range(low: float, high: float) -> tuple[float, float]:
+def guess_intensity_range(low: float, high: float, has_fractions: bool = False) -> tuple[float, float]:
     """Return the range that instruments use and that intensities from `low` to `high` fit: 0-1, -2048-2047, 0-255,
     0-4095, 0-65535.
 
-    For formats that do not state it (PTS, PTX, text, PLY, PCD). Where none fits, the range of the values themselves.
+    For formats that do not state it (PTS, PTX, text, PLY, PCD). Where none fits, the range of the values themselves: of
+    negative values with fractions, too, which are decibels (RIEGL's reflectance, some -25 to 5).
     """
+    if low < 0.0 and has_fractions:
+        return low, high
     for first, last in ((0.0, 1.0), (0.0, 255.0), (0.0, 4095.0), (-2048.0, 2047.0), (0.0, 65535.0)):
         if low >= first and high <= last:
             return first, last
@@ -126,6 +129,7 @@ class _Ranges:
         self.are_needed = False
         self._low, self._high = np.inf, -np.inf
         self._brightest, self._has_fractions = 0.0, False
+        self._has_decimals = False
 
     def widen(self, columns: Columns) -> None:
         """Take in one more block."""
@@ -135,6 +139,7 @@ class _Ranges:
             finite = values[np.isfinite(values)]
             self._low = min(self._low, float(finite.min(initial=np.inf)))
             self._high = max(self._high, float(finite.max(initial=-np.inf)))
+            self._has_decimals |= bool((finite != np.floor(finite)).any())
         if _are_unscaled(columns):
             self.are_needed = True
             colours = np.nan_to_num(np.asarray(columns["colors"], dtype=np.float64))
@@ -145,7 +150,7 @@ class _Ranges:
         """Return a block with intensity as 0-1, NaN where not finite, and colours as 0-255."""
         scaled = dict(columns)
         if "intensity" in columns:
-            limits = guess_intensity_range(self._low, self._high)
+            limits = guess_intensity_range(self._low, self._high, self._has_decimals)
             scaled["intensity"] = within_unit_range(columns["intensity"], *limits)
         if _are_unscaled(columns):
             factor = guess_colour_factor(self._brightest, self._has_fractions)

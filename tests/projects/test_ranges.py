@@ -23,6 +23,14 @@ def test_range_of_intensity_is_one_that_instruments_use(values, expected):
     assert guess_intensity_range(*values) == expected
 
 
+def test_decibels_reach_from_black_to_white_and_whole_negative_intensities_keep_the_range_of_their_instrument():
+    """Reflectances of -25.5 to 4.5 dB became 0.494 to 0.501, one grey: taken for -2048 to 2047."""
+    np.testing.assert_allclose(told([[-25.5, -10.5], [4.5]], "intensity"), [0.0, 0.5, 1.0], atol=1e-6)
+    np.testing.assert_allclose(
+        told([[-25.0, -10.0], [4.0]], "intensity"), np.array([2023, 2038, 2052]) / 4095, atol=1e-6
+    )
+
+
 def test_intensity_beyond_a_range_is_unknown():
     np.testing.assert_array_equal(
         within_unit_range(np.array([-1.0, 5.0, 11.0]), 0.0, 10.0), np.float32([np.nan, 0.5, np.nan])
