@@ -28,6 +28,7 @@ SPELT = {"metre": "m", "meter": "m", "millimetre": "mm", "millimeter": "mm", "ce
 UNIT = re.compile(r"([^,;\t\[\]()]*?)\s*[\[(]\s*([A-Za-z]+)\.?\s*[\])]")  # of a column, in brackets behind its name
 COLOUR, NORMAL = ["red", "green", "blue"], ["nx", "ny", "nz"]
 BRIGHTEST = 255  # of 8 bits
+N_TOLD = 4  # rows that tell whether whole numbers count something
 
 
 def are_names(text: str) -> bool:
@@ -108,6 +109,8 @@ def roles_by_content(table: NDArray[np.float64], is_pts: bool) -> list[str]:
 def _colours_or_normals(rest: NDArray[np.float64], is_pts: bool) -> list[str]:
     """Return the roles of the columns after x y z as far as they are told, of two columns or more."""
     first, second = are_colours(rest[:, :3]), are_colours(rest[:, 1:4])
+    if is_pts and not first and rest.shape[1] == 4 and _are_dark(rest[:, 1:]):
+        return ["intensity", "-", "-", "-"]
     if first and second:
         after = _intensity_beside_colours(rest, is_pts)
     elif second:
@@ -137,6 +140,11 @@ def _intensity_beside_colours(rest: NDArray[np.float64], is_pts: bool) -> list[s
     )
 
 
+def _are_dark(values: NDArray[np.float64]) -> bool:
+    """Return whether columns (n, 3) are 0 throughout, as the colours of a scan without a camera."""
+    return bool(values.size and not values.any())
+
+
 def _is_alpha(rest: NDArray[np.float64]) -> bool:
     """Return whether a fourth column holds one whole number throughout, as behind colours."""
     fourth = rest[:, 3:4]
@@ -146,9 +154,22 @@ def _is_alpha(rest: NDArray[np.float64]) -> bool:
 def refuse_line_numbers(table: NDArray[np.float64]) -> None:
     """Raise where the first column counts the lines (rows that follow each other), so that x is the second."""
     steps = np.diff(table[:, :2], axis=0)
-    counts = len(table) > 3 and (steps[:, 0] == 1).all() and not (steps[:, 1] == 1).all()
+    counts = len(table) >= N_TOLD and (steps[:, 0] == 1).all() and not (steps[:, 1] == 1).all()
     if counts and table.shape[1] > 3 and (table[:, 0] == np.floor(table[:, 0])).all():
         raise FormatError("its first column counts the points; name the columns in a first line, such as: id x y z")
+
+
+def refuse_grid_places(table: NDArray[np.float64]) -> None:
+    """Raise where the first two columns are whole numbers from 0 on, as rows and columns of a grid are, and the three
+    after them are not: x is the third then (FARO writes it so)."""
+    place, after = table[:, :2], table[:, 2:5]
+    if len(table) < N_TOLD or after.shape[1] < 3 or (place < 0).any() or (place != np.floor(place)).any():
+        return
+    if (after != np.floor(after)).any(axis=0).all():
+        raise FormatError(
+            "its first two columns are whole numbers, as rows and columns of a grid; name the columns in a first line, "
+            "such as: row column x y z, or x y z"
+        )
 
 
 def unread_columns(roles: list[str]) -> str:

@@ -20,6 +20,7 @@ from projects.formats.columns import (
     are_names,
     named_roles,
     named_unit,
+    refuse_grid_places,
     refuse_line_numbers,
     roles_by_content,
     unread_columns,
@@ -78,6 +79,7 @@ def find_layout(path: str, is_pts: bool = False) -> ScanHeader:
         roles = named_roles(names, separator, n_columns)
     else:
         refuse_line_numbers(table)
+        refuse_grid_places(table)
         later = [_words(line, separator, has_decimal_comma) for line in _later_lines(path, offsets[-1])]
         roles = roles_by_content(_numeric([*words, *later], n_columns), is_pts or n_declared is not None)
     system = named_unit(names)
@@ -152,6 +154,7 @@ def _separator(sample: list[str], names: str) -> tuple[str, bool]:
 def _has_decimal_commas(sample: list[str], separator: str) -> bool:
     """Return whether the fields between separators hold a comma where a point would be."""
     words = [word for line in sample for word in (line.split() if separator == " " else line.split(separator))]
+    words = [word.replace('"', " ") for word in words]
     fits = [re.fullmatch(r"\s*[-+]?\d+(,\d+)?([eE][-+]?\d+)?\s*", word) for word in words if word.strip()]
     return any("," in word for word in words) and all(fits)
 
@@ -175,6 +178,11 @@ def _words(line: str, separator: str, has_decimal_comma: bool) -> list[str]:
 def _sample_table(words: list[list[str]], n_columns: int, start: int) -> NDArray[np.float64]:
     """Return the first lines as numbers (n, n_columns); a last line that is odd is left to the full reading."""
     table = _numeric(words, n_columns)
+    wrong = [word for word in words[0] if not is_number(word)]
+    if wrong and n_columns >= 3 and not len(table):
+        raise FormatError(
+            f"line {start + 1} has {wrong[0][:40]!r}, which is no number; mend it, or take a column of words out"
+        )
     if n_columns < 3 or not len(table):
         raise FormatError(f"line {start + 1} holds {n_columns} values; a point needs three numbers, x y z")
     return table

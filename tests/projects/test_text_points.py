@@ -35,6 +35,7 @@ def saved(folder, text, name="a.txt", newline="\n"):
         "x;y;z\n1.5;2.25;-3.0\n4.0;5.5;6.125\n7.0;8.0;9.5\n",
         "x;y;z\n1,5;2,25;-3,0\n4,0;5,5;6,125\n7,0;8,0;9,5\n",
         "1,5 2,25 -3,0\n4,0 5,5 6,125\n7,0 8,0 9,5\n",
+        '"x";"y";"z"\n"1,5";"2,25";"-3,0"\n"4,0";"5,5";"6,125"\n"7,0";"8,0";"9,5"\n',
         "1.5\t2.25\t-3.0\n4.0\t5.5\t6.125\n7.0\t8.0\t9.5\n",
         "//X Y Z\n3\n1.5 2.25 -3.0\n4.0 5.5 6.125\n7.0 8.0 9.5\n",
         "# a comment\n# X [m] Y [m] Z [m]\n1.5 2.25 -3.0\n# another\n4.0 5.5 6.125\n7.0 8.0 9.5\n",
@@ -44,7 +45,8 @@ def saved(folder, text, name="a.txt", newline="\n"):
         "1.5e0 2.25 -3\n4 5.5 6.125\n7 8 9.5\n",
     ],
     ids=["space", "comma, no last line end", "comma and space", "semicolon", "decimal comma", "decimal comma, space",
-         "tab", "count", "comments and units", "quotes", "other order", "byte order mark", "exponents"],
+         "decimal comma, quotes", "tab", "count", "comments and units", "quotes", "other order", "byte order mark",
+         "exponents"],
 )  # fmt: skip
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_coordinates_are_right_however_they_are_written(tmp_path, text, newline):
@@ -84,6 +86,29 @@ def test_whole_numbers_that_may_be_intensity_or_a_colour_are_refused_but_in_pts(
         read(saved(tmp_path, rows))
     for path, reader in ((saved(tmp_path, rows, "a.pts"), pts), (saved(tmp_path, "5\n" + rows, "b.txt"), xyz)):
         np.testing.assert_array_equal(read(path, reader)["colors"][3], [20, 30, 43])
+
+
+@pytest.mark.parametrize("after", ["", " 100", " 100 20 30"])
+def test_rows_and_columns_before_the_points_are_refused_without_names_and_passed_over_with_them(tmp_path, after):
+    """FARO writes its XYZ so; row, column and x were taken for x, y and z."""
+    rows = "".join(f"{r} {c} 1.{r}5 2.{c}5 3.{r}1{after}\n" for c in range(3) for r in range(4))
+    with pytest.raises(FormatError, match="first two columns are whole numbers, as rows and columns of a grid; name"):
+        read(saved(tmp_path, rows))
+    names = "row column x y z" + {0: "", 1: " intensity", 3: " r g b"}[len(after.split())]
+    np.testing.assert_array_equal(read(saved(tmp_path, f"{names}\n{rows}"))["points"][1], [1.15, 2.05, 3.11])
+
+
+@pytest.mark.parametrize("row", ["{k} {k} 3.25", "{k} 2 3.25 0.6 0 0.8", "{k} 7 3.25 10 20 30", "{k}.5 2 3.5 0.5 1.5"])
+def test_whole_coordinates_are_coordinates(tmp_path, row):
+    rows = "".join(row.format(k=2 * k) + "\n" for k in range(9))
+    assert read(saved(tmp_path, rows))["points"][3, 2] in (3.25, 3.5)
+
+
+def test_intensity_of_pts_whose_colours_are_all_black_is_read(tmp_path):
+    rows = "".join(f"1 2 {k} {-1000 - k} 0 0 0\n" for k in range(5))
+    got = read(saved(tmp_path, "5\n" + rows, "a.pts"), pts)
+    assert set(got) == {"points", "intensity"}
+    np.testing.assert_allclose(got["intensity"][3], 1045 / 4095, atol=1e-6)
 
 
 def test_colours_of_a_file_that_begins_in_the_dark_are_colours(tmp_path):
@@ -165,6 +190,11 @@ def test_named_columns_of_no_use_are_left_out(tmp_path):
         ),
         ("1 1 1\n1 1 1\n", "all its 2 points lie at one place"),
         ("1 2 3\r4 5 6\r7 8 9\r", "carriage return alone"),
+        ("x;y;z\n1.234,5;2,5;3,5\n4,1;5,2;6,3\n", "line 2 has '1.234,5', which is no number"),
+        (
+            "x,y,z,name\n1.0,2.0,3.0,P1\n2,3,4,P2\n",
+            "line 2 has 'P1', which is no number; .* take a column of words out",
+        ),
     ],
 )
 def test_what_is_wrong_or_ambiguous_is_refused(tmp_path, text, message):
