@@ -17,21 +17,28 @@ from monitor.record import Place
 from projects.model import Floats, Ints, PointCloud, SurveyTarget
 
 SAME = 1e-9  # m and rad: poses registered apart are never so alike
+SAME_PLACE = 1e-3  # m, of the scanner in the project: no tripod is set up again so near
 SAME_TARGET = 0.5  # of a target's radius: targets of one set-up nearer to each other are one
 
 
-def number_setups(poses: Sequence[Floats]) -> Ints:
-    """Return the number (n,) of the set-up of each scan, rising from 0, by its pose T_project_scanner (4, 4).
+def number_setups(poses: Sequence[Floats], origins: Sequence[Floats] = ()) -> Ints:
+    """Return the number (n,) of the set-up of each scan, rising from 0, by its pose T_project_scanner (4, 4) and where
+    the scanner stood in the scan's frame (3,) [m], 0 0 0 of all where left out.
 
     Scans whose pose is the identity may have been brought into the project's frame from anywhere: each stands alone.
+    Several in another common frame share its pose and not the scanner's place, or nobody knows that.
     """
+    places = origins if len(origins) else [np.zeros(3)] * len(poses)
     numbers: Ints = np.full(len(poses), -1, dtype=np.int64)
-    firsts: list[Floats] = []
+    firsts: list[int] = []
     for k, pose in enumerate(poses):
-        same = [] if _is_same(pose, np.eye(4)) else [j for j, first in enumerate(firsts) if _is_same(pose, first)]
+        same = [] if _is_same(pose, np.eye(4)) else [
+            j for j, first in enumerate(firsts)
+            if _is_same(pose, poses[first]) and np.linalg.norm(places[k] - places[first]) <= SAME_PLACE
+        ]  # fmt: skip
         numbers[k] = same[0] if same else len(firsts)
         if not same:
-            firsts.append(pose)
+            firsts.append(k)
     return numbers
 
 
@@ -40,7 +47,7 @@ def setups_of(place: Place) -> Ints:
     headers = place.project.scan_headers(place.object_id, place.epoch_id)
     if place.project.epoch(place.object_id, place.epoch_id).repeated:
         return np.arange(len(headers))
-    return number_setups([header.pose for header in headers])
+    return number_setups([header.pose for header in headers], [header.origin for header in headers])
 
 
 def _is_same(pose: Floats, other: Floats) -> bool:

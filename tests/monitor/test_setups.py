@@ -1,19 +1,23 @@
 """Scans of one set-up: told by their pose, joined as one body, with their targets once each."""
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from monitor.adjusted import adjusted_clouds, adjusted_doubtful
+from monitor.cli import run
 from monitor.filtered_scans import FilteredScans
 from monitor.range_calibration import largest_of_setups
+from monitor.record import Place
 from monitor.registration.network.adjustment import Adjustment
 from monitor.registration.network.snooping import TieFit
 from monitor.scan_network import _as_arrays, _figures, _why_nothing_is_left, tell_control
-from monitor.setups import join_setups, join_targets, number_setups
+from monitor.setups import join_setups, join_targets, number_setups, setups_of
 from monitor.simulation import stand_at
+from projects import Project
 from projects.model import PointCloud, Step, SurveyTarget
 
 HERE = stand_at(np.array([1.0, 2.0, 1.7]), facing=np.zeros(3))
@@ -25,6 +29,30 @@ def test_scans_of_one_pose_are_one_set_up_but_not_those_in_the_frame_of_the_proj
     near[0, 3] += 1e-7  # two registrations of neighbouring tripods, never a copy
     poses = [HERE, THERE, HERE.copy(), np.eye(4), np.eye(4), near, np.full((4, 4), np.nan)]
     assert number_setups(poses).tolist() == [0, 1, 0, 2, 3, 4, 5]
+
+
+def test_scans_of_one_common_frame_stand_where_their_scanners_did_and_not_at_one_place() -> None:
+    """Exported moved by one shift, each with its scanner's place, they were one body: seen from the first one's place,
+    never fitted onto each other, and calibrated with the largest."""
+    nowhere = np.full(3, np.nan)
+    origins = [np.zeros(3), np.array([4.0, 0.0, 0.0]), np.array([0.0, 1e-5, 0.0]), nowhere, nowhere]
+    assert number_setups([HERE] * 5, origins).tolist() == [0, 1, 0, 2, 3]
+
+
+def test_a_poses_file_with_one_shift_and_the_scanners_places_gives_two_set_ups(tmp_path: Path) -> None:
+    across = np.linspace(-0.5, 0.5, 20)
+    y, z = (a.ravel() for a in np.meshgrid(across, across))
+    wall, project = np.c_[np.full(y.size, 3.0), y, z], str(tmp_path / "project")
+    lines = []
+    for name, place in (("a.xyz", "0 0 0"), ("b.xyz", "0 4 0")):
+        np.savetxt(tmp_path / name, wall + (name == "b.xyz") * 0.004, fmt="%.4f")
+        lines.append(f"{name} 1 0 0 1000 0 1 0 2000 0 0 1 0 0 0 0 1 {place}\n")
+    (tmp_path / "poses").write_text("".join(lines))
+    files = [str(tmp_path / name) for name in ("a.xyz", "b.xyz")]
+    assert run(["init", project]) == run(["add-object", project, "wall"]) == 0
+    words = ["add-epoch", project, "wall", "e", "--date", "2024-05-01", "--poses", str(tmp_path / "poses"), *files]
+    assert run(words) == 0
+    assert setups_of(Place(Project.open(Path(project)), "wall", "e")).tolist() == [0, 1]
 
 
 def cloud(n: int, origin: np.ndarray, rng: np.random.Generator) -> PointCloud:
