@@ -6,6 +6,7 @@ Runs in the child process. What cannot be told with certainty is refused, or lef
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,8 @@ SPELT = {"metre": "m", "meter": "m", "millimetre": "mm", "millimeter": "mm", "ce
 UNIT = re.compile(r"([^,;\t\[\]()]*?)\s*[\[(]\s*([A-Za-z]+)\.?\s*[\])]")  # of a column, in brackets behind its name
 COLOUR, NORMAL = ["red", "green", "blue"], ["nx", "ny", "nz"]
 BRIGHTEST = 255  # of 8 bits
+FEWEST_DIGITS, MOST_DIGITS = 5, 7  # significant, of numbers that a program shortened by default
+N_WRITTEN = 20  # rows that tell with how many digits numbers are written
 N_TOLD = 4  # rows that tell whether whole numbers count something
 
 
@@ -170,6 +173,24 @@ def refuse_grid_places(table: NDArray[np.float64]) -> None:
             "its first two columns are whole numbers, as rows and columns of a grid; name the columns in a first line, "
             "such as: row column x y z, or x y z"
         )
+
+
+def step_of_few_digits(rows: Sequence[Sequence[str]]) -> float:
+    """Return the coarsest step of coordinates, rows of their words x y z, that are written with as many significant
+    digits each, as programs do by default (12.3456 123.456 1.23456); 0 where they are not."""
+    figures = [[_figures(row[axis]) for row in rows if len(row) >= 3] for axis in range(3)]
+    digits = [max((n for n, _ in of_axis), default=0) for of_axis in figures]
+    decimals = [max((n for _, n in of_axis), default=0) for of_axis in figures]
+    is_default = FEWEST_DIGITS <= min(digits) == max(digits) <= MOST_DIGITS and min(decimals) < max(decimals)
+    return 10.0 ** -min(decimals) if is_default and len(figures[0]) >= N_WRITTEN else 0.0
+
+
+def _figures(word: str) -> tuple[int, int]:
+    """Return how many significant digits and how many decimals a number is written with."""
+    mantissa, _, power = word.lower().lstrip("+-").partition("e")
+    whole, _, fraction = mantissa.partition(".")
+    exponent = int(power) if power.lstrip("+-").isdigit() else 0
+    return len((whole + fraction).lstrip("0")), len(fraction) - exponent
 
 
 def unread_columns(roles: list[str]) -> str:

@@ -1,7 +1,8 @@
-"""Coordinates in single precision, far from 0: the numbers there are too coarse for what a scanner measures.
+"""Coordinates in single precision or of few digits, far from 0: numbers too coarse for what a scanner measures.
 
-In: points in file units and metres per unit; out: nothing, or an error. Single precision has 24 bits: 50 km from 0 its
-numbers are 4 mm apart. On a face along an axis all points then have one coordinate: it shows no noise, and lies aside.
+In: points or a step in file units, and metres per unit; out: nothing, or an error. Single precision has 24 bits: 50 km
+from 0 its numbers are 4 mm apart. On a face along an axis all points then have one coordinate: it shows no noise, and
+lies aside.
 """
 
 from __future__ import annotations
@@ -30,8 +31,24 @@ def require_precision(points: Floats, unit: float, what: str) -> None:
     if not np.finfo(np.float32).tiny < farthest < np.finfo(np.float32).max:
         return
     step = float(np.spacing(np.float32(farthest)))
-    if unit * step > COARSEST and (np.abs(points - points.astype(np.float32)) <= WRITTEN * step).all():
+    is_whole = bool((points == np.floor(points)).all())  # counts, of cells or of a drawing
+    if unit * step > COARSEST and not is_whole and (np.abs(points - points.astype(np.float32)) <= WRITTEN * step).all():
         raise FormatError(
             f"{what}: its coordinates are numbers of single precision, as far as {unit * farthest:.0f} m from 0, where "
             f"they are rounded to {1e3 * unit * step:.2g} mm; export it with double precision, or moved near 0"
+        )
+
+
+def require_digits(step: float, unit: float, what: str) -> None:
+    """Raise where coordinates written with few significant digits, to a `step` in units of `unit` [m], are too coarse.
+
+    Raises
+    ------
+    FormatError
+        To what they are rounded, and what to do.
+    """
+    if unit * step > COARSEST:
+        raise FormatError(
+            f"{what}: its coordinates are written with so few significant digits that some are rounded to "
+            f"{1e3 * unit * step:.2g} mm and others finer; export it with as many decimals in each"
         )

@@ -36,7 +36,8 @@ class ScanHeader:
     the file does not say. `is_centred`: the format puts the scanner at 0 0 0, so a point there has no range;
     `is_doubted`: so it would by the format, whose place for the position was left at its default. `has_faces`: the
     points are the vertices of a mesh. `system`: the fields of a `ReferenceSystem`, where the file names one. `unread`:
-    which columns without names could not be told, in words. `place` is whatever the reader needs to find the scan
+    which columns without names could not be told, in words. `step`: of the coarsest coordinate in file units, where
+    numbers are written with few significant digits, else 0. `place` is whatever the reader needs to find the scan
     again.
     """
 
@@ -51,6 +52,7 @@ class ScanHeader:
     has_faces: bool = False
     system: Mapping[str, Any] | None = None
     unread: str = ""
+    step: float = 0.0
     place: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:

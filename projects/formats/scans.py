@@ -16,7 +16,7 @@ import numpy as np
 from projects.errors import FormatError, ParameterError
 from projects.formats.parsing import ReadLimits, ask_child
 from projects.formats.poses import PoseLine, find_pose_line
-from projects.formats.precision import require_precision
+from projects.formats.precision import require_digits, require_precision
 from projects.formats.rawscan import Columns, ScanHeader
 from projects.formats.sniffing import sniff_format
 from projects.formats.units import require_unit
@@ -93,7 +93,7 @@ def read_scans(
     ------
     FormatError
         The file is of no known format, broken, or holds no points; a transform that is not rigid, with its scale;
-        coordinates in single precision where that is coarser than a scanner's noise.
+        coordinates in single precision, or of few digits, where that is coarser than a scanner's noise.
     """
     path, limits = Path(path), limits or ReadLimits()
     require_unit(unit)
@@ -102,6 +102,7 @@ def read_scans(
     for index, header in enumerate(headers):
         if header.n_declared == 0:
             continue
+        require_digits(header.step, unit, str(path))
         name = path.name if len(headers) == 1 else f"{path.name}#{index + 1}"
         line = find_pose_line(pose_lines or {}, path.name, index, len(headers))
         yield _stream(path, format_name, header, (name, index), unit, line, limits)

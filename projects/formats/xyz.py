@@ -23,6 +23,7 @@ from projects.formats.columns import (
     refuse_grid_places,
     refuse_line_numbers,
     roles_by_content,
+    step_of_few_digits,
     unread_columns,
 )
 from projects.formats.rawscan import Columns, ScanHeader, scaled
@@ -82,12 +83,14 @@ def find_layout(path: str, is_pts: bool = False) -> ScanHeader:
         refuse_grid_places(table)
         later = [_words(line, separator, has_decimal_comma) for line in _later_lines(path, offsets[-1])]
         roles = roles_by_content(_numeric([*words, *later], n_columns), is_pts or n_declared is not None)
+    places = [roles.index(axis) for axis in "xyz"]
+    step = step_of_few_digits([[row[k] for k in places] for row in words if len(row) == n_columns])
     system = named_unit(names)
     layout = {"offset": offsets[start], "n_columns": n_columns, "separator": separator,
               "has_decimal_comma": has_decimal_comma, "first_line": start + 1}  # fmt: skip
     return ScanHeader(
-        n_declared=n_declared, unread=unread_columns(roles), system=None if system is None else asdict(system),
-        place={"layout": layout, "names": roles},
+        n_declared=n_declared, unread=unread_columns(roles), step=step,
+        system=None if system is None else asdict(system), place={"layout": layout, "names": roles},
     )  # fmt: skip
 
 

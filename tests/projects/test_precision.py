@@ -62,3 +62,22 @@ def test_a_mesh_in_single_precision_far_away_is_refused_too(tmp_path, rng):
     with pytest.raises(FormatError, match="single precision"):
         read_mesh(write_ply(tmp_path / "far.ply", points, "float", faces))
     assert len(read_mesh(write_ply(tmp_path / "far.ply", points, "double", faces)).vertices) == 300
+
+
+@pytest.mark.parametrize("digits", [5, 6, 7])
+def test_text_of_few_significant_digits_is_refused_where_it_is_coarser_than_noise(tmp_path, rng, digits):
+    """Of 123.456 and 1.23456 the step of the finer was taken for both: a wall 0.5 mm aside stated less than 0.1 um."""
+    points, path = np.array([12.0, 123.0, 1.0]) + rng.random((300, 3)), tmp_path / "few.xyz"
+    np.savetxt(path, points, fmt=f"%.{digits}g")
+    if digits == 7:
+        assert len(read(path)) == 300  # 0.1 mm
+        return
+    with pytest.raises(FormatError, match=f"few significant digits that some are rounded to {10 ** (6 - digits)} mm"):
+        read(path)
+
+
+@pytest.mark.parametrize("fmt", ["%.3f", "%.6f", "%.10g", ["%d", "%d", "%.3f"]])
+def test_as_many_decimals_in_each_coordinate_and_a_raster_are_read(tmp_path, rng, fmt):
+    points, path = rng.random((300, 3)) * 90.0 + [0.0, 120.0, 1.0], tmp_path / "many.xyz"
+    np.savetxt(path, points, fmt=fmt)
+    assert len(read(path, unit=0.001 if isinstance(fmt, list) else 1.0)) == 300
