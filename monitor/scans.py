@@ -126,10 +126,10 @@ def _place(streams: list[ScanStream], control: Sequence[ControlPoint]) -> list[S
     if lost:
         by_shape = "" if control else " nor do their shapes"
         names = ", ".join(streams[k].name for k in lost[:3]) + (", ..." if len(lost) > 3 else "")
+        why = "; ".join(filter(None, (f"{len(targets[lost[0]])} found", placed.reasons[lost[0]])))
         raise FormatError(
             f"{len(lost)} of {len(streams)} scans have no pose ({names}), and targets do not give it "
-            f"({len(targets[lost[0]])} found; {placed.reasons[lost[0]]}){by_shape}; "
-            "give --poses FILE with a line for each"
+            f"({why}){by_shape}; give --poses FILE with a line for each"
         )
     return [replace(s, pose=pose, placed_by=found_by if s.pose is None else "")
             for s, pose in zip(streams, poses, strict=True)]  # fmt: skip

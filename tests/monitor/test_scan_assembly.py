@@ -48,7 +48,7 @@ def test_scans_of_different_things_are_refused_with_their_names(
         np.savetxt(file, rng.uniform(1.0, 2.0, (500, 3)), fmt="%.5f")
     assert add(project, "blank", files) == 2
     told = capsys.readouterr().err
-    assert "nor do their shapes" in told
+    assert "targets do not give it (0 found) nor do their shapes" in told
     assert "blank1.xyz" in told
 
 
