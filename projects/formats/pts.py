@@ -1,6 +1,7 @@
 """PTS points in (Leica Cyclone): a line of the count, then x y z [intensity] [red green blue] in project coordinates.
 
-Runs in the child process. Several clouds may follow one another, each with its count; they are one scan here.
+Runs in the child process. Names of columns and comments may stand before the first count, as CloudCompare writes them.
+Several clouds may follow one another, each with its count; they are one scan here.
 """
 
 from __future__ import annotations
@@ -13,8 +14,11 @@ from typing import Any
 
 from projects.errors import FormatError
 from projects.formats import xyz
+from projects.formats.columns import are_names
 from projects.formats.rawscan import Columns, ScanHeader, scaled
 from projects.formats.text import skip_blank, skip_rows, whole_numbers
+
+COMMENTS = ("#", "//", "%", ";", "!")
 
 
 def list_scans(path: str) -> list[ScanHeader]:
@@ -42,7 +46,7 @@ def _read_blocks(path: str, header: ScanHeader) -> Iterator[Columns]:
 
 def _parts(path: str) -> Iterator[dict[str, Any]]:
     """Yield where each cloud of the file begins and how many lines it has."""
-    offset, line = skip_blank(path, 0, 1)
+    offset, line = _skip_titles(path)
     while offset < os.path.getsize(path):
         with Path(path).open("rb") as file:
             file.seek(offset)
@@ -53,3 +57,17 @@ def _parts(path: str) -> Iterator[dict[str, Any]]:
         if counts[0]:
             yield {"offset": begin, "n_rows": counts[0], "first_line": line + 1}
         offset, line = skip_blank(path, *skip_rows(path, begin, line + 1, counts[0]))
+
+
+def _skip_titles(path: str) -> tuple[int, int]:
+    """Return the offset and the number of the first line that is neither blank nor names of columns nor a comment."""
+    offset, line = skip_blank(path, 0, 1)
+    while offset < os.path.getsize(path):
+        with Path(path).open("rb") as file:
+            file.seek(offset)
+            text = file.readline(1000)
+        words = text.decode("utf-8-sig", "replace").strip()
+        if not words.startswith(COMMENTS) and not are_names(words):
+            break
+        offset, line = skip_blank(path, offset + len(text), line + 1)
+    return offset, line

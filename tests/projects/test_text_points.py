@@ -222,6 +222,16 @@ def test_pts_may_hold_several_clouds(tmp_path):
     np.testing.assert_array_equal(got["colors"][1], [40, 50, 60])
 
 
+def test_pts_may_begin_with_names_or_comments_before_its_count(tmp_path):
+    """CloudCompare writes its header so; it was said that line 1 should be a number and that points were too many."""
+    text = "# saved by hand\n//X Y Z R G B\n\n2\n1 2 3 10 20 30\n4 5 6 40 50 60\n1\n7 8 9 1 2 3\n"
+    got = read(saved(tmp_path, text, "a.pts"), pts)
+    np.testing.assert_array_equal(got["points"], [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+    np.testing.assert_array_equal(got["colors"][1], [40, 50, 60])
+    with pytest.raises(FormatError, match="promises 3 points from line 3 on"):
+        read(saved(tmp_path, "//X Y Z\n3\n1 2 3\n4 5 6\n", "a.pts"), pts)
+
+
 @pytest.mark.parametrize("text", ["3\n1 2 3\n4 5 6\n", "1\n1 2 3\n4 5 6\n", "2\n1 2 3\n4 5 6\n5\n1 2 3\n"])
 def test_pts_with_another_count_than_promised_is_refused(tmp_path, text):
     with pytest.raises(FormatError, match="promise"):
