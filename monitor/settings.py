@@ -77,14 +77,20 @@ def _value(value: Any, field: dataclasses.Field[Any], where: str) -> Any:
     """Return one value as its field's type, or raise."""
     if value == AUTO:
         if field.default is not None:
-            raise ParameterError(f"{where} cannot be {AUTO}; its default is {field.default!r}")
+            raise ParameterError(f"{where} cannot be {AUTO}; its default is {_toml_value(field.default)}")
         return None
     wanted = type(field.default) if field.default is not None else float
     if wanted is float and type(value) is int:
         return float(value) if field.default is not None else value
     if type(value) is not wanted and not (field.default is None and isinstance(value, int | float | str)):
-        raise ParameterError(f"{where} = {value!r}: a value like {field.default!r} is needed")
+        like = "a number" if field.default is None else f"a value like {_toml_value(field.default)}"
+        raise ParameterError(f"{where} = {_told(value)}: {like} is needed")
     return value
+
+
+def _told(value: Any) -> str:
+    """Return a value of a TOML file as it may stand there."""
+    return _toml_value(value) if isinstance(value, bool | int | float | str) else str(value)
 
 
 def as_mapping(settings: Any) -> dict[str, Any]:

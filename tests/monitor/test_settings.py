@@ -50,6 +50,9 @@ def test_a_changed_setting_changes_only_itself(tmp_path: Path) -> None:
         ("icp = 3\n", "a group of settings"),
         ("[icp\n", "not valid TOML"),
         ("[icp]\nmax_iterations = 'many'\n", "a value like"),
+        ("[filter.averaging]\nenabled = 'auto'\n", "enabled cannot be auto; its default is true$"),
+        ("[filter.silhouettes]\ndrop_rims = 1\n", "drop_rims = 1: a value like true is needed$"),
+        ("[filter.thinning]\ntarget_spacing = [0.004]\n", r"target_spacing = \[0.004\]: a number is needed$"),
         (
             "[filter.thinning]\ntarget_spacing = '4 mm'\n",
             r"toml: \[filter\]: \[thinning\]: .*target_spacing = '4 mm': a number",
