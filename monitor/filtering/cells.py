@@ -20,6 +20,8 @@ from projects.transforms import apply, invert
 
 SINGLE = 0.9  # share of the points of a grid that have its places for themselves
 ONE_STATION = 0.005  # m between the stated positions of the scanner: more is not one station
+BEYOND = 5.0  # half diagonals of a direction's square: that far from all directions of a scan it did not look
+GAP_SHARE = 0.1  # of what has no direction near: from so much beyond on, the rest lies along the rim of a gap
 SAME = 1e-5  # m, between a range and itself in another format; no instrument repeats a whole scan to it
 N_COMPARED, FEW, ALL = 10_000, 7, 0.999  # cells that tell a copy, the fewest, and the share of them that must be same
 
@@ -204,17 +206,33 @@ def _unit(vectors: Floats) -> Floats:
 def _by_direction(beams: list[Floats]) -> tuple[list[Ints], int, None, None]:
     """Return the cells of the points by nearest direction of the scan with most points.
 
-    A point belongs to a cell within half the diagonal of the square that the direction has to itself.
+    A point belongs to a cell within half the diagonal of the square that the direction has to itself. Where that scan
+    did not look, farther than `BEYOND` of these from its directions, the directions of the others are cells likewise,
+    along the rim of the gap too.
     """
-    reference = _unit(max(beams, key=len))
-    tree = cKDTree(reference)
-    spacing = tree.query(reference, 2)[0][:, 1] if len(reference) > 1 else np.full(len(reference), np.inf)
-    reach = float(np.sqrt(0.5) * np.median(spacing[spacing > 0.0])) if (spacing > 0.0).any() else 0.0
-    cell_of = []
-    for beam in beams:
-        distance, cell = tree.query(_unit(beam), distance_upper_bound=max(reach, 1e-12) * (1.0 + 1e-9))
-        cell = np.where(np.isfinite(distance), cell, -1)
-        inside = np.flatnonzero(cell >= 0)
-        cell[inside] = _only_nearest(cell[inside], distance[inside])
-        cell_of.append(cell)
-    return cell_of, len(reference), None, None
+    units = [_unit(beam) for beam in beams]
+    cell_of = [np.full(len(unit), -1, dtype=np.int64) for unit in units]
+    left = [np.arange(len(unit)) for unit in units]  # points that no scan looked near to so far
+    n_cells, reach = 0, float("nan")
+    while any(map(len, left)):
+        reference = max((unit[rest] for unit, rest in zip(units, left, strict=True)), key=len)
+        tree = cKDTree(reference)
+        reach = _reach_of(tree, reference) if np.isnan(reach) else reach
+        for k, (unit, rest) in enumerate(zip(units, left, strict=True)):
+            distance, cell = tree.query(unit[rest], distance_upper_bound=max(reach, 1e-12) * (1.0 + 1e-9))
+            cell = np.where(np.isfinite(distance), cell, -1)
+            inside, outside = np.flatnonzero(cell >= 0), np.flatnonzero(cell < 0)
+            cell[inside] = _only_nearest(cell[inside], distance[inside])
+            cell_of[k][rest] = np.where(cell >= 0, cell + n_cells, -1)
+            apart, _ = tree.query(unit[rest[outside]], distance_upper_bound=BEYOND * max(reach, 1e-12))
+            is_beyond = ~np.isfinite(apart)
+            is_left = is_beyond | (is_beyond.mean() > GAP_SHARE if len(outside) else False)
+            left[k] = rest[outside[is_left]]
+        n_cells += len(reference)
+    return cell_of, n_cells, None, None
+
+
+def _reach_of(tree: cKDTree, directions: Floats) -> float:
+    """Return half the diagonal of the square that each of the directions (n, 3) of a tree has to itself."""
+    spacing = tree.query(directions, 2)[0][:, 1] if len(directions) > 1 else np.full(len(directions), np.inf)
+    return float(np.sqrt(0.5) * np.median(spacing[spacing > 0.0])) if (spacing > 0.0).any() else 0.0
