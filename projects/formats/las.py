@@ -39,7 +39,15 @@ def list_scans(path: str) -> list[ScanHeader]:
         return [ScanHeader(n_declared=n)]
     with laspy.open(path, read_evlrs=False) as reader:
         n = reader.header.point_count if is_compressed else n
-        return [ScanHeader(n_declared=n, system=_system(reader.header), place=_filled(reader))]
+        step = _uneven_step(reader.header)
+        return [ScanHeader(n_declared=n, step=step, system=_system(reader.header), place=_filled(reader))]
+
+
+def _uneven_step(header: Any) -> float:
+    """Return the coarsest step of the coordinates in file units where the header scales one coarser than another; 0
+    where all are alike."""
+    scales = np.abs(np.asarray(header.scales, dtype=np.float64))
+    return float(scales.max()) if np.isfinite(scales).all() and scales.max() > 1.5 * scales.min() else 0.0
 
 
 def _filled(reader: Any) -> dict[str, Any]:

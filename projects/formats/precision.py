@@ -40,7 +40,8 @@ def require_precision(points: Floats, unit: float, what: str) -> None:
 
 
 def require_digits(step: float, unit: float, what: str) -> None:
-    """Raise where coordinates written with few significant digits, to a `step` in units of `unit` [m], are too coarse.
+    """Raise where some coordinates are rounded to a `step` in units of `unit` [m], others finer, and that is coarse:
+    written with few significant digits, or with the scales of LAS.
 
     Raises
     ------
@@ -49,6 +50,6 @@ def require_digits(step: float, unit: float, what: str) -> None:
     """
     if unit * step > COARSEST:
         raise FormatError(
-            f"{what}: its coordinates are written with so few significant digits that some are rounded to "
-            f"{1e3 * unit * step:.2g} mm and others finer; export it with as many decimals in each"
+            f"{what}: some of its coordinates are rounded to {1e3 * unit * step:.2g} mm and others finer (few "
+            "significant digits, or scales of LAS that differ); export it with as many decimals in each"
         )

@@ -37,8 +37,8 @@ class ScanHeader:
     `is_doubted`: so it would by the format, whose place for the position was left at its default. `has_faces`: the
     points are the vertices of a mesh. `system`: the fields of a `ReferenceSystem`, where the file names one. `unread`:
     which columns without names could not be told, in words. `step`: of the coarsest coordinate in file units, where
-    numbers are written with few significant digits, else 0. `place` is whatever the reader needs to find the scan
-    again.
+    one is rounded coarser than another, as far as headers and first lines tell, else 0. `place` is whatever the reader
+    needs to find the scan again.
     """
 
     label: str = ""

@@ -1,5 +1,6 @@
 """Files in single precision far from 0: refused where the numbers are too coarse for what was measured."""
 
+import laspy
 import numpy as np
 import pytest
 
@@ -72,8 +73,23 @@ def test_text_of_few_significant_digits_is_refused_where_it_is_coarser_than_nois
     if digits == 7:
         assert len(read(path)) == 300  # 0.1 mm
         return
-    with pytest.raises(FormatError, match=f"few significant digits that some are rounded to {10 ** (6 - digits)} mm"):
+    with pytest.raises(FormatError, match=f"some of its coordinates are rounded to {10 ** (6 - digits)} mm and others"):
         read(path)
+
+
+@pytest.mark.parametrize("scales", [[0.01, 0.01, 0.001], [0.001, 0.001, 0.0001], [0.001] * 3, [1e-4, 1e-4, 1e-5]])
+def test_scales_of_las_that_differ_are_refused_where_one_is_coarser_than_noise(tmp_path, rng, scales):
+    """The finest was taken for all: a wall 4 mm aside stated 0.42 mm, with steps of 10, 10 and 1 mm."""
+    header = laspy.LasHeader(point_format=0, version="1.2")
+    header.scales, header.offsets = scales, [0.0, 0.0, 0.0]
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = rng.random((3, 200))
+    cloud.write(tmp_path / "a.las")
+    if max(scales) == min(scales) or max(scales) < 5e-4:
+        assert len(read(tmp_path / "a.las")) == 200
+        return
+    with pytest.raises(FormatError, match=f"rounded to {1e3 * max(scales):g} mm and others finer .*LAS that differ"):
+        read(tmp_path / "a.las")
 
 
 @pytest.mark.parametrize("fmt", ["%.3f", "%.6f", "%.10g", ["%d", "%d", "%.3f"]])
