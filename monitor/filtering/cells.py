@@ -211,7 +211,7 @@ def _by_direction(beams: list[Floats]) -> tuple[list[Ints], int, None, None]:
     along the rim of the gap too.
     """
     units = [_unit(beam) for beam in beams]
-    cell_of = [np.full(len(unit), -1, dtype=np.int64) for unit in units]
+    cell_of: list[Ints] = [np.full(len(unit), -1, dtype=np.int64) for unit in units]
     left = [np.arange(len(unit)) for unit in units]  # points that no scan looked near to so far
     n_cells, reach = 0, float("nan")
     while any(map(len, left)):
