@@ -19,17 +19,17 @@ from projects.store import Project
 
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
-    "calibration": 5,
+    "calibration": 6,
     "scan": 10,
-    "averaged": 11,  # repeated scans; until 10 a "scan" like others
+    "averaged": 12,  # repeated scans; until 10 a "scan" like others
     "targets": 2,
-    "network": 16,
+    "network": 17,
     "filtered": 11,
     "surface": 27,
     "mesh": 8,
     "quality": 3,
     "comparison": 60,
-    "series": 17,
+    "series": 18,
 }
 
 
