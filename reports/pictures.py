@@ -130,13 +130,18 @@ def draw_change(comparison: Comparison, bearing: float | None = None) -> Picture
         )
         for n in numbers
     }
-    bar = show_drawing(
+    histogram = show_drawing(draw_histogram(comparison), _say_histogram(len(comparison.regions), level))
+    return Pictures(show_views(drawn), show_colour_bar(comparison), histogram, regions)
+
+
+def show_colour_bar(comparison: Comparison) -> Shown:
+    """Return the legend of all difference pictures of a comparison, and what it shows in words."""
+    limit, level = choose_limit(comparison), float(comparison.statistics.get("lod95_median_m", math.nan))
+    return show_drawing(
         draw_colour_bar(limit, level, least_told(comparison), dotted_from(comparison)),
         f"Colours of the differences: from {say_mm(-limit)} (lost, red) over grey (unchanged) to "
         f"{say_mm(limit, sign=True)} (gained, blue), hatched where not assessable",
     )
-    histogram = show_drawing(draw_histogram(comparison), _say_histogram(len(comparison.regions), level))
-    return Pictures(show_views(drawn), bar, histogram, regions)
 
 
 def _say_histogram(n_regions: int, level: float) -> str:

@@ -20,7 +20,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from projects.errors import MonitorError, StoreError
-from projects.model import EpochRecord
+from projects.model import Comparison, EpochRecord
 from projects.store import Project
 from reports.cameras import choose_one
 from reports.colours import choose_limit
@@ -28,6 +28,7 @@ from reports.document import gather_facts
 from reports.facts import Answer
 from reports.history import describe_object
 from reports.kept import kept_comparisons, require_comparison
+from reports.pictures import show_colour_bar
 from reports.quantities import count, day
 from reports.report import write_report
 from reports.views import draw_difference, draw_surface
@@ -38,7 +39,7 @@ POLICY = (
     "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-HTML, JPEG, PDF = "text/html; charset=utf-8", "image/jpeg", "application/pdf"
+HTML, JPEG, SVG, PDF = "text/html; charset=utf-8", "image/jpeg", "image/svg+xml", "application/pdf"
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
 
 Key = tuple[str | float | None, ...]  # of what is shown, and the step and the front that it shows
@@ -55,7 +56,8 @@ class Reply:
 
 
 class Site:
-    """The pages of one project: `/`, `/OBJECT`, `/OBJECT/EPOCH.jpg`, `/OBJECT/REFERENCE_COMPARED.jpg` (.html, .pdf)."""
+    """The pages of one project: `/`, `/OBJECT`, `/OBJECT/EPOCH.jpg`, `/OBJECT/REFERENCE_COMPARED.jpg` (.html, .pdf, and
+    .svg for the legend of its colours)."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -101,7 +103,7 @@ class Site:
             pair = tuple(stem.split("_"))
             if dot and kind == "jpg" and len(pair) == 1:
                 return Reply(self._epoch_picture(project, parts[0], stem), JPEG)
-            if dot and len(pair) == 2 and kind in ("jpg", "html", "pdf"):
+            if dot and len(pair) == 2 and kind in ("jpg", "svg", "html", "pdf"):
                 return self._of_comparison(project, parts[0], (pair[0], pair[1]), kind)
         raise StoreError(f"there is no page {address[:200]}")
 
@@ -182,17 +184,24 @@ class Site:
         return self._draw(("surface", object_id, epoch_id, made.step_id, bearing), draw)
 
     def _of_comparison(self, project: Project, object_id: str, pair: tuple[str, str], kind: str) -> Reply:
-        """Return the picture of a comparison, or its report."""
+        """Return the picture of a comparison, the legend of its colours, or its report."""
         step = require_comparison(project, object_id, *pair)
         bearing = project.object(object_id).front
         key = (object_id, *pair, step.step_id, bearing)
-        if kind != "jpg":
+        if kind in ("html", "pdf"):
             state = _state_of(project, object_id, pair)
             page, document = self._draw(("report", *state), lambda: self._report(project, object_id, pair))
             return Reply(page, HTML) if kind == "html" else Reply(document, PDF)
 
+        def kept() -> Comparison:
+            comparison: Comparison = project.get(object_id, pair[1], step.product, step.step_id)
+            return comparison
+
+        if kind == "svg":
+            return Reply(self._draw(("colours", *key), lambda: show_colour_bar(kept()).image), SVG)
+
         def draw() -> bytes:
-            comparison = project.get(object_id, pair[1], step.product, step.step_id)
+            comparison = kept()
             side, other = comparison.on_compared, comparison.on_reference
             view = choose_one(side.surface, side.region > 0, bearing)
             return draw_difference(side, view, limit_m=choose_limit(comparison), height_px=PIXELS, other=other).image

@@ -79,6 +79,16 @@ def test_the_picture_of_a_comparison_shows_its_change(site: Site) -> None:
     assert (stone[..., 0] - stone[..., 2] > 60).sum() == 0
 
 
+def test_each_picture_of_a_comparison_has_its_own_legend_beside_it(site: Site) -> None:
+    """Colours end where each comparison's own do, and several stand on one page."""
+    text = page(site, "/column")
+    assert text.index('"/column/e1_e2.jpg"') < text.index('"/column/e1_e2.svg"') < text.index("another’s")
+    _, headers, content = ask(site, "/column/e1_e2.svg")
+    assert headers["Content-Type"] == "image/svg+xml"
+    for word in ("lost", "gained", "change [mm]", "+15", "unchanged", "not assessable"):
+        assert word in content.decode("utf-8"), word
+
+
 def test_the_one_view_is_that_which_shows_what_is_wanted() -> None:
     side = example_comparison().on_compared
     dent, patch = (choose_one(side.surface, side.region == n).towards for n in (1, 2))
@@ -204,7 +214,7 @@ def test_a_browser_shows_every_picture_of_an_object(site: Site) -> None:
         wide = tab.evaluate("document.documentElement.scrollWidth")
         browser.close()
         server.shutdown()
-    assert len(images) == 3
+    assert len(images) == 4
     assert all(complete and width > 100 and alt > 0 for complete, width, alt in images)
     assert wide <= 1280
     assert complaints == []
