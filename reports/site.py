@@ -118,12 +118,14 @@ class Site:
         return {"title": project.name or project.path.name, "about": project.description, "objects": objects}
 
     def _last(self, project: Project, object_id: str) -> str:
-        """Return the headline of the comparison of the two latest epochs that are compared, "" where none are."""
+        """Return what changed between which days, of the two latest epochs that are compared, "" where none are: there
+        may be later ones."""
         pairs = kept_comparisons(project, object_id)
         if not pairs:
             return ""
+        before, after = (day(project.epoch(object_id, e).date) for e in pairs[-1])
         try:
-            return self._facts(project, object_id, pairs[-1])[0].headline
+            return f"{before} to {after}: {self._facts(project, object_id, pairs[-1])[0].headline}"
         except MonitorError as error:  # of one object, which must not hide the others
             return f"cannot be shown: {error}"
 
