@@ -40,6 +40,7 @@ MERGING = {
 NOT_DROPPED = ("read", "in", "borne_out")
 BARE_CELLS = 8.0  # cells along and across: as much area without a surface in one piece is told
 UNCOVERED = 0.15  # of the area between the points: more without a surface is said with what an epoch became
+UNITS = {1.0: "metre", 0.01: "centimetre", 0.001: "millimetre", 0.3048: "foot", 0.0254: "inch"}  # of so many m
 ON_READING = "not_measured_"  # counted with each scan, too, though none of them is among what was read
 
 
@@ -83,6 +84,8 @@ def epochs_table(epochs: Sequence[EpochHistory]) -> Table:
         ("Measured as", *(_measured_as(e) for e in epochs)),
         ("Control points", *(count(len(e.record.control)) for e in epochs)),
     )
+    if any(e.record.unit not in (None, 1.0) for e in epochs):
+        rows = (*rows, ("Unit of the files", *(say_unit(e.record) for e in epochs)))
     return Table("The epochs", ("", *name_columns(epochs)), rows)
 
 
@@ -96,6 +99,13 @@ def _instrument(epoch: EpochHistory) -> str:
     """Return the instruments of an epoch, as given and as the files name them."""
     names = dict.fromkeys(n for n in (epoch.record.scanner, *epoch.scanners) if n)
     return ", ".join(names) or "not stated"
+
+
+def say_unit(record: EpochRecord) -> str:
+    """Return for which unit the numbers in the files of an epoch were taken."""
+    if record.unit is None:
+        return "not recorded"
+    return next((name for length, name in UNITS.items() if math.isclose(length, record.unit)), f"{record.unit:.9g} m")
 
 
 def _measured_as(epoch: EpochHistory) -> str:

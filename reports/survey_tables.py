@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from projects.model import EpochRecord, Floats, ObjectRecord, PointCloud, Step, Surface
 from projects.raw import ScanHeader
 from projects.transforms import apply
-from reports.history import EpochHistory, kind_of, point_flow
+from reports.history import EpochHistory, kind_of, point_flow, say_unit
 from reports.quantities import DEGREES
 
 NOT_RECORDED = "not recorded"
@@ -30,7 +30,8 @@ def survey_rows(
     project: tuple[str, str, str], record: ObjectRecord, epoch: EpochHistory, headers: Sequence[ScanHeader]
 ) -> Rows:
     """Return the project level of an epoch (section 3.2); `project` is its name, reference system and description."""
-    control = f"{len(epoch.record.control)} points" if epoch.record.control else "none"
+    n_control = len(epoch.record.control)
+    control = f"{n_control} point{'s' if n_control > 1 else ''}" if n_control else "none"
     fields = {
         "Project name": project[0],
         "Project description": project[2],
@@ -42,6 +43,7 @@ def survey_rows(
         "Survey location": record.place,
         "Coordinate reference system": project[1] or "local",
         "Unit of coordinates": "metre",
+        "Unit of the numbers in the original files": say_unit(epoch.record),
         "Survey date": epoch.record.date.isoformat(),
         "Occasion": epoch.record.label,
         "Survey conditions": "",

@@ -41,7 +41,7 @@ from projects.raw import ScanHeader
 from projects.transforms import apply
 from reports import archive, deposit_comparison, pictures
 from reports.archive import write_archive
-from reports.survey_tables import cloud_rows, mesh_rows, pose_of
+from reports.survey_tables import cloud_rows, mesh_rows, pose_of, survey_rows
 
 
 def silent(text: str) -> None:
@@ -192,6 +192,15 @@ def test_cloud_mesh_and_metadata_say_what_the_project_holds(made: Path) -> None:
     of_mesh = {(r.part, r.field): r.value for r in pd.read_csv(mesh).itertuples()}
     assert of_mesh["survey", "Original file"] == f"column.ply (SHA-256 {'ab' * 32})"
     assert pd.read_csv(folder / "column_e1_control.csv").iloc[0].tolist() == ["K1", 1.0, 2.0, 3.0, 0.001]
+
+
+def test_the_unit_of_the_original_files_stands_beside_that_of_the_archive() -> None:
+    first, _ = example_epochs()
+    for unit, word in ((0.0254, "inch"), (0.01, "centimetre"), (0.1, "0.1 m"), (None, "not recorded")):
+        epoch = replace(first, record=replace(first.record, unit=unit))
+        rows = {field: value for _, field, value in survey_rows(("", "", ""), example_object(), epoch, [])}
+        assert rows["Unit of coordinates"] == "metre"
+        assert rows["Unit of the numbers in the original files"] == word
 
 
 def test_what_is_smoothed_or_filled_is_said_to_be() -> None:

@@ -236,6 +236,21 @@ def test_repeated_scans_that_were_not_averaged_are_not_said_to_be():
     assert rows["Measured as"] == [f"{station}, each filtered and merged, not averaged", station]
 
 
+def test_files_in_another_unit_than_metres_are_said_to_be():
+    """Their hashes stand in the report: whoever reads them again must know what their numbers are."""
+
+    def rows(*units: float | None) -> dict[str, list[str]]:
+        of_unit = (
+            dataclasses.replace(e, record=dataclasses.replace(e.record, unit=unit))
+            for e, unit in zip(example_epochs(), units, strict=True)
+        )
+        return rows_of(facts_of(epochs=tuple(of_unit)), "The epochs")
+
+    assert rows(0.001, 1.0)["Unit of the files"] == ["millimetre", "metre"]
+    assert rows(0.3048, None)["Unit of the files"] == ["foot", "not recorded"]
+    assert "Unit of the files" not in rows(1.0, None)
+
+
 def test_told_backwards_the_record_and_the_files_name_reference_and_compared():
     before, after = example_epochs()
     later = dataclasses.replace(before, record=dataclasses.replace(before.record, date=datetime.date(2027, 1, 1)))
