@@ -30,6 +30,7 @@ RECORD = (
     "Each step with its settings and the values it found for itself, as they are kept: lengths in metres, angles in "
     "radians; “auto” was found from the data."
 )
+ENDS = (".", "!", "?", "…")  # of a title that is a sentence, or was cut: no full stop follows
 # What two surfaces do not tell from it, where the surface goes on: plaster that bulges, wood that shrinks.
 OR_MOVED = {"lost": ", or surface that sank in (not told which)",
             "added": ", or surface that bulged out (not told which)"}  # fmt: skip
@@ -97,8 +98,9 @@ def write_captions(facts: ReportFacts) -> Captions:
         stable=_name_stable(facts),
         record=RECORD,
         foot=(
-            f"{facts.title}. {before.epoch_id} compared with {after.epoch_id}. Coordinates are those of the "
-            f"{before.order} epoch{crs}; positive differences are material gained."
+            f"{facts.title}{'' if facts.title.endswith(ENDS) else '.'} {before.epoch_id} compared with "
+            f"{after.epoch_id}. Coordinates are those of the {before.order} epoch{crs}; positive differences are "
+            "material gained."
         ),
     )  # fmt: skip
 

@@ -153,7 +153,7 @@ def break_names(facts: ReportFacts) -> ReportFacts:
 
 def shorten(text: str, most: int) -> str:
     """Return a text of at most `most` letters, with a sign where its end was left out."""
-    return text if len(text) <= most else f"{text[: most - 1].rstrip()}…"
+    return text if len(text) <= most else f"{text[: most - 1].rstrip(' ,;:.–-')}…"
 
 
 def split_table(table: Table, letters: float) -> list[Table]:

@@ -14,9 +14,19 @@ from series_examples import series_of
 from shown_examples import BAR, DOT, pictures_of, text_of
 
 from projects.errors import ParameterError
+from reports.captions import write_captions
 from reports.courses import tell_series
 from reports.facts import Table
-from reports.pdf import MOST_COLUMNS, fit_columns, has_letters, set_beside, set_document, split_table, write_document
+from reports.pdf import (
+    MOST_COLUMNS,
+    fit_columns,
+    has_letters,
+    set_beside,
+    set_document,
+    shorten,
+    split_table,
+    write_document,
+)
 from reports.pictures import Shown, ShownSingle, ShownView
 
 LOST = (0xB8, 0x3F, 0x1B)  # of the page: material lost
@@ -191,6 +201,13 @@ def test_names_and_values_of_the_record_are_not_printed_over_one_another():
     assert text_of(document).count("-0.32") == 40
     for _, right, _ in printed(document):
         assert right.max(initial=0.0) <= 192.1  # mm: the width of the page less its margin
+
+
+def test_a_title_that_was_cut_or_ends_a_sentence_gets_no_second_stop():
+    cut = shorten("Relief an der Nordwand, Feld 7 (links unten, neben der Tür)", 45)
+    assert cut == "Relief an der Nordwand, Feld 7 (links unten…"
+    for title, foot in ((cut, f"{cut} e1"), ("Who was he?", "Who was he? e1"), ("Column", "Column. e1")):
+        assert write_captions(facts_of(name=title)).foot.startswith(f"{foot} compared with e2.")
 
 
 def test_a_long_word_is_broken_within_the_page_and_the_foot_stays_short():
