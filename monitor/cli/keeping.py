@@ -23,6 +23,7 @@ from projects.products import GIVEN
 from projects.reference_systems import require_projected_metres
 from projects.store import Project
 from projects.verify import verify_project
+from reports.kept import outdated_epochs
 from reports.quantities import tell_bearing
 
 LOST = "file missing"
@@ -140,6 +141,7 @@ def _epoch_status(project: Project, epoch: EpochRecord) -> dict[str, Any]:
     headers = project.scan_headers(epoch.object_id, epoch.epoch_id)
     products = {step.product for step in project.steps(epoch.object_id, epoch.epoch_id)}
     lost = sorted(p for p in products if project.latest(epoch.object_id, epoch.epoch_id, p) is None)
+    others = [e.epoch_id for e in project.epochs(epoch.object_id) if comparison_product(e.epoch_id) in products]
     return {
         "epoch": epoch.epoch_id,
         "date": epoch.date.isoformat(),
@@ -148,9 +150,16 @@ def _epoch_status(project: Project, epoch: EpochRecord) -> dict[str, Any]:
         "n_points": sum(header.n_points for header in headers),
         "is_mesh": epoch.is_mesh,
         "processed": project.latest(epoch.object_id, epoch.epoch_id, "surface") is not None,
-        "compared_with": sorted(p.removeprefix(COMPARISON) for p in products if p.startswith(COMPARISON)),
+        "compared_with": others,
+        "outdated": [other for other in others if _is_outdated(project, epoch, other)],
         "without_file": lost,  # made, or given, but the file is missing or cut off
     }
+
+
+def _is_outdated(project: Project, epoch: EpochRecord, other: str) -> bool:
+    """Return whether an epoch, or the other that it is compared with, was processed again since."""
+    step = project.latest(epoch.object_id, epoch.epoch_id, comparison_product(other))
+    return step is not None and bool(outdated_epochs(project, epoch.object_id, (other, epoch.epoch_id), step))
 
 
 def _status_table(epochs: list[dict[str, Any]]) -> Table:
@@ -167,6 +176,7 @@ def _status_table(epochs: list[dict[str, Any]]) -> Table:
         points = "" if e["is_mesh"] else f"{e['n_points']:,}".replace(",", " ")
         surface = "made" if e["processed"] else LOST if "surface" in e["without_file"] else "to do"
         points = LOST if set(e["without_file"]) & set(GIVEN) else points
-        cells = e["epoch"], e["date"], e["label"], scans, points, surface, ", ".join(e["compared_with"])
+        compared = [f"{other} (out of date)" if other in e["outdated"] else other for other in e["compared_with"]]
+        cells = e["epoch"], e["date"], e["label"], scans, points, surface, ", ".join(compared)
         table.add_row(*map(Text, cells))
     return table

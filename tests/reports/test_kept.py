@@ -1,8 +1,10 @@
 """What is lost or out of date is never left out of what is handed out without a word."""
 
 import datetime
+import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -55,6 +57,35 @@ def compare_anew(project: Project, epoch_id: str) -> None:
 def rates_in(folder: Path) -> list[float]:
     """Return the rates [m/year] that an exported table of vertices holds, each once."""
     return sorted(pd.read_csv(folder / "column_e1_series.csv")["rate"].round(6).unique())
+
+
+def test_status_says_which_comparisons_are_of_before_and_names_them_in_the_order_of_time(
+    project: Project, capsys: pytest.CaptureFixture[str]
+) -> None:
+    surface = example_comparison().on_compared.surface
+    first = EpochRecord("column", "z0", datetime.date(2020, 5, 18))
+    project.add_epoch(first, mesh=surface)
+    project.put("column", "z0", step("surface", "8"), surface)
+    compared = example_comparison(n_not_assessable=0, n_unchanged=1, n_changed=1)
+    project.put("column", "e4", step("comparison-z0", "d", inputs=("8" * 16, "4" * 16)), compared)
+
+    def status() -> tuple[dict[str, Any], str]:
+        """Return what is told of e4, to programs and to people."""
+        capsys.readouterr()
+        assert run(["status", str(project.path), "--json"]) == 0
+        (told,) = [e for e in json.loads(capsys.readouterr().out)["objects"][0]["epochs"] if e["epoch"] == "e4"]
+        assert run(["status", str(project.path)]) == 0
+        (row,) = [line for line in capsys.readouterr().out.splitlines() if "2028-05-18" in line]
+        return told, row
+
+    told, row = status()
+    assert told["compared_with"] == ["z0", "e1"]  # of 2020 and of 2025
+    assert told["outdated"] == []
+    assert "z0, e1 " in row
+    project.put("column", "e1", step("surface", "e"), surface)
+    told, row = status()
+    assert told["outdated"] == ["e1"]
+    assert "z0, e1 (out of date) " in row
 
 
 @pytest.mark.parametrize("product", ["comparison", "series"])
