@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
-from reports.quantities import NBSP, listed, tell_bearing
+from reports.quantities import NBSP, NOT_KNOWN, listed, tell_bearing
 from reports.smallest import dotted_from, is_beside_layer
 
 COURSES = (
@@ -69,6 +69,32 @@ def _name_hollows(facts: ReportFacts) -> str:
         f"{named} {listed(hollows)} {one} too narrow to have a surface, such as a crack: told by the points measured "
         f"within, as deep as these lie; {it} may be deeper, and {its} not known. "
     )
+
+
+def _name_unknown(facts: ReportFacts) -> str:
+    """Return why the volume, or the margin of the extreme, of regions that are no hollows is not known; "" where all
+    are."""
+    hollows = {s["region"] for s in facts.comparison.statistics.get("region_shapes", []) if s.get("is_hollow")}
+    others = [region for region in facts.regions if region.number not in hollows]
+    no_volume = [str(r.number) for r in others if r.volume.value == NOT_KNOWN]
+    no_margin = [str(r.number) for r in others if r.extreme.margin == NOT_KNOWN]
+    told = ""
+    if no_volume:
+        told += (
+            f"The volume of {_numbers(no_volume)} is not known: too little of what lies there and beside could be "
+            "assessed, and the change may go on. "
+        )
+    if no_margin:
+        told += (
+            f"The margin of the extreme of {_numbers(no_margin)} is not known: at edges and rims a surface may be "
+            "rounder than the object by more than it states. "
+        )
+    return told
+
+
+def _numbers(numbers: list[str]) -> str:
+    """Return the numbers of regions in words."""
+    return f"no{'s' * (len(numbers) > 1)}.{NBSP}{listed(numbers)}"
 
 
 def write_captions(facts: ReportFacts) -> Captions:
@@ -133,7 +159,7 @@ def _name_figures(facts: ReportFacts) -> str:
         f"± is the half-width of the 95{NBSP}% interval.{hardly} Positive: material gained; negative: lost. "
         "Extreme: the middle of the several neighbouring places where the change is largest, so that no single one "
         "decides. Mean: free of what chance adds to it where borders are drawn. "
-        f"{beside}{_name_hollows(facts)}{_name_sides(facts)}"
+        f"{beside}{_name_hollows(facts)}{_name_unknown(facts)}{_name_sides(facts)}"
     )
 
 

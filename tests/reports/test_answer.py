@@ -40,6 +40,20 @@ def test_regions_beside_a_layer_all_over_say_that_their_figures_are_beside_it():
     assert "beside" not in write_captions(facts_of(example_comparison())).regions
 
 
+def test_why_a_volume_or_a_margin_is_not_known_stands_below_the_table():
+    nan = float("nan")
+    without_volume, vague = (*PATCH[:4], nan, nan, *PATCH[6:]), (*DENT[:7], nan, *DENT[8:])
+    told = plain(write_captions(facts_of(example_comparison((vague, without_volume)))).regions)
+    assert "The volume of no. 2 is not known: too little of what lies there and beside could be assessed" in told
+    assert "The margin of the extreme of no. 1 is not known: at edges and rims" in told
+    assert "not known" not in write_captions(facts_of()).regions
+    both = example_comparison(((*DENT[:4], nan, nan, *DENT[6:]), without_volume))
+    assert "The volume of nos. 1 and 2 is" in plain(write_captions(facts_of(both)).regions)
+    shapes = {"region_shapes": [{"region": k, "is_hollow": True} for k in (1, 2)]}
+    hollows = dataclasses.replace(both, statistics={**both.statistics, **shapes})
+    assert "too little of what lies there" not in write_captions(facts_of(hollows)).regions  # told with the hollows
+
+
 def test_what_is_told_of_a_hollow_is_explained_below_the_table():
     comparison = example_comparison()
     assert "hollow" not in write_captions(facts_of(comparison)).regions
