@@ -23,6 +23,11 @@ def require_comparison(project: Project, object_id: str, reference_id: str, comp
         return step
     if product in {s.product for s in project.steps(object_id, compared_id)}:
         raise lost_error(_name_result(product, object_id, compared_id), project, asked)
+    if project.latest(object_id, reference_id, comparison_product(compared_id)) is not None:
+        raise StoreError(
+            f"of object {object_id}, {compared_id} is the reference and {reference_id} is compared with it: name "
+            f"{compared_id} first; to tell it the other way round, run: monitor compare {project.quoted} {asked}"
+        )
     raise StoreError(
         f"{reference_id} and {compared_id} of object {object_id} are not compared yet; run: "
         f"monitor compare {project.quoted} {asked}"

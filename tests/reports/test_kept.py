@@ -59,6 +59,14 @@ def rates_in(folder: Path) -> list[float]:
     return sorted(pd.read_csv(folder / "column_e1_series.csv")["rate"].round(6).unique())
 
 
+def test_epochs_named_the_other_way_round_are_said_to_be(project: Project) -> None:
+    """A comparison backwards in time is hardly what was wanted, and takes minutes."""
+    with pytest.raises(StoreError, match="e1 is the reference and e2 is compared with it: name e1 first; to tell it "):
+        gather_facts(project, "column", "e2", "e1")
+    with pytest.raises(StoreError, match="e3 and e2 of object column are not compared yet; run: monitor compare"):
+        gather_facts(project, "column", "e3", "e2")
+
+
 def test_status_says_which_comparisons_are_of_before_and_names_them_in_the_order_of_time(
     project: Project, capsys: pytest.CaptureFixture[str]
 ) -> None:
