@@ -60,7 +60,7 @@ def export_comparison(
     out : an existing folder.
     ids : object, reference epoch, compared epoch.
     comparison : in the reference epoch's coordinates, m.
-    step : the comparison's record: its parameters, versions and inputs stand in the summary.
+    step : the comparison's record: its parameters, versions and inputs stand in the summary, as `ids` and `crs` do.
     formats : of `FORMATS`; the table and the summary are always written.
     crs : reference system of the project, EPSG:n, which PLY, OBJ, LAZ and E57 name.
     """
@@ -74,7 +74,8 @@ def export_comparison(
         written += _write_formats(out / f"{stem}_{name}", surface, side_properties(side, colours), formats, crs)
     table, summary = out / f"{stem}_regions.csv", out / f"{stem}_summary.json"
     write_csv(table, comparison.regions)
-    write_json(summary, summarize(comparison, step))
+    about = dict(zip(("object", "reference", "compared"), ids, strict=True))
+    write_json(summary, {**summarize(comparison, step), **about, "crs": crs or None})
     return [*written, table, summary]
 
 

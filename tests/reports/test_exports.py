@@ -1,6 +1,7 @@
 """Surfaces as files: each column is what the surface knows, under its name."""
 
 import dataclasses
+import json
 
 import laspy
 import numpy as np
@@ -50,6 +51,16 @@ def test_the_summary_says_where_the_colours_of_the_models_end():
     comparison = example_comparison(n_not_assessable=0, n_unchanged=0, n_changed=0)
     summary = summarize(comparison, Step("c" * 16, "comparison-e1"))
     assert summary["colours_end_m"] == choose_limit(comparison) == 0.015
+
+
+def test_a_summary_by_itself_says_of_which_epochs_it_is_and_in_which_system(tmp_path):
+    """Its transform is of no use to whoever does not know between what, and names of files get lost."""
+    comparison = example_comparison(**dict.fromkeys(SUMMARY_KEYS, 0))
+    step = Step("c" * 16, "comparison-e1")
+    *_, path = export_comparison(tmp_path, ("vase", "e1", "e2"), comparison, step, (), crs="EPSG:31256")
+    summary = json.loads(path.read_text(encoding="utf-8"))
+    assert [summary[name] for name in ("object", "reference", "compared")] == ["vase", "e1", "e2"]
+    assert summary["crs"] == "EPSG:31256"
 
 
 def test_what_a_surface_does_not_know_has_no_column(tmp_path):
