@@ -82,7 +82,9 @@ def add_object(
     extent: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="JSON file with the box or polygon that holds the object; points outside are left out."
+            metavar="FILE",
+            help="JSON file with the box or polygon, in metres, that holds the object; points outside are left out: "
+            '{"box": {"min": [x, y, z], "max": [x, y, z]}} or {"polygon": [[x, y], ...], "bottom": z, "top": z}.',
         ),
     ] = None,
     tolerance: Annotated[
@@ -248,12 +250,18 @@ def export(
     ] = None,
     compared: Compared = None,
     formats: Annotated[
-        str, typer.Option("--format", metavar="LIST", help="Of ply,glb,obj,stl,laz,e57,csv,screen; with commas.")
+        str,
+        typer.Option(
+            "--format",
+            metavar="LIST",
+            help="Of ply,glb,obj,stl,laz,e57,csv,screen; with commas. screen: a light GLB of one epoch, to look at.",
+        ),
     ] = "ply",
 ) -> None:
     """Write surfaces and difference models as files.
 
-    One epoch, or the comparison of two; all that there is where none is named.
+    One epoch, or the comparison of two; all that there is where none is named. Metres; a comparison is in the reference
+    epoch's coordinates, and what was gained is positive. A table of regions and a summary go with it.
     """
     from monitor.cli.results import export_results
 

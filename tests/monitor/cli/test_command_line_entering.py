@@ -157,6 +157,17 @@ def test_without_a_command_what_may_be_asked_is_shown(capsys: pytest.CaptureFixt
     assert "add-epoch" in told
 
 
+def test_help_says_what_a_file_of_an_extent_holds_and_what_exports_are(capsys: pytest.CaptureFixture[str]) -> None:
+    for command, words in (
+        ("add-object", ("in metres", '{"box": {"min": [x, y, z], "max": [x, y, z]}}', '"bottom": z, "top": z}')),
+        ("export", ("a light GLB of one epoch", "in the reference epoch's coordinates", "what was gained is positive")),
+    ):
+        assert run([command, "--help"]) == 0
+        told = " ".join(capsys.readouterr().out.split())
+        for word in words:
+            assert word in told, word
+
+
 def test_debug_shows_where_an_error_came_from_and_changes_no_exit_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
