@@ -202,7 +202,13 @@ def _what_to_report(project: Project, object_id: str, pair: Pair) -> list[tuple[
     named = named_pair(project, object_id, pair)
     if named is not None:
         return [named]
-    pairs = _all_comparisons(project, object_id)
+    pairs, epochs = _all_comparisons(project, object_id), project.epochs(object_id)
+    if len(epochs) < 2:
+        has = f"one epoch, {epochs[0].epoch_id}" if epochs else "no epoch yet"
+        raise StoreError(
+            f"object {object_id} has {has}, and a report tells what changed between two; add the next survey: "
+            f"monitor add-epoch {project.quoted} {object_id} EPOCH --date YYYY-MM-DD FILE..."
+        )
     if not pairs:
         raise StoreError(f"object {object_id} has no comparison yet; run: monitor compare {project.quoted} {object_id}")
     return pairs

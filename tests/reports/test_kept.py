@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from example_project import fill, step
-from report_examples import example_comparison
+from report_examples import example_comparison, example_object
 from series_examples import followed
 
 from monitor.cli import results, run
@@ -57,6 +57,23 @@ def compare_anew(project: Project, epoch_id: str) -> None:
 def rates_in(folder: Path) -> list[float]:
     """Return the rates [m/year] that an exported table of vertices holds, each once."""
     return sorted(pd.read_csv(folder / "column_e1_series.csv")["rate"].round(6).unique())
+
+
+def test_a_report_of_one_epoch_asks_for_the_next_and_for_no_comparison_that_cannot_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    single = Project.create(tmp_path / "p")
+    single.add_object(example_object())
+    asked = ["report", str(single.path), "column", "--out", str(tmp_path / "out")]
+    for has in ("no epoch yet", "one epoch, e1"):
+        assert run(asked) == 2
+        said = capsys.readouterr().err
+        assert f"object column has {has}, and a report tells what changed between two; add the next survey" in said
+        assert "monitor compare" not in said
+        if has == "no epoch yet":
+            record = EpochRecord("column", "e1", datetime.date(2025, 5, 12))
+            single.add_epoch(record, mesh=example_comparison().on_compared.surface)
+    assert not (tmp_path / "out").exists()
 
 
 def test_epochs_named_the_other_way_round_are_said_to_be(project: Project) -> None:
