@@ -75,7 +75,7 @@ def _say_front(record: ObjectRecord) -> str:
 
 def epochs_table(epochs: Sequence[EpochHistory]) -> Table:
     """Return the epochs side by side: date, instrument, operator, scans."""
-    rows = (
+    rows: tuple[tuple[str, ...], ...] = (
         ("Epoch", *(e.record.epoch_id for e in epochs)),
         ("Date", *(day(e.record.date) for e in epochs)),
         ("Label", *(e.record.label or "–" for e in epochs)),
