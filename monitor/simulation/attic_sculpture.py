@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from monitor.boxes import corners_of
 from monitor.simulation.carving import carve_face, carve_hand
 from monitor.simulation.changes import Edit
 from monitor.simulation.model import Model, ModelPart, build_scene
@@ -276,10 +277,7 @@ def _head_parts() -> list[Part]:
 
     def put(name: str, field: Field, low: Sequence[float], high: Sequence[float], blend: float) -> Part:
         """Return a part given in the head's own frame, within the box from `low` to `high`."""
-        corners = np.array(
-            [[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)]
-        )
-        turned = corners @ rotation.T + _HEAD_AT
+        turned = corners_of(np.array([low, high])) @ rotation.T + _HEAD_AT
         return _part(name, placed(field, at=_HEAD_AT, rotation=rotation), *_around(turned, 0.02), blend)
 
     neck = capsule((0.0, 0.08, 5.95), (-0.02, 0.02, 6.85), 0.25, 0.22)

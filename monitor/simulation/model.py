@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from monitor.boxes import corners_of
 from monitor.simulation.changes import Edit
 from monitor.simulation.manifold import split_touching_sheets
 from monitor.simulation.mesh_truth import truth_of_bodies
@@ -234,7 +235,7 @@ def _moved_box(box: Floats, T: Floats) -> Floats:
     """Return the box (2, 3) that holds a box after a motion."""
     if T is STILL:
         return box
-    corners = apply(T, np.array([[box[i][0], box[j][1], box[k][2]] for i, j, k in np.ndindex(2, 2, 2)]))
+    corners = apply(T, corners_of(np.asarray(box, dtype=float)))
     return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
 

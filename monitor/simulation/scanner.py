@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from monitor.bearings import angles_of, directions_of
+from monitor.boxes import corners_of
 from monitor.simulation.beam import add_highlights, make_rays, measure_phase, return_powers, sample_beam
 from monitor.simulation.instruments import Instrument
 from monitor.simulation.scenes import Scene
@@ -46,11 +48,10 @@ class Window:
 
 def window_around(box: Floats, T_project_scanner: Floats, *, margin: float = 0.0) -> Window:
     """Return the smallest window that holds a box (2, 3) [m, project frame], widened by `margin` [rad] on each side."""
-    corners = np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    x, y, z = apply(invert(T_project_scanner), corners).T
-    middle = np.arctan2(y.mean(), x.mean())
-    azimuth = middle + (np.arctan2(y, x) - middle + np.pi) % (2.0 * np.pi) - np.pi
-    elevation = np.arctan2(z, np.hypot(x, y))
+    corners = apply(invert(T_project_scanner), corners_of(np.asarray(box, dtype=float)))
+    middle = np.arctan2(corners[:, 1].mean(), corners[:, 0].mean())
+    azimuth, elevation = angles_of(corners)
+    azimuth = middle + (azimuth - middle + np.pi) % (2.0 * np.pi) - np.pi
     return Window(azimuth.min() - margin, azimuth.max() + margin, elevation.min() - margin, elevation.max() + margin)
 
 
@@ -138,12 +139,6 @@ def _mirror(target: Target, rays: Floats, hits: Hits, n_threads: int) -> tuple[F
     return t, power * gloss[:, None] ** 2
 
 
-def grid_directions(azimuth: Floats, elevation: Floats) -> Floats:
-    """Return unit vectors (n, 3) in the scanner's frame."""
-    c = np.cos(elevation)
-    return np.column_stack([c * np.cos(azimuth), c * np.sin(azimuth), np.sin(elevation)])
-
-
 def _grid(low: float, high: float, step: float) -> Floats:
     """Return the angles from `low` to at most `high` at even steps."""
     return low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
@@ -206,12 +201,12 @@ def _measure_block(
     azimuth = azimuth + instrument.collimation_error / np.cos(elevation)
     offsets, shares = beam
     rays = make_rays(
-        pose[:3, 3], rotate(pose, grid_directions(azimuth, elevation)), offsets,
+        pose[:3, 3], rotate(pose, directions_of(azimuth, elevation)), offsets,
         exit_sigma=instrument.beam_diameter / 4.0, divergence_sigma=instrument.beam_divergence / 4.0,
         twist=rng.uniform(0.0, 2.0 * np.pi, n),
     )  # fmt: skip
     if instrument.smear:
-        up = rotate(pose, grid_directions(azimuth, elevation + 0.5 * np.pi))
+        up = rotate(pose, directions_of(azimuth, elevation + 0.5 * np.pi))
         _sweep(rays, up, shares, instrument.smear * step, rng)
     hits = cast(target, rays, n_threads)
     t, powers = hits.t, return_powers(hits.t, rays, hits.normals, hits.face, target.reflectance, shares)
@@ -260,7 +255,7 @@ def stream_scan(
             target, instrument, T_project_scanner, angles, rng, beam, step, drifted, n_threads
         )  # fmt: skip
         seen = np.isfinite(ranges)
-        points = ranges[seen, None] * grid_directions(angles[seen, 0], angles[seen, 1])
+        points = ranges[seen, None] * directions_of(angles[seen, 0], angles[seen, 1])
         cloud = PointCloud(points, origins=np.zeros(3), intensity=intensity[seen])
         yield Scan(
             name, cloud, registered, rows=row[seen], columns=column[seen], scanner=instrument.name,

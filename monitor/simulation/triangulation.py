@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.bearings import directions_of
 from monitor.declare import check_settings, setting
-from monitor.simulation.scanner import Target, Window, cast, grid_directions, lay_grid
+from monitor.simulation.scanner import Target, Window, cast, lay_grid
 from monitor.simulation.scenes import Scene
 from projects.errors import ParameterError
 from projects.model import Floats, PointCloud, Scan
@@ -63,7 +64,7 @@ def scan_by_triangulation(
         raise ParameterError(f"{window}: a light-section sensor sees 1 rad at most; give a narrower window")
     angles, row, column = lay_grid(window, sensor.resolution / distance)
     target, rng = Target.of(scene, n_threads), np.random.default_rng(seed)
-    local = grid_directions(angles[:, 0], angles[:, 1])
+    local = directions_of(angles[:, 0], angles[:, 1])
     directions, eye = rotate(T_project_scanner, local), T_project_scanner[:3, 3]
     hits = cast(target, _rays(np.broadcast_to(eye, directions.shape), directions), n_threads)
     ranges = hits.t[:, 0].astype(float)

@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from monitor.bearings import directions_of
 from monitor.simulation import INSTRUMENTS, Window, carved_figure, stand_at, stream_scan
 from monitor.simulation.beam import make_rays, sample_beam
 from monitor.simulation.demo_campaign import demo_scene
-from monitor.simulation.scanner import BLOCK_PULSES, Target, cast, grid_directions, lay_grid
+from monitor.simulation.scanner import BLOCK_PULSES, Target, cast, lay_grid
 from monitor.simulation.scenes import Scene
 from projects.formats import write_e57
 from projects.transforms import rotate
@@ -35,7 +36,7 @@ def cast_bare(target: Target, step: float) -> tuple[float, int]:
     offsets, _ = sample_beam(9)
     seconds, n_cast = 0.0, 0
     for first in range(0, len(angles), BLOCK_PULSES):
-        directions = rotate(POSE, grid_directions(*angles[first : first + BLOCK_PULSES].T))
+        directions = rotate(POSE, directions_of(*angles[first : first + BLOCK_PULSES].T))
         rays = make_rays(
             POSE[:3, 3], directions, offsets, exit_sigma=7.5e-4, divergence_sigma=2e-4, twist=np.zeros(len(directions))
         )

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.bearings import angles_of, directions_of
 from projects.model import Bools, Floats, Ints
 
 STEEPEST = 1.2  # rad: beams higher or lower tell the turn of their columns badly
@@ -169,17 +170,6 @@ def even_angles(sums: Floats | None) -> tuple[Floats, slice] | None:
 def part_of_turn(angles: Floats) -> Floats:
     """Return angles [rad] without whole turns: -pi to pi."""
     return np.asarray(angles - 2.0 * math.pi * np.round(angles / (2.0 * math.pi)))
-
-
-def angles_of(beams: Floats) -> tuple[Floats, Floats]:
-    """Return the turn and the height (n,) [rad] of beams (n, 3) about the vertical of their frame."""
-    return np.arctan2(beams[:, 1], beams[:, 0]), np.arctan2(beams[:, 2], np.hypot(beams[:, 0], beams[:, 1]))
-
-
-def directions_of(turn: Floats, height: Floats) -> Floats:
-    """Return the unit vectors (n, 3) of turns and heights (n,) [rad]."""
-    flat = np.cos(height)
-    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), np.sin(height)])
 
 
 def step_of(angles: Floats) -> float:

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import trimesh
 
+from monitor.bearings import directions_of
 from monitor.comparison import compare
 from monitor.comparison.regions.evidence import Sights
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.follow import follow
-from monitor.comparison.sight.beam_grid import GridBuilder, directions_of
+from monitor.comparison.sight.beam_grid import GridBuilder
 from monitor.comparison.sight.stations import StationSight, gather_sight
 from monitor.simulation.solid import contour
 from projects.model import Assessment, Comparison, NotAssessed, Registration, Surface

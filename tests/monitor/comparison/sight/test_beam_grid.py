@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from monitor.comparison.sight.beam_grid import BeamGrid, GridBuilder, angles_of, directions_of, part_of_turn, step_of
+from monitor.bearings import angles_of, directions_of
+from monitor.comparison.sight.beam_grid import BeamGrid, GridBuilder, part_of_turn, step_of
 from monitor.comparison.sight.stations import Sighted, StationSight, gather_sight, look_at, unit
 from monitor.sights import _gather_sight
 from projects.formats import read_scans
