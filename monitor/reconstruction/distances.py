@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from monitor.boxes import middle_of
 from monitor.reconstruction.bow import bow_at
 from monitor.reconstruction.mesh import edge_table, face_areas_and_normals, vertex_normals
 from projects.errors import ReconstructionError
@@ -73,7 +74,7 @@ def is_covered(surface: Surface, places: Floats, ways: Floats, farthest: float) 
 def nearest_faces(surface: Surface, points: Floats) -> Ints:
     """Return the index (n,) of the face nearest to each point, by Embree about the surface's centre."""
     open3d = load_open3d()
-    centre = 0.5 * (surface.vertices.min(axis=0) + surface.vertices.max(axis=0))
+    centre = middle_of(surface.vertices)
     scene = open3d.t.geometry.RaycastingScene(nthreads=2)
     scene.add_triangles(
         np.ascontiguousarray(surface.vertices - centre, np.float32), np.ascontiguousarray(surface.faces, np.uint32)

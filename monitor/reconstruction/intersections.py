@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
-from monitor.boxes import box_of
-from monitor.ordering import stable_order
+from monitor.morton import face_order
 from monitor.reconstruction.beside import mark_beside
 from monitor.reconstruction.fans import find_fans
 from monitor.reconstruction.predicates import exact_room, side_of_line, side_of_plane
@@ -49,7 +48,7 @@ def _find_pairs(vertices: Floats, faces: Ints, suspects: Bools, is_fan: Bools) -
     """Return the pairs of faces (k, 2) that meet, sorted; of vertices that are fans no two faces are looked at."""
     if len(faces) < 2:
         return np.empty((0, 2), np.int64)
-    order = stable_order(_along_curve(vertices, faces))
+    order = face_order(vertices, faces)
     mesh, is_suspect = _tree_of(vertices, faces.take(order, axis=0), is_fan), suspects[order]
     leaves = np.flatnonzero(np.logical_or.reduceat(is_suspect, np.arange(0, len(faces), FACES_PER_LEAF)))
     counts, every = np.zeros(len(leaves), np.int64), bool(is_suspect.all())
@@ -60,7 +59,7 @@ def _find_pairs(vertices: Floats, faces: Ints, suspects: Bools, is_fan: Bools) -
     pairs = np.empty((starts[-1], 2), np.int64)
     if len(hit):
         run_tasks(_search, len(hit), mesh, is_suspect, every, leaves[hit], starts[:-1], counts, pairs)
-    named = np.sort(order[pairs], axis=1)
+    named = np.sort(order[pairs].astype(np.int64), axis=1)
     return named[np.lexsort((named[:, 1], named[:, 0]))]
 
 
@@ -76,30 +75,6 @@ class Tree(NamedTuple):
     face_boxes: Floats  # (m, 6)
     boxes: Floats  # (2 n - 1, 6)
     n_leaves: int
-
-
-def _along_curve(vertices: Floats, faces: Ints) -> Ints:
-    """Return the position of the middle of each face on a Morton curve, 10 bits an axis."""
-    low, high = box_of(vertices)
-    codes = np.zeros(len(faces), np.int64)
-    run_tasks(
-        _place_on_curve, len(faces), vertices, faces, low, 1023.0 / (3.0 * max((high - low).max(), 1e-300)), codes
-    )
-    return codes
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _place_on_curve(first: int, last: int, vertices: Floats, faces: Ints, low: Floats, per: float, codes: Ints) -> None:
-    """Write the codes of the faces `first` to `last`, for `run_tasks`."""
-    for f in range(first, last):
-        for axis in range(3):
-            total = vertices[faces[f, 0], axis] + vertices[faces[f, 1], axis] + vertices[faces[f, 2], axis]
-            spread = min(max(np.int64(per * (total - 3.0 * low[axis])), np.int64(0)), np.int64(1023))
-            spread = (spread | (spread << 16)) & 0x030000FF
-            spread = (spread | (spread << 8)) & 0x0300F00F
-            spread = (spread | (spread << 4)) & 0x030C30C3
-            spread = (spread | (spread << 2)) & 0x09249249
-            codes[f] |= spread << axis
 
 
 def _tree_of(vertices: Floats, faces: Ints, is_fan: Bools) -> Tree:

@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from monitor.boxes import box_of
+from monitor.boxes import middle_of
 from monitor.comparison.distances.lone_feet import drop_lone
 from monitor.comparison.distances.shell import Shell, make_shell
 from monitor.comparison.distances.side import Side, drop_contradicted, larger_of, map_sides, measure_side, move_surface
@@ -20,8 +20,7 @@ def make_shells(reference: Surface, compared: Surface, limits: tuple[float, floa
                 T_reference_compared: Floats | None = None) -> tuple[Shell, Shell]:  # fmt: skip
     """Return both surfaces made ready, in coordinates about the middle of the reference; the compared one moved, where
     a motion is given. `limits` are the search limit [m] and the largest angle [rad] between normals."""
-    low, high = box_of(reference.vertices)
-    shift = 0.5 * (low + high)
+    shift = middle_of(reference.vertices)
 
     def make(k: int) -> Shell:
         """Return surface k (0: the reference) made ready."""

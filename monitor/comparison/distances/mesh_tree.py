@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import jit
 
-from monitor.comparison.distances.morton import Cells, face_order
 from monitor.comparison.distances.stars import Mesh, Survey, face_normals, make_mesh, survey_vertices
+from monitor.morton import Cells, face_order
 from monitor.threads import run_tasks
 from monitor.tuples import along, cross, dot, less, sub, unit
 from projects.errors import ComparisonError

@@ -13,8 +13,8 @@ from numba import jit, prange
 
 from monitor.comparison.distances.feet import CHUNK, is_on_border, normal_at
 from monitor.comparison.distances.mesh_tree import MeshTree
-from monitor.comparison.distances.morton import point_order
 from monitor.comparison.distances.search import ANY, DEPTH, foot_on_face, nearest_point
+from monitor.morton import point_order
 from monitor.tuples import dot, less, sub
 from projects.model import Bools, Floats, Ints
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import jit
 
 from monitor.blocks import blocks
-from monitor.boxes import box_of
+from monitor.boxes import box_of, middle_of
 from monitor.comparison.distances.feet import FOOT, NO_FOOT, NOTHING_NEAR, ON_BORDER
 from monitor.comparison.distances.portions import search_feet
 from monitor.comparison.distances.rim import distance_to_rim
@@ -84,7 +84,7 @@ def normal_distances(surface: Surface, other: Surface, limit: float, max_angle: 
             f"limit = {limit!r} m and max_angle = {max_angle!r} rad: a length above 0 and an angle between 0 and "
             "pi / 2 are needed"
         )
-    shift = 0.5 * (other.vertices.min(axis=0) + other.vertices.max(axis=0))
+    shift = middle_of(other.vertices)
     shell = make_shell(other, shift, (limit, max_angle))
     return distances_to_shell(surface, unit_normals(surface), shell)
 

@@ -13,12 +13,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numba import jit
 
+from monitor.boxes import box_of_some
 from monitor.comparison.distances.feet import NO_FOOT, NOTHING_NEAR, find_feet
 from monitor.comparison.distances.mesh_tree import MeshTree, build_tree
-from monitor.comparison.distances.morton import point_order
 from monitor.comparison.distances.offsets import Offsets, signed_offsets
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.shell import Shell
+from monitor.morton import point_order
 from projects.model import Floats, Ints, Surface
 
 FIRST_REACH = 1.0 / 16.0  # of the search limit
@@ -135,7 +136,7 @@ def _look_at_box(shell: Shell, points: Floats, which: Ints, among: Ints, margin:
                  ) -> tuple[Ints, tuple[Ints, ...]]:  # fmt: skip
     """Return which faces of `among` lie within `margin` [m] of the box of some points, and these points in two halves;
     no halves where the box is smaller than the margin."""
-    low, high = _bounds(points, which)
+    low, high = box_of_some(points, which)
     numbers = among[
         _meet_box(shell.surface.vertices, np.asarray(shell.surface.faces), among, low - margin, high + margin)
     ]
@@ -169,16 +170,6 @@ def _pick_faces(faces, numbers, new):  # type: ignore[no-untyped-def]
     for v in used[:n]:
         new[v] = -1
     return used[:n].copy(), out
-
-
-@jit(nopython=True, cache=True)
-def _bounds(points, which):  # type: ignore[no-untyped-def]
-    """Return the low and high corner (3,) [m] of the box of some points."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in which:
-        for k in range(3):
-            low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
-    return low, high
 
 
 @jit(nopython=True, cache=True)

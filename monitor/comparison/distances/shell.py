@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from monitor.comparison.distances.discord import sigma_of_discord
 from monitor.comparison.distances.mesh_tree import MeshTree, grow_tree, require_faces
-from monitor.comparison.distances.morton import Cells, cells_of, face_order
 from monitor.comparison.distances.rim import Rim, outline
 from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.stars import Neighbours, gather_neighbours, make_mesh, survey_vertices
+from monitor.morton import Cells, cells_of, face_order
 from projects.model import Bools, Floats, Surface
 
 FACES_PER_TREE = 4_000_000  # some 0.3 GiB

@@ -17,11 +17,12 @@ from numba import jit
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
+from monitor.boxes import box_of_some
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.noise.pairs import Pairs, draw_evenly, pair_within
 from monitor.robust import MAD_TO_SIGMA
 from monitor.threads import map_threads
-from projects.model import Bools, Floats, Ints
+from projects.model import Floats, Ints
 
 N_SAMPLES = 2000  # vertices whose pairs show the correlation at each scale
 FEWEST_VERTICES = 50  # that a correlation is learned from
@@ -92,12 +93,12 @@ def estimate_correlation(points: Floats, errors: Floats, areas: Floats, rng: np.
     """Estimate how standardized errors (n,) correlate with their distance in space; NaN are left out.
 
     Errors beyond three robust sigmas are left out, so that a change does not speak for the noise. Ranges go from the
-    spacing of the vertices to a tenth of the surface's diagonal: what agrees beyond that is a motion, not noise.
+    spacing of the vertices to 0.3 of the surface's diagonal: what agrees beyond that is a motion, not noise.
     """
     known = ~np.isnan(errors)
     n = int(known.sum())
     spacing = float(np.sqrt(median(areas[known]))) if n else 1.0
-    longest = _longest_lag(points, known, spacing) if n else 6.0 * spacing
+    longest = _longest_lag(points, np.flatnonzero(known), spacing) if n else 6.0 * spacing
     ranges = _ranges_between(spacing, longest)
     scale = MAD_TO_SIGMA * median(np.abs(errors[known])) if n else 0.0
     if n < FEWEST_VERTICES or scale == 0.0:
@@ -116,11 +117,9 @@ def estimate_of_many(points: Floats, places: Ints, areas: Floats, errors_of: Cal
     """
     some = places[draw_evenly(len(places), min(N_TYPICAL, len(places)), rng)]
     spacing = float(np.sqrt(median(areas[some])))
-    is_asked = np.zeros(len(points), dtype=np.bool_)
-    is_asked[places] = True
-    longest = _longest_lag(points, is_asked, spacing)
+    longest = _longest_lag(points, places, spacing)
     pairs = draw_pairs(points, places, spacing, longest, rng)
-    is_asked[:] = False
+    is_asked = np.zeros(len(points), dtype=np.bool_)
     is_asked[some] = is_asked[pairs.first] = is_asked[pairs.second] = True
     which, errors = np.flatnonzero(is_asked), np.full(len(points), np.nan)
     errors[which] = errors_of(which)
@@ -136,14 +135,13 @@ def estimate_of_many(points: Floats, places: Ints, areas: Floats, errors_of: Cal
 def longest_lag(points: Floats, places: Ints, areas: Floats) -> tuple[float, float]:
     """Return the spacing of the vertices at `places` and up to which distance their errors are held to agree [m]."""
     spacing = float(np.sqrt(median(areas[places])))
-    known = np.zeros(len(points), dtype=np.bool_)
-    known[places] = True
-    return spacing, _longest_lag(points, known, spacing)
+    return spacing, _longest_lag(points, places, spacing)
 
 
-def _longest_lag(points: Floats, known: Bools, spacing: float) -> float:
-    """Return up to which distance [m] errors are held to agree: a tenth of the diagonal, of six spacings at least."""
-    return max(0.3 * float(np.linalg.norm(_box_size(points, known))), 6.0 * spacing)
+def _longest_lag(points: Floats, places: Ints, spacing: float) -> float:
+    """Return up to which distance [m] errors are held to agree: 0.3 of the diagonal, six spacings at least."""
+    low, high = box_of_some(points, places)
+    return max(0.3 * float(np.linalg.norm(high - low)), 6.0 * spacing)
 
 
 def _ranges_between(spacing: float, longest: float) -> Floats:
@@ -163,17 +161,6 @@ def _fit_models(lag: Floats, product: Floats, variance: float, spacing: float, l
     rho = total[used] / count[used] / variance
     sills, _ = nnls(spherical(mean_lag[:, None] / ranges), rho)
     return Correlation(sills / max(float(sills.sum()), 1.0), ranges)
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _box_size(points, known):  # type: ignore[no-untyped-def]
-    """Return the edges (3,) [m] of the box of the known points."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(points)):
-        if known[i]:
-            for k in range(3):
-                low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
-    return high - low
 
 
 def _pair_products(places: tuple[Floats, Ints], errors: Floats, spacing: float, longest: float,

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from monitor.boxes import box_of
+from monitor.boxes import middle_of
 from monitor.comparison.distances.perpendicular import distances_to_shell
 from monitor.comparison.distances.shell import make_shell
 from monitor.comparison.distances.side import Side
@@ -218,8 +218,7 @@ def distances_to_part(
     cut = cut_out(surface, part)
     if not len(cut.faces):
         return np.full(len(points), np.nan)
-    low, high = box_of(cut.vertices)
-    shell = make_shell(cut, 0.5 * (low + high), limits)
+    shell = make_shell(cut, middle_of(cut.vertices), limits)
     feet = distances_to_shell(Surface(vertices=points, faces=np.empty((0, 3), dtype=np.int32)), normals, shell)
     distances = feet.distances - bow_at(cut, feet.faces, feet.weights)
     return np.where(feet.reasons == NotAssessed.ASSESSED, distances, np.nan)

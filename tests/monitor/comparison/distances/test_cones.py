@@ -7,8 +7,8 @@ import pytest
 
 from monitor.comparison.distances.feet import NO_FOOT, find_feet
 from monitor.comparison.distances.mesh_tree import BORDERED, FACES_PER_LEAF, MeshTree, build_tree
-from monitor.comparison.distances.morton import point_order
 from monitor.comparison.distances.stars import angle_weighted_normals, make_mesh
+from monitor.morton import point_order
 from projects.model import Floats, Surface
 
 

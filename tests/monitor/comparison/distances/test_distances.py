@@ -11,11 +11,11 @@ import trimesh
 from monitor.comparison.distances import packets
 from monitor.comparison.distances.feet import FOOT, find_feet
 from monitor.comparison.distances.mesh_tree import build_tree
-from monitor.comparison.distances.morton import point_order
 from monitor.comparison.distances.perpendicular import Feet, interpolate_at_feet, normal_distances
 from monitor.comparison.distances.search import ANY, DEPTH, LOOKING, STANDING, nearest_point
 from monitor.comparison.distances.stars import angle_weighted_normals, make_mesh
 from monitor.comparison.distances.triangles import FACE
+from monitor.morton import point_order
 from projects.errors import ComparisonError, ParameterError
 from projects.model import Floats, NotAssessed, Surface
 from projects.transforms import rotation_from_vector

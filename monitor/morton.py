@@ -11,6 +11,7 @@ from monitor.threads import run_tasks
 from projects.model import Floats, Ints
 
 BITS = 11  # an axis: 2048 cells along the longest side
+ORIGIN = np.zeros(3)
 Cells = tuple[Floats, float]  # of a grid: low corner (3,) [m], cells per metre
 
 
@@ -22,7 +23,7 @@ def point_order(points: Floats) -> Ints:
     return stable_order(codes.view(np.int64)).astype(np.int32)
 
 
-def face_order(vertices: Floats, faces: Ints, shift: Floats, cells: Cells | None = None) -> Ints:
+def face_order(vertices: Floats, faces: Ints, shift: Floats = ORIGIN, cells: Cells | None = None) -> Ints:
     """Return the order (m,) of faces (m, 3) along the curve, by their centres in coordinates less `shift` (3,).
 
     `cells` are those of the box of the vertices where left out; faces that are part of a surface keep the order that
