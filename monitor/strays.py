@@ -13,11 +13,12 @@ import numpy as np
 from numba import jit
 from scipy.spatial import cKDTree
 
-from monitor.boxes import box_of
+from monitor.boxes import middle_of
+from monitor.comparison.distances.around import sum_around
 from monitor.comparison.distances.feet import is_on_border
 from monitor.comparison.distances.mesh_tree import MeshTree, build_tree
 from monitor.comparison.distances.search import ANY, DEPTH, nearest_point
-from monitor.comparison.distances.stars import Neighbours, gather_neighbours
+from monitor.comparison.distances.stars import gather_neighbours
 from monitor.comparison.distances.triangles import FACE
 from monitor.measured import RawScan
 from monitor.robust import MAD_TO_SIGMA
@@ -45,8 +46,7 @@ def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats | None
     by their median distance: dark material, far parts and fine relief scatter more, but over more than a joint. So
     plants that make up most of such a block (wider than some 40 spacings) pass for material, too.
     """
-    low, high = box_of(surface.vertices)
-    tree = build_tree(surface, 0.5 * (low + high), ANY_ANGLE)
+    tree = build_tree(surface, middle_of(surface.vertices), ANY_ANGLE)
     spacing = float(np.sqrt(np.median(tree.areas[tree.areas > 0.0])))
     is_invented = np.zeros(0, dtype=np.bool_) if surface.face_invented is None else surface.face_invented[tree.order]
     pieces: list[tuple[Ints, Floats, float]] = []
@@ -66,7 +66,7 @@ def share_of_strays(surface: Surface, scans: Iterable[RawScan]) -> Floats | None
         n_on += np.bincount(corners[~is_off], minlength=len(n_on))
         n_off += np.bincount(corners[is_off], minlength=len(n_on))
     neighbours = gather_neighbours(tree)
-    total_on, total_off = (_sum_around(_sum_around(n, neighbours), neighbours) for n in (n_on, n_off))
+    total_on, total_off = (sum_around(neighbours, sum_around(neighbours, n)) for n in (n_on, n_off))
     with np.errstate(invalid="ignore"):
         return np.asarray(total_off / (total_on + total_off), dtype=np.float32)
 
@@ -90,13 +90,6 @@ def usual_sigma(vertices: Floats, pieces: Sequence[tuple[Ints, Floats, float]], 
     summed = np.cumsum([by_block[near].sum(axis=0) for near in touching], axis=1)
     median = np.argmax(summed >= 0.5 * summed[:, -1:], axis=1)
     return np.asarray(MAD_TO_SIGMA * steps[np.minimum(median, N_STEPS - 1)][block_of])
-
-
-def _sum_around(values: Floats, neighbours: Neighbours) -> Floats:
-    """Return the sum (n,) of the values of each vertex and its neighbours."""
-    out = np.empty(len(values))
-    run_tasks(_add_neighbours, len(values), values, neighbours, out)
-    return out
 
 
 def nearest_vertices(tree: MeshTree, points: Floats, reach: float, is_invented: Bools) -> tuple[Ints, Floats]:
@@ -129,13 +122,3 @@ def _find_vertices(first, last, tree, points, reach, is_invented, corners, dista
         a, b, c = 1.0 - (found[2] + found[3]), found[2], found[3]
         k = (1 if b >= c else 2) if max(b, c) > a else 0
         corners[i], distances[i] = tree.faces[f, k], np.sqrt(found[0])
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _add_neighbours(first, last, values, neighbours, out):  # type: ignore[no-untyped-def]
-    """Write what `_sum_around` returns of the vertices from `first` to `last`."""
-    for v in range(first, last):
-        total = values[v]
-        for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
-            total += values[neighbours.vertices[k]]
-        out[v] = total

@@ -26,13 +26,19 @@ def length_of(x: Any) -> float:
     return length
 
 
+@jit(nopython=True, cache=True)
+def area_vector(vertices: Floats, i: int, j: int, k: int) -> Any:
+    """Normal of the triangle of three vertices, as long as twice its area; i, j and k turn left seen from its end."""
+    e, g = way(vertices, i, j), way(vertices, i, k)
+    return e[1] * g[2] - e[2] * g[1], e[2] * g[0] - e[0] * g[2], e[0] * g[1] - e[1] * g[0]
+
+
 @jit(nopython=True, cache=True, nogil=True)
 def measure_faces(vertices: Floats, faces: Ints) -> Any:
     """Area (m,) and unit normal (m, 3) of each face, zero for a degenerate one."""
     areas, normals = np.empty(len(faces)), np.empty((len(faces), 3))
     for f in range(len(faces)):
-        e, g = way(vertices, faces[f, 0], faces[f, 1]), way(vertices, faces[f, 0], faces[f, 2])
-        x, y, z = e[1] * g[2] - e[2] * g[1], e[2] * g[0] - e[0] * g[2], e[0] * g[1] - e[1] * g[0]
+        x, y, z = area_vector(vertices, faces[f, 0], faces[f, 1], faces[f, 2])
         length = length_of((x, y, z))
         per = 1.0 / length if length > 0.0 else 1.0
         areas[f] = 0.5 * length

@@ -17,6 +17,7 @@ from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.distance import pdist
 
+from monitor.reconstruction.faces import area_vector, length_of
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
 from projects.model import Floats, Ints
@@ -220,8 +221,8 @@ def _least_area(corners: Floats, is_taken: Any, beyond: Floats) -> Any:
 @jit(nopython=True, cache=True)
 def _folds_back(corners: Floats, i: int, m: int, k: int, beyond: Floats) -> bool:
     """Whether the triangle of three corners lies back over the face beyond one of its edges, if that is of the rim."""
-    x, y, z = _double_area(corners, i, m, k)
-    least = COS_FOLDS * np.sqrt(x * x + y * y + z * z)
+    x, y, z = area_vector(corners, i, m, k)
+    least = COS_FOLDS * length_of((x, y, z))
     for a, b in ((i, m), (m, k), (k, i)):
         on_rim = b == a + 1 or (b == 0 and a == len(corners) - 1)
         if on_rim and x * beyond[a, 0] + y * beyond[a, 1] + z * beyond[a, 2] < least:
@@ -232,16 +233,7 @@ def _folds_back(corners: Floats, i: int, m: int, k: int, beyond: Floats) -> bool
 @jit(nopython=True, cache=True)
 def _area(corners: Floats, i: int, m: int, k: int) -> float:
     """Area of the triangle of three corners."""
-    x, y, z = _double_area(corners, i, m, k)
-    return 0.5 * np.sqrt(x * x + y * y + z * z)
-
-
-@jit(nopython=True, cache=True)
-def _double_area(corners: Floats, i: int, m: int, k: int) -> Any:
-    """Normal of the triangle of three corners, as long as twice its area."""
-    ux, uy, uz = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1], corners[k, 2] - corners[i, 2]
-    vx, vy, vz = corners[m, 0] - corners[i, 0], corners[m, 1] - corners[i, 1], corners[m, 2] - corners[i, 2]
-    return uz * vy - uy * vz, ux * vz - uz * vx, uy * vx - ux * vy  # towards the side from which i, m, k turn left
+    return 0.5 * length_of(area_vector(corners, i, m, k))
 
 
 def _refine(corners: Floats, patch: Ints, longest: float) -> tuple[Floats, Ints]:

@@ -6,12 +6,12 @@ a face that is turned over or cut goes half as far as before, until no face is; 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import jit
 
-from monitor.reconstruction.faces import way
+from monitor.reconstruction.faces import area_vector
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import any_corner, untie
 from monitor.threads import run_tasks
@@ -79,15 +79,9 @@ def _mark_turned(
     """Mark those of the suspects `first` to `last` that look the other way than before or have no area, for threads."""
     for f in range(first, last):
         if suspects[f]:
-            a, b = double_area(raw, faces, f), double_area(vertices, faces, f)
+            i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+            a, b = area_vector(raw, i, j, k), area_vector(vertices, i, j, k)
             out[f] = not a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > 0.0
-
-
-@jit(nopython=True, cache=True)
-def double_area(vertices: Floats, faces: Ints, f: int) -> Any:
-    """Normal of a face, as long as twice its area."""
-    e, g = way(vertices, faces[f, 0], faces[f, 1]), way(vertices, faces[f, 0], faces[f, 2])
-    return e[1] * g[2] - e[2] * g[1], e[2] * g[0] - e[0] * g[2], e[0] * g[1] - e[1] * g[0]
 
 
 def _touching(faces: Ints, bad: Bools, n_vertices: int) -> Bools:

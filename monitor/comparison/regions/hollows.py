@@ -16,21 +16,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.comparison.detection.tested import Detected
+from monitor.comparison.distances.around import largest_around, sum_around
 from monitor.comparison.distances.connected import connect_like
 from monitor.comparison.distances.side import EXTRAPOLATED, Side
 from monitor.comparison.regions.beyond import SIGNS, Beyond
 from monitor.comparison.regions.borne_out import spread_rings
 from monitor.comparison.regions.chips import HANDFUL, is_strewn_once, levels_off
 from monitor.comparison.regions.evidence import ABSENT
-from monitor.comparison.regions.under import (
-    BESIDE,
-    Cubes,
-    Under,
-    largest_around,
-    nearest_along,
-    place_under,
-    sum_around,
-)
+from monitor.comparison.regions.under import BESIDE, Cubes, Under, nearest_along, place_under
 from projects.model import Bools, Floats, Ints, NotAssessed
 
 SUNK, DEEP = 1.5, 3.0  # spacings behind a surface: no point of it; and farther than its own bends leave any

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.comparison.distances.side import Side
-from monitor.comparison.distances.stars import Neighbours
 from projects.model import Bools, Floats, Ints
-
-Number = TypeVar("Number", Ints, Floats)
 
 BESIDE = 1.5  # spacings beside a vertex: points farther off belong to none
 
@@ -85,16 +82,3 @@ def nearest_along(side: Side, which: Ints, points: Floats, under: Under) -> Floa
     feet = points - under.height[:, None] * side.normals[under.vertex]
     distance, _ = cKDTree(feet).query(side.surface.vertices[which], workers=2)
     return np.asarray(distance)
-
-
-def sum_around(neighbours: Neighbours, values: Number) -> Number:
-    """Return the sum of the values (n,) of each vertex and its neighbours."""
-    own = np.repeat(np.arange(len(values)), np.diff(neighbours.starts))
-    return values + np.bincount(own, values[neighbours.vertices], minlength=len(values)).astype(values.dtype)
-
-
-def largest_around(neighbours: Neighbours, values: Floats) -> Floats:
-    """Return the largest of the values (n,) from 0 on of the neighbours of each vertex."""
-    out = np.zeros(len(values))
-    np.maximum.at(out, np.repeat(np.arange(len(values)), np.diff(neighbours.starts)), values[neighbours.vertices])
-    return out
