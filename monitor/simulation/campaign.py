@@ -73,7 +73,7 @@ def scan_stations(
 
 def write_campaign(
     folder: Path | str, epochs: Sequence[SurveyedEpoch], instrument: Instrument, *, box: Floats, seed: int = 2026,
-    format: str = "e57", n_subrays: int = 9,
+    format: str = "e57",
 ) -> Campaign:  # fmt: skip
     """Scan each epoch from its stations and write the scans, `epoch-1.e57` and so on, and the extent.
 
@@ -94,7 +94,7 @@ def write_campaign(
     folder.mkdir(parents=True, exist_ok=True)
     paths = tuple(folder / f"epoch-{k}.{format}" for k in range(1, len(epochs) + 1))
     for k, (epoch, path) in enumerate(zip(epochs, paths, strict=True), start=1):
-        scans = stream_stations(epoch.scene, instrument, epoch.stations, box=box, seed=seed + k, n_subrays=n_subrays)
+        scans = stream_stations(epoch.scene, instrument, epoch.stations, box=box, seed=seed + k)
         if format == "ptx":
             write_ptx(path, scans)
         else:

@@ -79,11 +79,11 @@ def _offset(field: Field, depth: Field) -> Field:
     return value
 
 
-def _distance_along_normal(field: Field, p: Floats, *, step: float = 2e-5, n_steps: int = 2) -> Floats:
+def _distance_along_normal(field: Field, p: Floats) -> Floats:
     """Return the signed distance of points (3, n) near a field's zero to where Newton's method leads them."""
-    foot, side = p.copy(), np.sign(field(p))
-    for _ in range(n_steps if p.shape[1] else 0):
-        shifts = step * np.eye(3)[:, :, None]
+    foot, side, step = p.copy(), np.sign(field(p)), 2e-5
+    shifts = step * np.eye(3)[:, :, None]
+    for _ in range(2 if p.shape[1] else 0):
         slope = np.stack([field(foot + s) - field(foot - s) for s in shifts]) / (2.0 * step)
         foot -= field(foot) / np.maximum((slope * slope).sum(axis=0), 1e-2) * slope
     return side * np.sqrt(((p - foot) ** 2).sum(axis=0))

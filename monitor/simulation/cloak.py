@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from monitor.simulation.heads import part_in_heads
-from monitor.simulation.shapes import pipe, smoothstep, tube
+from monitor.simulation.shapes import ellipse, pipe, smoothstep, tube
 from monitor.simulation.solid import Part, smooth_max
 from projects.model import Floats
 
@@ -21,9 +21,7 @@ def _cloak(p: Floats) -> Floats:
     rx = np.interp(h, [0.4, 2.0, 4.0, 5.2, 6.0, 6.5], [1.08, 0.98, 0.90, 0.80, 0.84, 0.70])
     ry = np.interp(h, [0.4, 2.0, 4.0, 5.2, 6.0, 6.5], [0.98, 0.86, 0.74, 0.66, 0.60, 0.36])
     dx, dy = x - 0.03, y - 0.04
-    k0 = np.sqrt((dx / rx) ** 2 + (dy / ry) ** 2)
-    k1 = np.sqrt((dx / rx**2) ** 2 + (dy / ry**2) ** 2)
-    distance = k0 * (k0 - 1.0) / np.maximum(k1, 1e-6)
+    distance, _ = ellipse(dx, dy, rx, ry)
     turn = np.arctan2(dx, dy)  # zero at the back
     sweep = (h - 0.4) * (1.3 + 0.9 * np.tanh(1.5 * (turn + 0.3)))
     phase = 10.0 * (turn + 0.10 * sweep) + 1.1 * np.sin(2.0 * turn + 0.5 * h)

@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from monitor.simulation.scenes import grid_faces
+from monitor.simulation.scenes import close_slab, rim_of_grid
 from monitor.simulation.solid import Field, evaluate
-from projects.model import Floats, Ints, Surface
+from projects.model import Floats, Surface
 from projects.transforms import apply, invert
 
 SEARCH_STEP = 0.002  # m, with which a changed field's outermost surface is looked for; thinner fins are overlooked
@@ -59,19 +59,14 @@ class HeightField:
         u, v = (a.ravel() for a in np.meshgrid(self.u, self.v, indexing="ij"))
         front = np.column_stack([u, v, self.height(u, v)])
         # Nodes on the rim stay: the sides have no height of their own.
-        rim = _rim(len(self.u), len(self.v))
+        shape = len(self.u), len(self.v)
         if field != self.field:
             changed = np.abs(evaluate(field, apply(self.T_scene_plane, front))) > 1e-9
-            changed[rim] = False
+            changed[rim_of_grid(*shape)] = False
             front[changed, 2] = self._find_heights(field, front[changed])
-        low = np.column_stack([front[rim, :2], np.full(len(rim), self.back)])
-        middle = [[front[:, 0].mean(), front[:, 1].mean(), self.back]]
-        vertices = np.concatenate([front, low, middle])
-        after, under = np.roll(rim, -1), len(front) + np.arange(len(rim))
-        beside, centre = np.roll(under, -1), np.full(len(rim), len(vertices) - 1)
-        sides = [np.column_stack([under, beside, after]), np.column_stack([under, after, rim])]
-        faces = np.concatenate([grid_faces(len(self.u), len(self.v)), *sides, np.column_stack([beside, under, centre])])
-        return Surface(apply(self.T_scene_plane, vertices), faces.astype(np.int32))
+        middle = np.array([front[:, 0].mean(), front[:, 1].mean(), self.back])
+        vertices, faces = close_slab(front, shape, middle)
+        return Surface(apply(self.T_scene_plane, vertices), faces)
 
     def _find_heights(self, field: Field, nodes: Floats) -> Floats:
         """Return the greatest height (n,) [m] at which a field is zero over nodes (n, 3) in the plane's frame."""
@@ -92,12 +87,6 @@ class HeightField:
     def _at(self, field: Field, nodes: Floats, heights: Floats) -> Floats:
         """Return the field (n,) of the scene at `heights` (n,) [m] over the nodes."""
         return evaluate(field, apply(self.T_scene_plane, np.column_stack([nodes[:, :2], heights])))
-
-
-def _rim(n_u: int, n_v: int) -> Ints:
-    """Return the nodes round the rim of a grid, counter-clockwise seen from the front."""
-    index = np.arange(n_u * n_v).reshape(n_u, n_v)
-    return np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
 
 
 def refine_axis(

@@ -141,15 +141,13 @@ class Model:
         return value
 
 
-def box_part(
-    name: str, low: ArrayLike, high: ArrayLike, *, cell: float, reflectance: float = 0.6, gloss: float = 0.0
-) -> ModelPart:
+def box_part(name: str, low: ArrayLike, high: ArrayLike, *, cell: float, reflectance: float = 0.6) -> ModelPart:
     """Return a part that is a box between two corners [m], with exact triangles until it is changed."""
     from monitor.simulation.scenes import make_box
 
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     field = box_field(0.5 * (low + high), 0.5 * (high - low))
-    return ModelPart(name, field, np.stack([low, high]), cell, reflectance, gloss, make_box(name, low, high).surface())
+    return ModelPart(name, field, np.stack([low, high]), cell, reflectance, mesh=make_box(name, low, high).surface())
 
 
 def change_model(model: Model, changes: Sequence[Edit]) -> Model:

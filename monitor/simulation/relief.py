@@ -50,11 +50,9 @@ def _brows(u: Floats, v: Floats) -> Floats:
     return BROW_HEIGHT * section * smoothstep(along, 0.0, 0.12) * (1.0 - smoothstep(along, 0.88, 1.0))
 
 
-def _bump(u: Floats, v: Floats, at: tuple[float, float], radii: tuple[float, float], turn: float = 0.0) -> Floats:
-    """Return a smooth hill of height 1: cos^2 of the distance from `at` in units of `radii`, `turn` in radians."""
-    c, s = np.cos(turn), np.sin(turn)
-    du, dv = u - at[0], v - at[1]
-    r = np.hypot((c * du + s * dv) / radii[0], (c * dv - s * du) / radii[1])
+def _bump(u: Floats, v: Floats, at: tuple[float, float], radii: tuple[float, float]) -> Floats:
+    """Return a smooth hill of height 1: cos^2 of the distance from `at` in units of `radii`."""
+    r = np.hypot((u - at[0]) / radii[0], (v - at[1]) / radii[1])
     return np.cos(0.5 * np.pi * np.minimum(r, 1.0)) ** 2
 
 
@@ -91,8 +89,9 @@ def relief_height(u: Floats, v: Floats) -> Floats:
     return np.maximum(np.maximum(np.maximum(head, hair), neck), frame)
 
 
-def _slope(u: Floats, v: Floats, step: float = 2e-4) -> Floats:
+def _slope(u: Floats, v: Floats) -> Floats:
     """Return the steepness of the relief, rise over run."""
+    step = 2e-4  # m
     along_u = relief_height(u + step, v) - relief_height(u - step, v)
     along_v = relief_height(u, v + step) - relief_height(u, v - step)
     return np.hypot(along_u, along_v) / (2.0 * step)
@@ -102,19 +101,6 @@ def _on_brow(points: Floats) -> Bools:
     """Return which points (n, 3) lie on a brow, away from its ends."""
     along, across, width = brow_coordinates(points[:, 0], points[:, 2])
     return (np.abs(across) < 0.5 * width) & (along > 0.12) & (along < 0.88)
-
-
-def brow_profiles(n: int = 40) -> Floats:
-    """Return places across both brows, (2 n, 3, 2): (u, v) [m] of the foot above, the crest and the foot below.
-
-    The height of a brow is that of its crest above the mean of its feet, about `BROW_HEIGHT`.
-    """
-    along = np.linspace(0.15, 0.85, n)
-    turn = np.radians(58.0 * along - 22.0)
-    width = BROW_WIDTH[0] + (BROW_WIDTH[1] - BROW_WIDTH[0]) * along
-    r = 0.034 + np.stack([0.5 * width, 0.0 * width, -0.5 * width], axis=1)
-    u, v = 0.017 + r * np.sin(turn)[:, None], 0.003 + r * np.cos(turn)[:, None]
-    return np.concatenate([np.stack([u, v], axis=-1), np.stack([-u, v], axis=-1)])
 
 
 def relief_model(*, cell: float = 0.0004) -> Model:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from monitor.simulation.heads import part_in_heads
-from monitor.simulation.shapes import capsule, ellipsoid, pipe, smoothstep
+from monitor.simulation.shapes import capsule, ellipse, ellipsoid, pipe, smoothstep
 from monitor.simulation.solid import Field, Part, smooth_max, smooth_min
 from projects.model import Floats
 
@@ -26,10 +26,8 @@ def _column(p: Floats, extra: float) -> tuple[Floats, Floats, Floats]:
     h = np.clip(z, 0.0, 5.2)
     dx, dy = x - _ROBE_X(h), y - _ROBE_Y(h)
     rx, ry = _ROBE_RX(h) + extra, _ROBE_RY(h) + extra
-    k0 = np.sqrt((dx / rx) ** 2 + (dy / ry) ** 2)
-    k1 = np.sqrt((dx / rx**2) ** 2 + (dy / ry**2) ** 2)
-    distance = k0 * (k0 - 1.0) / np.maximum(k1, 1e-6)
-    return np.where(k0 < 0.05, -ry, distance), np.arctan2(dx, -dy), h
+    distance, away = ellipse(dx, dy, rx, ry)
+    return np.where(away < 0.05, -ry, distance), np.arctan2(dx, -dy), h
 
 
 def _skirt(p: Floats) -> Floats:

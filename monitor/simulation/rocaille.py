@@ -14,16 +14,14 @@ from monitor.simulation.shapes import Drawing, smoothstep
 from projects.model import Floats
 
 
-def draw_scroll(
-    start: Floats, end: Floats, *, bulge: float = 1.0, s_shaped: bool = False, turns: float = 0.75
-) -> Floats:
+def draw_scroll(start: Floats, end: Floats, *, bulge: float, s_shaped: bool) -> Floats:
     """Return a scroll as a polyline (n, 2) between the eyes of its two volutes.
 
-    Its curvature grows from the middle towards both ends, where it winds up by `turns`; a C bends to one side
-    (`bulge` > 0: to the left of the way from start to end), an S to both.
+    Its curvature grows from the middle towards both ends, where it winds up by three quarters of a turn; a C bends to
+    one side (`bulge` > 0: to the left of the way from start to end), an S to both.
     """
     t = np.linspace(-1.0, 1.0, 161)
-    bend = 0.8 + 2.0 * np.pi * turns * 7.0 * np.abs(t) ** 6
+    bend = 0.8 + 2.0 * np.pi * 0.75 * 7.0 * np.abs(t) ** 6
     turn = np.cumsum(bend * (np.sign(t) if s_shaped else 1.0)) * (t[1] - t[0])
     turn = -np.sign(bulge) * (turn - turn[len(t) // 2])
     speed = 1.0 - 0.85 * np.abs(t) ** 4  # the windings become narrower

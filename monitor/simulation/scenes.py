@@ -141,24 +141,33 @@ def grid_faces(n_u: int, n_v: int) -> Ints:
 
 
 def make_slab(
-    name: str, size: float, step: float, height: Callable[[Floats, Floats], Floats], reflectance: float = 0.6, *,
-    thickness: float = 0.1,
-) -> Body:  # fmt: skip
-    """Return a closed slab, `size` square, its top z = height(x, y) on a grid, its bottom `thickness` below that."""
+    name: str, size: float, step: float, height: Callable[[Floats, Floats], Floats], reflectance: float = 0.6
+) -> Body:
+    """Return a closed slab, `size` square, its top z = height(x, y) on a grid, its bottom 0.1 m below that."""
     n = max(2, round(size / step) + 1)
     axis = np.linspace(-size / 2, size / 2, n)
     x, y = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
     top = np.column_stack([x, y, height(x, y)])
-    index = np.arange(n * n).reshape(n, n)
-    rim = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
-    low = top[:, 2].min() - thickness
-    below = np.column_stack([top[rim, :2], np.full(len(rim), low)])
-    vertices = np.concatenate([top, below, [[0.0, 0.0, low]]])
-    after, under = np.roll(rim, -1), n * n + np.arange(len(rim))
-    next_under, centre = np.roll(under, -1), np.full(len(rim), len(vertices) - 1)
-    walls = [np.column_stack([under, next_under, after]), np.column_stack([under, after, rim])]
-    faces = np.concatenate([grid_faces(n, n), *walls, np.column_stack([next_under, under, centre])])
-    return Body(name, vertices, faces.astype(np.int32), reflectance)
+    vertices, faces = close_slab(top, (n, n), np.array([0.0, 0.0, top[:, 2].min() - 0.1]))
+    return Body(name, vertices, faces, reflectance)
+
+
+def close_slab(top: Floats, shape: tuple[int, int], under: Floats) -> tuple[Floats, Ints]:
+    """Return vertices and faces of a closed slab: its top is a grid of `shape`, its flat bottom a fan about `under`."""
+    rim = rim_of_grid(*shape)
+    below = np.column_stack([top[rim, :2], np.full(len(rim), under[2])])
+    vertices = np.concatenate([top, below, [under]])
+    after, low = np.roll(rim, -1), len(top) + np.arange(len(rim))
+    next_low, centre = np.roll(low, -1), np.full(len(rim), len(vertices) - 1)
+    walls = [np.column_stack([low, next_low, after]), np.column_stack([low, after, rim])]
+    faces = np.concatenate([grid_faces(*shape), *walls, np.column_stack([next_low, low, centre])])
+    return vertices, faces.astype(np.int32)
+
+
+def rim_of_grid(n_u: int, n_v: int) -> Ints:
+    """Return the nodes round the rim of a grid, counter-clockwise seen from where its faces look."""
+    index = np.arange(n_u * n_v).reshape(n_u, n_v)
+    return np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
 
 
 def plane_scene(*, size: float = 1.0, reflectance: float = 0.6) -> Scene:

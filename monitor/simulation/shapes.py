@@ -53,6 +53,13 @@ def ellipsoid(centre: Vector, radii: Vector, rotation: Floats | None = None) -> 
     return field
 
 
+def ellipse(x: Floats, y: Floats, radius_x: Floats, radius_y: Floats) -> tuple[Floats, Floats]:
+    """Return the distance (n,) to an ellipse about the origin to first order, and how many times its radii away."""
+    k0 = np.sqrt((x / radius_x) ** 2 + (y / radius_y) ** 2)
+    k1 = np.sqrt((x / radius_x**2) ** 2 + (y / radius_y**2) ** 2)
+    return k0 * (k0 - 1.0) / np.maximum(k1, 1e-6), k0
+
+
 def capsule(a: Vector, b: Vector, radius_a: float, radius_b: float | None = None) -> Field:
     """Return a rod from a to b with round ends, its radius changing evenly."""
     start, end = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
@@ -77,21 +84,6 @@ def box(centre: Vector, half: Vector, rounding: float = 0.0) -> Field:
         q = np.abs(p - c) - h
         outside = np.sqrt((np.maximum(q, 0.0) ** 2).sum(axis=0))
         return outside + np.minimum(q.max(axis=0), 0.0) - rounding
-
-    return field
-
-
-def torus(centre: Vector, axis: Vector, radius: float, thickness: float) -> Field:
-    """Return a ring of `radius` about `axis`, `thickness` the radius of its section."""
-    c, a = np.asarray(centre, dtype=float)[:, None], np.asarray(axis, dtype=float)
-    a = a / np.linalg.norm(a)
-
-    def field(p: Floats) -> Floats:
-        """Return the signed distance (n,) of the ring."""
-        q = p - c
-        h = a @ q
-        across = np.sqrt(np.maximum((q * q).sum(axis=0) - h * h, 0.0))
-        return np.hypot(across - radius, h) - thickness
 
     return field
 

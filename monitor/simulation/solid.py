@@ -19,6 +19,7 @@ from projects.errors import ParameterError
 from projects.model import Floats, Ints
 
 Field = Callable[[Floats], Floats]
+N_THREADS = 2
 
 
 def smooth_min(a: Floats, b: Floats, k: float) -> Floats:
@@ -88,7 +89,7 @@ class Solid:
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
-def evaluate(field: Field, points: Floats, *, n_threads: int = 2) -> Floats:
+def evaluate(field: Field, points: Floats) -> Floats:
     """Return the field at points (n, 3), in blocks of space so that a `Solid` can skip what is far."""
     if len(points) == 0:
         return np.empty(0)
@@ -112,7 +113,7 @@ def evaluate(field: Field, points: Floats, *, n_threads: int = 2) -> Floats:
         """Write the values at the points `which`."""
         value[which] = field(np.ascontiguousarray(points[which].T))
 
-    with ThreadPoolExecutor(n_threads) as pool:
+    with ThreadPoolExecutor(N_THREADS) as pool:
         list(pool.map(work, pieces))
     return value
 

@@ -143,7 +143,7 @@ def _ground() -> Body:
     return make_box("ground", np.array([-21.0, -12.0, -0.2]), np.array([21.0, 4.0, 0.0]), reflectance=0.25)
 
 
-def make_board(name: str, centre: Floats, normal: Floats, *, size: float = BOARD_SIZE) -> tuple[Body, TrueTarget]:
+def make_board(name: str, centre: Floats, normal: Floats) -> tuple[Body, TrueTarget]:
     """Return a black-and-white board, 1 cm thick, its face's centre at `centre`, upright, looking along `normal`.
 
     Four square fields meet in the centre, black at the upper left and lower right seen from the front.
@@ -151,7 +151,7 @@ def make_board(name: str, centre: Floats, normal: Floats, *, size: float = BOARD
     n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
     right = np.cross([0.0, 0.0, 1.0], n)
     right /= np.linalg.norm(right)
-    up, s = np.cross(n, right), 0.5 * size
+    up, s = np.cross(n, right), 0.5 * BOARD_SIZE
     grid = np.array([[u, v] for v in (-s, 0.0, s) for u in (-s, 0.0, s)])
     face = np.asarray(centre, dtype=float) + grid[:, :1] * right + grid[:, 1:] * up
     quads = [(0, 1, 4, 3), (1, 2, 5, 4), (3, 4, 7, 6), (4, 5, 8, 7)]
@@ -162,7 +162,7 @@ def make_board(name: str, centre: Floats, normal: Floats, *, size: float = BOARD
     edge = [t for a, b in zip(rim, rim[1:] + rim[:1], strict=True) for t in ((a, 9 + a, 9 + b), (a, 9 + b, b))]
     faces = np.array(front + rear + edge, dtype=np.int32)
     colours = np.concatenate([np.repeat([WHITE, BLACK, BLACK, WHITE], 2), np.full(len(faces) - 8, WHITE)])
-    return Body(name, np.concatenate([face, back]), faces, colours), TrueTarget(name, "board", face[4], size, n)
+    return Body(name, np.concatenate([face, back]), faces, colours), TrueTarget(name, "board", face[4], BOARD_SIZE, n)
 
 
 def _targets() -> tuple[list[Body], list[TrueTarget]]:

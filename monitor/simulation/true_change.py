@@ -21,6 +21,7 @@ from projects.errors import ParameterError
 from projects.model import Floats
 from projects.triangles import vertex_areas
 
+N_NODES = 200_000  # of the grid that a change is integrated on
 THRESHOLD = 0.0005  # m, above which a surface counts as changed; half the extreme where the change is below a mm
 N_SAMPLES = 20_000  # vertices on which a change of whole parts is measured
 
@@ -74,10 +75,10 @@ def measure_changes(model: Model, changes: Sequence[Edit]) -> tuple[TrueChange, 
 
 
 def measure_change(
-    edit_name: str, before: Field, after: Field, box: Floats, *, threshold: float = THRESHOLD, n_nodes: int = 200_000
+    edit_name: str, before: Field, after: Field, box: Floats, *, threshold: float = THRESHOLD
 ) -> TrueChange:
-    """Return what changed between two fields inside a box, integrated on a grid of about `n_nodes`."""
-    cell = float(np.prod(box[1] - box[0]) / n_nodes) ** (1.0 / 3.0)
+    """Return what changed between two fields inside a box, integrated on a grid of about `N_NODES`."""
+    cell = float(np.prod(box[1] - box[0]) / N_NODES) ** (1.0 / 3.0)
     axes = [np.arange(low + 0.5 * cell, high, cell) for low, high in zip(box[0], box[1], strict=True)]
     nodes = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1)
     filled = [np.clip(0.5 - evaluate(f, nodes) / cell, 0.0, 1.0) for f in (before, after)]

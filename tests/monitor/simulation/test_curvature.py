@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from torus_shape import torus
 
 from monitor.simulation import plane_scene, sphere_scene, step_scene, wave_scene
-from monitor.simulation.shapes import ball, torus
+from monitor.simulation.shapes import ball
 from monitor.simulation.solid import principal_curvatures
 from projects.transforms import perturb
 

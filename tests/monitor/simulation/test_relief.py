@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import trimesh
+from brows_of_relief import brow_profiles
 
 from monitor.simulation.changes import erode, hollow_out
-from monitor.simulation.relief import BROW_HEIGHT, HEIGHT, brow_profiles, relief_height, relief_scene
+from monitor.simulation.relief import BROW_HEIGHT, HEIGHT, relief_height, relief_scene
 from monitor.simulation.true_change import change_at
 
 

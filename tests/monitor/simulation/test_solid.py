@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import trimesh
+from torus_shape import torus
 
 from monitor.simulation import plane_scene, sphere_scene, step_scene, wave_scene
 from monitor.simulation.changes import hollow_out
 from monitor.simulation.inscription import write_line
-from monitor.simulation.shapes import ball, box, capsule, draw_polygon, ellipsoid, torus
+from monitor.simulation.shapes import ball, box, capsule, draw_polygon, ellipsoid
 from monitor.simulation.solid import Part, Solid, contour, evaluate, smooth_min
 from monitor.simulation.true_change import measure_change
 from monitor.simulation.truth import close_in

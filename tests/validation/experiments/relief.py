@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import front_door
 import numpy as np
+from brows_of_relief import brow_profiles
 from rows import Row, Size, in_percent, in_words, judge
 from scipy.spatial import cKDTree
 
@@ -31,7 +32,7 @@ from monitor.simulation import (
     without_errors,
 )
 from monitor.simulation.campaign import write_extent
-from monitor.simulation.relief import brow_profiles, relief_height
+from monitor.simulation.relief import relief_height
 from projects.formats import write_e57
 from projects.model import Bools, Floats, Surface
 from projects.open3d_library import load_open3d
