@@ -98,10 +98,10 @@ def as_mapping(settings: Any) -> dict[str, Any]:
     return dataclasses.asdict(settings)
 
 
-def to_toml(settings: Settings | None = None) -> str:
+def to_toml() -> str:
     """Return every setting with unit, default and meaning as TOML that `--settings` reads."""
     lines = ['# Settings of heritage-monitor. Every default needs no thought; "auto" is found from the data.']
-    _write_table(settings or Settings(), "", lines)
+    _write_table(Settings(), "", lines)
     return "\n".join(lines) + "\n"
 
 

@@ -20,8 +20,8 @@ MOSTLY = 0.5  # share of the samples with a partner, from which on epochs that f
 
 
 def require_comparable(reference: Surface, compared: Surface, registration: Registration | None, mode: str,
-                       tolerance: float | None, apart: tuple[Bools, Bools] | None = None,
-                       frames: Floats | None = None) -> None:  # fmt: skip
+                       tolerance: float | None, apart: tuple[Bools, Bools] | None,
+                       frames: Floats | None) -> None:  # fmt: skip
     """Raise `ParameterError` or `ComparisonError` where something given to `compare` is none of what it stands for."""
     if mode not in MODES:
         raise ParameterError(f"mode {mode!r}: allowed are {' and '.join(MODES)}")

@@ -47,8 +47,7 @@ class M3C2Result:
 
 def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats, *, cylinder_radius: float,
          max_depth: float, normals: Floats | None = None, normal_radius: float | None = None,
-         orientation: Floats | None = None, registration_error: float = 0.0,
-         fewest_points: int = FEWEST_POINTS) -> M3C2Result:  # fmt: skip
+         registration_error: float = 0.0) -> M3C2Result:  # fmt: skip
     """Measure the change between two clouds along a normal at each core point, with Lague's level of detection.
 
     Parameters
@@ -57,9 +56,8 @@ def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats,
     cylinder_radius : m, of the cylinder about each normal whose points are averaged.
     max_depth : m, the cylinder reaches so far to both sides of the core point.
     normals : (n, 3) unit vectors; otherwise of the plane through the reference points within `normal_radius` [m] of the
-        core point, on the side of `orientation` (3,) (upwards where left out).
+        core point, looking upwards.
     registration_error : m, added linearly to the level of detection; zero calls much unchanged surface significant.
-    fewest_points : of each cloud in a cylinder; with fewer, distance and level are NaN.
 
     Returns
     -------
@@ -85,22 +83,22 @@ def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats,
         if normal_radius is None:
             raise ParameterError("neither normals nor normal_radius were given; give one of them")
         _require_positive(normal_radius=normal_radius)
-        normals = plane_normals(reference, cores, normal_radius, orientation)
+        normals = plane_normals(reference, cores, normal_radius)
     elif np.shape(normals) != cores.shape:
         raise ShapeError(f"normals have shape {np.shape(normals)}; {cores.shape} is needed")
     size = (cylinder_radius, max_depth)
     n1, mean1, spread1 = average_in_cylinders(reference, cores, normals, size)
     n2, mean2, spread2 = average_in_cylinders(compared, cores, normals, size)
-    known = (n1 >= fewest_points) & (n2 >= fewest_points)
+    known = (n1 >= FEWEST_POINTS) & (n2 >= FEWEST_POINTS)
     with np.errstate(divide="ignore", invalid="ignore"):
         lod95 = lague_lod95(spread1, n1, spread2, n2, registration_error)
     return M3C2Result(np.where(known, mean2 - mean1, np.nan), np.where(known, lod95, np.nan), n1, n2, spread1, spread2,
                       np.asarray(normals, dtype=np.float64))  # fmt: skip
 
 
-def plane_normals(points: Floats, cores: Floats, radius: float, orientation: Floats | None = None) -> Floats:
-    """Return the unit normal (n, 3) of the plane through the points within `radius` [m]; NaN with fewer than three."""
-    upwards = np.array([0.0, 0.0, 1.0]) if orientation is None else np.asarray(orientation, dtype=np.float64)
+def plane_normals(points: Floats, cores: Floats, radius: float) -> Floats:
+    """Return the unit normal (n, 3), looking upwards, of the plane through the points within `radius` [m]; NaN with
+    fewer than three."""
     tree = cKDTree(points)
     out = np.full((len(cores), 3), np.nan)
     for start in range(0, len(cores), CHUNK):
@@ -113,7 +111,7 @@ def plane_normals(points: Floats, cores: Floats, radius: float, orientation: Flo
         products = (offset[:, :, None] * offset[:, None, :]).reshape(-1, 9)
         _, vectors = np.linalg.eigh(_sums(owner, products, len(here)).reshape(-1, 3, 3))
         normal = vectors[:, :, 0]
-        normal *= np.where(normal @ upwards < 0.0, -1.0, 1.0)[:, None]
+        normal *= np.where(normal[:, 2] < 0.0, -1.0, 1.0)[:, None]
         out[start : start + CHUNK] = np.where((n >= FEWEST_FOR_NORMAL)[:, None], normal, np.nan)
     return out
 

@@ -33,11 +33,6 @@ class Sampling(NamedTuple):
     turn: float
 
 
-def measure_sampling(cloud: PointCloud) -> Sampling:
-    """Return median spacing and noise of a cloud that has normals; see `measure_and_sort`."""
-    return measure_and_sort(cloud, tree_of_points(cloud.points))[0]
-
-
 def tree_of_points(points: Floats) -> cKDTree:
     """Return the tree in which the points nearest to a place are looked for."""
     return cKDTree(points, leafsize=LEAF, balanced_tree=False, compact_nodes=False)  # built in a third of the time

@@ -79,7 +79,7 @@ class Lattice(NamedTuple):
 
 def localized_mesh(
     points: Floats, normals: Floats, cell: float, spacing: float, screening: float = SCREENING_LENGTH, *,
-    by_turn: float = np.inf, tile: int = TILE, sweeps: int = SWEEPS,
+    by_turn: float = np.inf, tile: int = TILE,
     map_tiles: Callable[[Callable[[int], Any], Sequence[int]], Any] | None = None,
 ) -> tuple[Floats, Ints]:  # fmt: skip
     """Return vertices (n, 3) m and faces (m, 3) of the zero level of the field, within reach of the points.
@@ -90,7 +90,7 @@ def localized_mesh(
     cell, spacing : m; the edge of a cell, and the distance between points that makes a cell count as full.
     screening : cells over which the points hold the field (`screening_length`), at most.
     by_turn : cells and rad; this over the turn of the normals at a place is the length there, where that is shorter.
-    tile, sweeps : cells along a tile's edge; how often the tiles are solved.
+    tile : cells along a tile's edge.
     map_tiles : like `map`, over tile numbers; by default threads on this machine.
     """
     low = _place_lattice(points, cell, tile)
@@ -103,8 +103,8 @@ def localized_mesh(
         fields: Spool | None = None
         prepared = Spool(Path(folder, "prepared"))
         list(run(partial(prepare_tile, lattice, prepared), numbers))
-        for sweep in range(sweeps):
-            tolerance = EXACTLY if sweep == sweeps - 1 else ROUGHLY
+        for sweep in range(SWEEPS):
+            tolerance = EXACTLY if sweep == SWEEPS - 1 else ROUGHLY
             solved = Spool(Path(folder, f"sweep-{sweep}"))
             list(run(partial(solve_tile, lattice, prepared, fields, solved, tolerance), numbers))
             fields = solved

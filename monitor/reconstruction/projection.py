@@ -29,7 +29,7 @@ from monitor.reconstruction.gathering import (
     rows_room,
     tilt,
 )
-from monitor.reconstruction.moments import Level, build_levels, level_of_points
+from monitor.reconstruction.moments import Level, build_levels
 from monitor.reconstruction.quadric import (
     COUNT,
     CURVED,
@@ -131,11 +131,6 @@ class Samples(NamedTuple):
 def sum_up_samples(finest: Level, radii: Floats, noise: float) -> Samples:
     """Return points, given as the finest level, summed up in cells for fits within each of `radii`."""
     return Samples(build_levels(finest, radii, noise), radii, float(noise))
-
-
-def samples_at(points: Floats, normals: Floats, radius: float, noise: float) -> Samples:
-    """Return the points for fits within one radius (m), none summed up."""
-    return Samples([level_of_points(points, normals, radius)], np.array([radius]), float(noise))
 
 
 def project_vertices(

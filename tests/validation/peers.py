@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.reconstruction.cell_size import choose_cell_size, measure_sampling
+from monitor.reconstruction.cell_size import choose_cell_size, measure_and_sort, tree_of_points
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from projects.model import Floats, Ints, PointCloud
 from projects.open3d_library import load_open3d
@@ -26,7 +26,7 @@ def open3d_poisson(cloud: PointCloud, cell: float | None = None) -> tuple[Floats
     """Return vertices and faces of Open3D's screened Poisson surface; `cell` in metres."""
     middle = cloud.points.mean(axis=0)
     assert cloud.normals is not None
-    cell = cell or choose_cell_size(measure_sampling(cloud))
+    cell = cell or choose_cell_size(measure_and_sort(cloud, tree_of_points(cloud.points))[0])
     vertices, faces, _ = poisson_mesh(cloud.points - middle, cloud.normals, cell)
     return vertices + middle, faces
 

@@ -164,7 +164,7 @@ def unstated_noise(side: Side) -> float:
 
 
 def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Registration,
-                 left: Registration | None = None) -> Side:  # fmt: skip
+                 left: Registration | None) -> Side:  # fmt: skip
     """Measure one side against the other; `sign` is +1 on compared, -1 on reference.
 
     `registration` is what the frames of both are held by, `left` the motion that stays in the distances. The change is

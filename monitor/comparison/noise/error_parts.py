@@ -32,11 +32,6 @@ class Parts(NamedTuple):
     shared: float
     floor: float
 
-    def mix(self, surfaces: Floats, discord: Floats, shared: Floats) -> Floats:
-        """Return one sigma (n,) [m] of the stated ones."""
-        own2 = (self.surfaces * surfaces) ** 2 + (self.discord * discord) ** 2
-        return np.sqrt(own2 + (self.shared * shared) ** 2 + self.floor**2)
-
 
 def fit_parts(distances: Floats, stated: tuple[Floats, Floats, Floats, Floats], n_witnesses: float) -> Parts:
     """Return the parts that make the distances (n,) [m] likeliest; `stated` (n,) [m] each are those of the surfaces, of

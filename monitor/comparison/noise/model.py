@@ -210,7 +210,7 @@ def _mix(calm: CalmVertices, parts: Parts) -> Floats:
 
 @jit(nopython=True, cache=True, nogil=True)
 def _mix_parts(first, last, surfaces, discord, shared, parts, out):  # type: ignore[no-untyped-def]
-    """Write what `Parts.mix` returns."""
+    """Write what `_mix` returns of the vertices from `first` to `last`."""
     for v in range(first, last):
         a, b, c = parts.surfaces * surfaces[v], parts.discord * discord[v], parts.shared * shared[v]
         out[v] = np.sqrt(a * a + b * b + c * c + parts.floor * parts.floor)

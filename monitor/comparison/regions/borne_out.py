@@ -106,7 +106,7 @@ def name_anew(table: pd.DataFrame, sides: tuple[Side, Side], regions: tuple[Ints
 
 def shares_shown(
     sides: tuple[Side, Side], regions: tuple[Ints, Ints], k: int, points: Floats, limits: tuple[float, float], n: int,
-    left: Floats | None = None,
+    left: Floats | None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Return which share (n + 1,) of the change told of the regions 1 to `n` the points (m, 3) m of side `k` show, and
     its variance (n + 1,).

@@ -76,7 +76,7 @@ class Regions:
 
 
 def find_regions(sides: tuple[Side, Side], found: Detected, beyond: Beyond, registration: Registration, level: float,
-                 are_points_asked: bool, apart: tuple[Bools, Bools] | None = None) -> Regions:  # fmt: skip
+                 are_points_asked: bool, apart: tuple[Bools, Bools] | None) -> Regions:  # fmt: skip
     """Return the regions, largest first; `are_points_asked`: they must be borne out by the points of both epochs yet;
     what of both sides is set `apart` is of no region with the rest.
 

@@ -20,7 +20,7 @@ from monitor.comparison.regions.told_from import COARSE, coarse_beyond, share_of
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.footprints import GOES_ON, Footprint, measure_footprint
 from monitor.comparison.series.identity import Followed, follow_rates, follow_regions, sign_of_regions
-from monitor.comparison.series.rate_regions import LEVEL, RateRegions, find_rate_regions
+from monitor.comparison.series.rate_regions import RateRegions, find_rate_regions
 from monitor.comparison.series.rate_side import Fits, make_rate_side
 from monitor.comparison.series.trend import Course, fit_polynomial, predict
 from projects.errors import ComparisonError
@@ -37,6 +37,7 @@ from projects.model import (
 )
 
 LEAST_PART, MOST_PART = 0.1, 0.9  # of the variance of a difference, that the reference surface brings into it
+LEVEL = 0.05  # expected share of false ones among the patches whose rate is called significant
 DAYS_PER_YEAR = 365.25
 AHEAD, N_FORECAST = 0.25, 21  # of the time so far; steps of the forecast
 

@@ -50,8 +50,6 @@ from monitor.comparison.regions.told_from import tell_smallest
 from monitor.comparison.series.rate_side import RateSide
 from projects.model import Assessment, Bools, Floats, Ints
 
-LEVEL = 0.05  # expected share of false ones among the patches whose rate is called significant
-
 
 @dataclass(frozen=True)
 class RateRegions:
@@ -69,7 +67,7 @@ class RateRegions:
     told_from: Floats
 
 
-def find_rate_regions(rates: RateSide, level: float = LEVEL, seed: int = 0) -> RateRegions:
+def find_rate_regions(rates: RateSide, level: float, seed: int) -> RateRegions:
     """Return the regions of significant rates, largest first, with false discoveries of at most `level`."""
     side = rates.side
     state = np.where(side.is_assessed, Assessment.UNCHANGED, Assessment.NOT_ASSESSABLE).astype(np.uint8)

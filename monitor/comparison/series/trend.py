@@ -154,8 +154,7 @@ def _with_reference(years: Floats, distances: Floats, sigmas: Floats,
     )
 
 
-def fit_course(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float, *, seed: int = 0,
-               level: float = LEVEL) -> Course:  # fmt: skip
+def fit_course(years: Floats, means: Floats, sigmas: Floats, sigma_reference: float, *, seed: int = 0) -> Course:
     """Return how the mean change of one region goes on: `means`, `sigmas` (k,) m at `years` (k,), NaN unknown.
 
     Raises
@@ -177,7 +176,7 @@ def fit_course(years: Floats, means: Floats, sigmas: Floats, sigma_reference: fl
     if spare == 0:
         return Course("single", rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, np.nan, onset, p_fit)
     p_onset, chance = judge_moments(*column, seed)
-    goes_on, bends, begins = adjust_together(np.array([p_rate, p_bend, p_onset]), chance) <= level - MISFIT
+    goes_on, bends, begins = adjust_together(np.array([p_rate, p_bend, p_onset]), chance) <= LEVEL - MISFIT
     model, fits = "steady" if goes_on else "none", bool(p_fit >= MISFIT)
     if bends or begins or not fits:
         times, values, variances = _with_reference(*column)

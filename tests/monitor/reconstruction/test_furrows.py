@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from samples_of_clouds import samples_at
 
 from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction.furrows import choose_fits, common_direction, narrow_by
 from monitor.reconstruction.gathering import frame_along, tangent_frame
 from monitor.reconstruction.moments import level_of_points
-from monitor.reconstruction.projection import Furrows, Reach, project_vertices, samples_at, sum_up_samples
+from monitor.reconstruction.projection import Furrows, Reach, project_vertices, sum_up_samples
 from monitor.reconstruction.quadric import fit_patch, fit_room
 from monitor.reconstruction.reach import Climbed, Probes, make_ladder
 from projects.model import PointCloud

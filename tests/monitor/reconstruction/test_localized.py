@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from even_sphere import even_directions
 from pipe_on_a_wall import pipe_before_wall
+from samples_of_clouds import measure_sampling
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction import reconstruct
 from monitor.reconstruction.band import IN_BAND, OCCUPIED, cut_tiles, mark_cells
-from monitor.reconstruction.cell_size import measure_sampling
 from monitor.reconstruction.contour import EDGE_AXIS, EDGE_CORNER, contour_tile, triangle_table
 from monitor.reconstruction.localized import localized_mesh
 from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from samples_of_clouds import measure_sampling, samples_at
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction import SurfaceSettings, reconstruct
-from monitor.reconstruction.cell_size import measure_sampling
 from monitor.reconstruction.gathering import patch_room
 from monitor.reconstruction.moments import build_levels, find_rows, level_of_points
 from monitor.reconstruction.probing import STEP, STEP_UNIT2, probe
-from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, samples_at, sum_up_samples
+from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, sum_up_samples
 from monitor.reconstruction.quadric import FAR, HEIGHT, UNIT_ERROR, fit_patch, fit_room, median
 from monitor.reconstruction.reach import Stated, choose_reach, make_ladder, noise_variance
 from projects.model import PointCloud

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from samples_of_clouds import samples_at
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction import reconstruct
@@ -9,7 +10,7 @@ from monitor.reconstruction.departures import change_around
 from monitor.reconstruction.gathering import patch_room
 from monitor.reconstruction.moments import level_of_points
 from monitor.reconstruction.probing import CURVATURE, SECOND2, SECOND_UNIT2, probe
-from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, samples_at, sum_up_samples
+from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, sum_up_samples
 from monitor.reconstruction.quadric import COUNT, SPREAD_UU, fit_patch, fit_room, slope_chi2
 from monitor.reconstruction.reach import choose_reach, make_ladder, spread_probes
 from monitor.reconstruction.remainder import off_middle, second_moment, third_moment

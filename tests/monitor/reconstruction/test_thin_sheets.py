@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from free_borders import boundary_vertices
 from pipe_on_a_wall import pipe_before_wall
+from samples_of_clouds import measure_sampling
 
 from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction import surface as surface_module
-from monitor.reconstruction.cell_size import measure_sampling
 from monitor.reconstruction.coverage import find_uncovered, largest_piece
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import face_areas_and_normals
