@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.boxes import middle_of
 from monitor.reconstruction.bow import bow_at
-from monitor.reconstruction.mesh import edge_table, face_areas_and_normals, vertex_normals
+from monitor.reconstruction.mesh import edge_table, face_areas_and_normals, normals_by_angle
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints, Surface
 from projects.open3d_library import load_open3d
@@ -112,7 +112,7 @@ def closest_on_triangles(points: Floats, corners: Floats) -> tuple[Floats, Float
 def _foot_normals(surface: Surface, face: Ints, weights: Floats) -> Floats:
     """Return the face normal inside a face, the angle-weighted mean of the vertex normals on an edge or vertex."""
     _, face_normal = face_areas_and_normals(surface.vertices, surface.faces)
-    blended = np.einsum("ij,ijk->ik", weights, vertex_normals(surface.vertices, surface.faces)[surface.faces[face]])
+    blended = np.einsum("ij,ijk->ik", weights, normals_by_angle(surface.vertices, surface.faces)[surface.faces[face]])
     length = np.linalg.norm(blended, axis=1)
     blended /= np.where(length > 0.0, length, 1.0)[:, None]
     is_inside = np.all(weights > ON_EDGE, axis=1, keepdims=True)

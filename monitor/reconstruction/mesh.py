@@ -21,7 +21,7 @@ def face_areas_and_normals(vertices: Floats, faces: Ints) -> tuple[Floats, Float
     return areas, normals
 
 
-def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
+def normals_by_angle(vertices: Floats, faces: Ints) -> Floats:
     """Return angle-weighted unit normals (n, 3) (Baerentzen & Aanaes 2005); zero where a vertex has no face."""
     vertices, faces = np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces)
     out: Floats = sum_normals_by_angle(vertices, faces, *measure_faces(vertices, faces))

@@ -12,10 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.boxes import middle_of
 from monitor.reconstruction.distances import closest_on_triangles, nearest_faces
-from monitor.reconstruction.mesh import bow_ties, compact, is_degenerate, vertex_normals
+from monitor.reconstruction.mesh import bow_ties, compact, is_degenerate, normals_by_angle
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, Surface
+from projects.triangles import share_among_vertices
 
 TEXELS_PER_VERTEX = 3.0  # of the full surface: charts fill a good half of the map
 SMALLEST, LARGEST = 256, 4096  # texels along the map's edge
@@ -48,12 +50,12 @@ def decimate_for_screen(surface: Surface, n_faces: int) -> ScreenModel:
     """
     if n_faces < 4 or not len(surface.faces):
         raise ParameterError(f"{n_faces} of {len(surface.faces)} faces were asked for; give 4 or more of a mesh")
-    middle = 0.5 * (surface.vertices.min(axis=0) + surface.vertices.max(axis=0))
+    middle = middle_of(surface.vertices)
     full = Surface(surface.vertices - middle, surface.faces, normals=full_normals(surface))
     vertices, faces = decimate(full.vertices, full.faces, n_faces)
     size = map_size(len(full.vertices))
     source, faces, uv, shape = unwrap(vertices, faces, size)
-    normals = vertex_normals(vertices, source[faces])[source]
+    normals = normals_by_angle(vertices, source[faces])[source]
     light = Surface(vertices[source], faces, normals=normals)
     tangents = uv_tangents(light, uv)
     normal_map = bake_normals(full, light, (uv, tangents), shape)
@@ -63,7 +65,7 @@ def decimate_for_screen(surface: Surface, n_faces: int) -> ScreenModel:
 
 def full_normals(surface: Surface) -> Floats:
     """Return the surface's own normals, those of its faces where it has none."""
-    made = vertex_normals(surface.vertices, surface.faces)
+    made = normals_by_angle(surface.vertices, surface.faces)
     return made if surface.normals is None else np.where(np.isfinite(surface.normals), surface.normals, made)
 
 
@@ -112,11 +114,8 @@ def uv_tangents(surface: Surface, uv: Floats) -> Floats:
     area = (eu * fv - fu * ev)[:, None]
     sign = np.sign(area)
     along, down = sign * (fv[:, None] * e - ev[:, None] * f), sign * (eu[:, None] * f - fu[:, None] * e)
-    sums = np.zeros((2, len(uv), 3))
-    for k in range(3):
-        for axis in range(3):
-            sums[0, :, axis] += np.bincount(surface.faces[:, k], along[:, axis], len(uv))
-            sums[1, :, axis] += np.bincount(surface.faces[:, k], down[:, axis], len(uv))
+    sums = [np.column_stack([share_among_vertices(way[:, axis], surface.faces, len(uv)) for axis in range(3)])
+            for way in (along, down)]  # fmt: skip
     tangent = sums[0] - np.einsum("ij,ij->i", sums[0], surface.normals)[:, None] * surface.normals
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
     any_other = np.cross(surface.normals, np.where(np.abs(surface.normals[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]]))

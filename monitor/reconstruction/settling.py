@@ -20,10 +20,10 @@ from monitor.reconstruction.mesh import (
     compact,
     is_degenerate,
     keep_faces,
+    normals_by_angle,
     piece_areas,
     short_edges,
     untie,
-    vertex_normals,
     weld,
 )
 from monitor.reconstruction.projection import Projection, Samples, project_vertices
@@ -95,7 +95,7 @@ def fit_vertices(
 ) -> tuple[Projection, Roofs]:  # fmt: skip
     """Bring the vertices onto smooth fits to the points, beside edges onto both their sides; also these edges."""
     samples, ladder, stated = measured
-    outward = vertex_normals(vertices, faces)
+    outward = normals_by_angle(vertices, faces)
     choose = choose_fits if settings.along_furrows else choose_reach
     reach = choose(vertices, outward, samples, ladder, stated)
     reach = reach._replace(misfit=np.hypot(reach.misfit, FINEST * cell))

@@ -28,7 +28,7 @@ from monitor.reconstruction.coverage import find_uncovered, largest_piece, share
 from monitor.reconstruction.gathering import GATE_SIGMAS
 from monitor.reconstruction.holes import close_holes
 from monitor.reconstruction.localized import localized_mesh
-from monitor.reconstruction.mesh import compact, keep_faces, vertex_normals
+from monitor.reconstruction.mesh import compact, keep_faces, normals_by_angle
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.nearness import has_near
 from monitor.reconstruction.open3d_poisson import poisson_mesh
@@ -178,7 +178,7 @@ def invent(settled: Settled, longest_edge: float, settings: SurfaceSettings, cou
     unknown, no = np.full(n_new, np.nan), np.zeros(n_new, bool)
     filled = Projection(
         vertices=closed.vertices,
-        normals=np.r_[projection.normals, vertex_normals(closed.vertices, closed.faces)[n_old:]],
+        normals=np.r_[projection.normals, normals_by_angle(closed.vertices, closed.faces)[n_old:]],
         sigma=np.r_[projection.sigma, unknown],
         scatter=np.r_[projection.scatter, unknown],
         n_support=np.r_[projection.n_support, np.zeros(n_new, projection.n_support.dtype)],

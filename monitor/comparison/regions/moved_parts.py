@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from monitor.comparison.distances.stars import make_mesh, vertex_areas
 from monitor.comparison.regions.moved import EXPLAINED
 from monitor.comparison.regions.part_placement import placement_of
-from monitor.reconstruction.mesh import vertex_normals
+from monitor.reconstruction.mesh import normals_by_angle
 from monitor.registration.motion.sampling import motion_rows
 from monitor.registration.parts import MovedParts
 from projects.model import Comparison, Floats, Ints, NotAssessed, Surface
@@ -137,7 +137,7 @@ def goes_along(comparison: Comparison, found: MovedParts, part_of: tuple[Ints, I
 
 def normals_of(surface: Surface) -> Floats:
     """Return the normals (n, 3) of a surface's vertices."""
-    return vertex_normals(surface.vertices, surface.faces) if surface.normals is None else surface.normals
+    return normals_by_angle(surface.vertices, surface.faces) if surface.normals is None else surface.normals
 
 
 def count_vertices(regions: tuple[Ints, Ints], part_of: tuple[Ints, Ints], n_regions: int, n_parts: int) -> Ints:

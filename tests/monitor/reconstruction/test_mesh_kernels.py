@@ -6,10 +6,10 @@ from monitor.reconstruction.mesh import (
     edge_table,
     face_areas_and_normals,
     is_degenerate,
+    normals_by_angle,
     piece_areas,
     short_edges,
     untie,
-    vertex_normals,
 )
 
 
@@ -48,7 +48,7 @@ def test_normal_of_a_cubes_corner_is_its_diagonal_however_its_faces_are_cut():
     faces = np.array([[7, 3, 2], [7, 2, 6], [7, 6, 4], [7, 4, 5], [7, 5, 1], [7, 1, 3]])  # two of each side at corner 7
     one_cut = np.array([[7, 3, 2], [7, 2, 6], [7, 6, 5], [6, 4, 5], [7, 5, 1], [7, 1, 3]])  # the side x = 1 cut once
     for cut in (faces, one_cut):
-        assert np.abs(vertex_normals(corners, cut)[7]) == pytest.approx(np.full(3, 3.0**-0.5), abs=1e-12)
+        assert np.abs(normals_by_angle(corners, cut)[7]) == pytest.approx(np.full(3, 3.0**-0.5), abs=1e-12)
 
 
 def test_short_edges_and_low_faces_are_found():

@@ -23,7 +23,7 @@ from rows import Row, Size, judge
 from scipy.spatial import cKDTree
 from scipy.stats import binom
 
-from monitor.reconstruction.mesh import face_areas_and_normals, vertex_normals
+from monitor.reconstruction.mesh import face_areas_and_normals, normals_by_angle
 from monitor.simulation import INSTRUMENTS, Body, Scene
 from monitor.simulation.campaign import SurveyedEpoch, write_campaign
 from monitor.simulation.demo_campaign import EXTENT, demo_scene, demo_stations
@@ -119,7 +119,7 @@ def surveys(size: Size) -> Iterator[Survey]:
 
 def change(body: Body, patches: tuple[Patch, ...]) -> Body:
     """Return the body with each patch worn or coated along its normals."""
-    vertices, normals = body.vertices.copy(), vertex_normals(body.vertices, body.faces)
+    vertices, normals = body.vertices.copy(), normals_by_angle(body.vertices, body.faces)
     tree = cKDTree(body.vertices)
     for patch in patches:
         at = np.array(tree.query_ball_point(patch.place, 0.5 * patch.width + EDGE), dtype=int)
@@ -134,7 +134,7 @@ def choose_patches(unchanged: Comparison, seed: int) -> tuple[Patch, ...]:
     """Return patches where the earlier surface of an unchanged pair is seen all over, looks one way and tells as small
     changes as most of it, as wide as the narrowest that the report gives."""
     side, width = unchanged.on_reference, unchanged.statistics["told_by_width_m"][0][0]
-    vertices, normals = side.surface.vertices, vertex_normals(side.surface.vertices, side.surface.faces)
+    vertices, normals = side.surface.vertices, normals_by_angle(side.surface.vertices, side.surface.faces)
     assert side.told_from is not None
     tree, rng = cKDTree(vertices), np.random.default_rng([seed, 13])
     chosen: list[Patch] = []

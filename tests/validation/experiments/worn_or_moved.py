@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 
 from monitor.comparison import compare
 from monitor.comparison.regions.moved_parts import tell_moved
-from monitor.reconstruction.mesh import vertex_normals
+from monitor.reconstruction.mesh import normals_by_angle
 from monitor.registration import register
 from monitor.registration.parts import find_parts
 from projects.model import Z95, Floats, Ints, Surface
@@ -125,7 +125,7 @@ def scan(seed: int, depth: Depth | None = None, motion: Floats | None = None) ->
         part = angle < HALF
         points[part] = apply(perturb(np.eye(4), points[part].mean(axis=0), motion), points[part])
     faces = faces_about(d)
-    return Surface(points, faces, normals=vertex_normals(points, faces), sigma=np.full(N_VERTICES, NOISE))
+    return Surface(points, faces, normals=normals_by_angle(points, faces), sigma=np.full(N_VERTICES, NOISE))
 
 
 def body(d: Floats) -> tuple[Floats, Floats]:
