@@ -31,23 +31,12 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
     """
     side = sides[1]
     state, areas = on_compared.assessment, side.areas
-    assessed = on_compared.reasons == NotAssessed.ASSESSED
-    calm = on_compared.distances[state == Assessment.UNCHANGED]
-    d, lod = on_compared.distances[assessed], on_compared.lod95[assessed]
-    level = _or_nan(median, lod)
+    differences = _figures_of_differences(on_compared)
     offset = measure_offset(side, state == Assessment.UNCHANGED, found.test.units[1],
-                            found.noise.correlation, held, level)  # fmt: skip
-    figures = {
+                            found.noise.correlation, held, differences["lod95_median_m"])  # fmt: skip
+    return {
         "stable_share": float(registration.stable_share),
-        "bias_m": _or_nan(np.mean, calm),
-        "nmad_m": _or_nan(_nmad, calm),
-        "rmse_m": _or_nan(lambda v: np.sqrt(np.mean(v**2)), calm),
-        "lod95_median_m": level,
-        "n_vertices": len(state),
-        "n_not_assessable": int((state == Assessment.NOT_ASSESSABLE).sum()),
-        "n_unchanged": int((state == Assessment.UNCHANGED).sum()),
-        "n_changed": int((state == Assessment.CHANGED).sum()),
-        "share_above_lod95": _or_nan(np.mean, np.abs(d) > lod),
+        **differences,
         **tell_motion(registration, knows_frames),
         "offset_m": offset.mean,
         "sigma_offset_m": offset.sigma,
@@ -56,28 +45,60 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
         "assessed_area_share_reference": _share_of_area(sides[0].measured_areas, sides[0].is_assessed),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),
         "not_assessed": count_reasons(on_compared.reasons[state == Assessment.NOT_ASSESSABLE]),
-        "floor_m": float(np.median(found.noise.floor_of(side))),
-        "error_scale": float(np.median(found.noise.scale_of(side))) if side.states_noise else float("nan"),
-        "error_share_discord": float(np.median(found.noise.discord_share_of(side)))
-        if side.states_noise
-        else float("nan"),
-        "error_scale_shared": float(np.median(found.noise.shared_scale_of(side))) if _is_shared(side) else float("nan"),
+        **_figures_of_noise(side, found),
+        **_shares_beyond(tolerance, on_compared, areas),
+    }
+
+
+def _figures_of_differences(told: ComparedSurface) -> dict[str, Any]:
+    """Return what the distances of a compared surface come to: of the unchanged vertices, and how many are what."""
+    state, assessed = told.assessment, told.reasons == NotAssessed.ASSESSED
+    calm, lod = told.distances[state == Assessment.UNCHANGED], told.lod95[assessed]
+    return {
+        "bias_m": _or_nan(np.mean, calm),
+        "nmad_m": _or_nan(_nmad, calm),
+        "rmse_m": _or_nan(lambda v: np.sqrt(np.mean(v**2)), calm),
+        "lod95_median_m": _or_nan(median, lod),
+        "n_vertices": len(state),
+        "n_not_assessable": int((state == Assessment.NOT_ASSESSABLE).sum()),
+        "n_unchanged": int((state == Assessment.UNCHANGED).sum()),
+        "n_changed": int((state == Assessment.CHANGED).sum()),
+        "share_above_lod95": _or_nan(np.mean, np.abs(told.distances[assessed]) > lod),
+    }
+
+
+def _figures_of_noise(side: Side, found: Detected) -> dict[str, Any]:
+    """Return what was learned of the errors, of a side as a whole, and of the patches that were tested."""
+    noise, states_noise = found.noise, side.states_noise
+    return {
+        "floor_m": float(np.median(noise.floor_of(side))),
+        "error_scale": float(np.median(noise.scale_of(side))) if states_noise else float("nan"),
+        "error_share_discord": float(np.median(noise.discord_share_of(side))) if states_noise else float("nan"),
+        "error_scale_shared": float(np.median(noise.shared_scale_of(side))) if _is_shared(side) else float("nan"),
         **_scales_of_scans(side, found.test.scans),
-        **{f"error_scales_{kind}": scales for kind, scales in found.noise.scales_by_class(side).items()},
-        "correlation_length_m": found.noise.correlation.length,
-        "correlation_stretches": found.noise.stretch.factors.tolist(),
-        "correlation_stretch_sigmas_m": found.noise.stretch.sigmas.tolist(),
+        **{f"error_scales_{kind}": scales for kind, scales in noise.scales_by_class(side).items()},
+        "correlation_length_m": noise.correlation.length,
+        "correlation_stretches": noise.stretch.factors.tolist(),
+        "correlation_stretch_sigmas_m": noise.stretch.sigmas.tolist(),
         "unit_size_m": found.test.size,
         "n_patches": found.test.n_tested,
         "patch_error_scales": [e.width for e in found.test.errors],
     }
-    if tolerance is not None:
-        figures["tolerance_m"] = float(tolerance)
-        is_beyond = np.abs(d) > tolerance
-        figures["share_beyond_tolerance"] = _share_of_area(areas[assessed], is_beyond)
-        is_changed = state[assessed] == Assessment.CHANGED
-        figures["share_changed_beyond_tolerance"] = _share_of_area(areas[assessed], is_beyond & is_changed)
-    return figures
+
+
+def _shares_beyond(tolerance: float | None, told: ComparedSurface, areas: Floats) -> dict[str, float]:
+    """Return a client's tolerance [m] and which shares of the assessed area differ by more, and are changed too; empty
+    where none is given."""
+    if tolerance is None:
+        return {}
+    assessed = told.reasons == NotAssessed.ASSESSED
+    is_beyond = np.abs(told.distances[assessed]) > tolerance
+    is_changed = told.assessment[assessed] == Assessment.CHANGED
+    return {
+        "tolerance_m": float(tolerance),
+        "share_beyond_tolerance": _share_of_area(areas[assessed], is_beyond),
+        "share_changed_beyond_tolerance": _share_of_area(areas[assessed], is_beyond & is_changed),
+    }
 
 
 def tell_motion(registration: Registration, knows_frames: bool) -> dict[str, Any]:
