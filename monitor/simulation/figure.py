@@ -1,7 +1,7 @@
 """The demo's carved figure in two epochs: before and after, their meshes, their truth and what changed between them.
 
 `carved_figure` gives the figure as it stands in an epoch; `true_changes` what happened between the first and the
-second. The second epoch is also moved as a whole (`MOTION`): it was put back a little off.
+second. The second epoch is also moved as a whole (`motion`): it was put back a little off.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Scalar kernels over one point and one triangle or box: tuples in, tuples out, float64.
 
-Used by `mesh_tree` (which faces to look at) and `feet` (the nearest of them).
-They are put into what calls them: a call would copy all arrays of a tree.
+Used by `search`, for which faces to look at and the nearest of them. They are put into what calls them: a call would
+copy all arrays of a tree.
 Closest point by Voronoi regions: Ericson, Real-Time Collision Detection (2005), section 5.1.5.
 """
 
