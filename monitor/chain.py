@@ -38,6 +38,7 @@ from monitor.settings import Settings, as_mapping
 from monitor.strays import share_of_strays
 from monitor.target_search import search_targets
 from monitor.winding import wind_outward
+from projects.control_held import control_holds_whole
 from projects.errors import ParameterError
 from projects.extent import Extent
 from projects.identifiers import comparison_product, scan_product
@@ -109,12 +110,11 @@ def default_mode(project: Project, object_id: str, reference_id: str, compared_i
 
 
 def is_held_by_control(project: Project, object_id: str, epoch_id: str) -> bool:
-    """Return whether an epoch has control points that hold its scans: a finished mesh has none, and a network says how
-    many it found; where there was no network, the scans are taken to stand as their control says."""
+    """Return whether an epoch has control points that hold all of it: a finished mesh has none, and a network says what
+    those it found hold; where there was no network, the scans are taken to stand as their control says."""
     record = project.epoch(object_id, epoch_id)
     network = project.latest(object_id, epoch_id, "network")
-    found = network is None or network.automatic.get("n_control", 1) > 0
-    return bool(record.control) and not record.is_mesh and found
+    return bool(record.control) and not record.is_mesh and (network is None or control_holds_whole(network.automatic))
 
 
 def pairs_to_compare(epoch_ids: list[str]) -> list[tuple[str, str]]:

@@ -24,6 +24,7 @@ from monitor.registration.network.ties import Ties, identify_targets
 from monitor.settings import as_mapping
 from monitor.setups import join_setups, join_targets, setups_of
 from monitor.target_search import targets_of
+from projects.control_held import control_holds_whole
 from projects.errors import RegistrationError, StoreError
 from projects.model import Floats, Ints, PointCloud, Step, SurveyTarget
 from projects.transforms import apply
@@ -189,10 +190,10 @@ def tell_control(figures: Mapping[str, Any], n_given: int) -> str:
     """Return what is wrong with the targets and the `n_given` control points of an epoch, by the figures of its network
     step: none found, too few to hold the whole, some left out; "" where nothing is."""
     told = []
-    n_held, sigma = figures.get("n_control"), figures.get("sigma_position_m")
+    n_held = figures.get("n_control")
     if n_given and n_held == 0:
         told.append(f"none of its {n_given} control points holds a target of its scans, so control holds nothing")
-    elif n_held and (sigma is None or not np.isfinite(sigma)):
+    elif n_held and not control_holds_whole(figures):
         told.append(f"{n_held} of its {n_given} control points hold targets, and a turn of the whole stays free; how "
                     "sure its frame is takes three that are not on one line")  # fmt: skip
     if figures.get("blunders"):

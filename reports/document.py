@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import pandas as pd
 
+from projects.control_held import control_holds_whole
 from projects.extent import Extent
 from projects.identifiers import comparison_product
 from projects.model import Comparison, EpochRecord, ObjectRecord, Step
@@ -229,13 +230,21 @@ def _remarks(made: Step | None, before: EpochHistory, after: EpochHistory) -> tu
 
 
 def _without_control(epoch: EpochHistory) -> str:
-    """Return why no control point holds an epoch, "" where some do, or nobody recorded whether they do."""
+    """Return why no control points hold an epoch as a whole, "" where they do, or nobody recorded whether they do."""
     if not epoch.record.control:
         return "no control points are given"
-    network = epoch.step("network")
-    is_held = not epoch.record.is_mesh and (network is None or network.automatic.get("n_control", 1) > 0)
-    why = "none of them was found in its scans" if not epoch.record.is_mesh else "it is a finished mesh"
-    return "" if is_held else f"The control points of epoch {epoch.record.epoch_id} hold nothing: {why}."
+    network, name = epoch.step("network"), f"The control points of epoch {epoch.record.epoch_id}"
+    if epoch.record.is_mesh:
+        return f"{name} hold nothing: it is a finished mesh."
+    if network is None or control_holds_whole(network.automatic):
+        return ""
+    n_held, n_given = int(network.automatic.get("n_control", 0)), len(epoch.record.control)
+    if not n_held:
+        return f"{name} hold nothing: none of them was found in its scans."
+    return (
+        f"{name} do not hold it as a whole: {n_held} of {n_given} hold{'s' if n_held == 1 else ''} a target of its "
+        "scans, and it may still turn about them. That takes three that are not on one line."
+    )
 
 
 def _doubts(comparison: Comparison, epochs: tuple[EpochHistory, EpochHistory]) -> tuple[str, ...]:
