@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.stats import chi2
 
 from monitor.registration.motion.matching import Matches
 from monitor.registration.motion.sampling import cell_numbers, motion_rows
@@ -220,11 +221,21 @@ def tie_statistics(solution: Solution) -> tuple[Floats, Floats]:
         v = vectors.T @ (root.T @ equations.misclosures[r])
         checked = values > LEAST_REDUNDANCY
         redundancy[r] = float(np.clip(values, 0.0, 1.0).mean())
-        statistics[r] = float(np.sum(v[checked] ** 2 / values[checked])) * 3.0 / max(int(checked.sum()), 1)
+        statistics[r] = as_of_three(float(np.sum(v[checked] ** 2 / values[checked])), int(checked.sum()))
     return statistics, redundancy
 
 
+def as_of_three(statistic: float, freedom: int) -> float:
+    """Return the chi2 of three that chance exceeds as often as a chi2 of `freedom`, three or fewer directions that are
+    checked; 0 where none is."""
+    if freedom in (0, 3):
+        return statistic
+    told = min(statistic, MOST_TOLD)
+    return float(chi2.isf(chi2.sf(told, freedom), 3)) + statistic - told
+
+
 LEAST_TOLD = 4.0  # of turns or of ways: below that the variance itself has no variance (inverse chi2)
+MOST_TOLD = 1000.0  # of a chi2: beyond, its probability has no figure; there one of any freedom grows as the others
 LEAST_REDUNDANCY = 0.02  # of a direction of a target: what no other observation checks says nothing
 
 

@@ -21,11 +21,13 @@ from monitor.registration.network.equations import (
     Scales,
     Solution,
     TieScales,
+    as_of_three,
     estimate_prior,
     prior_weights,
     solve_network,
     tie_equations,
     tie_statistics,
+    uncontrolled,
 )
 from monitor.registration.network.network_covariance import absorbed_motions
 from monitor.registration.network.placing import place_scans
@@ -269,6 +271,34 @@ def test_redundancies_sum_up_to_the_surplus_of_observations(rng: np.random.Gener
     solution = solve_network((np.zeros((18, 18)), np.zeros(18)), ties, places, [np.eye(4)] * 3, (scales, TieScales()))
     redundancy = tie_statistics(solution)[1]
     assert 3 * redundancy.sum() == pytest.approx(3 * 20 - (18 + 15), abs=1e-3)  # observations less unknowns
+
+
+def test_what_is_checked_in_fewer_than_three_directions_is_as_seldom_beyond_chance_as_stated() -> None:
+    """Three targets check each other in one or two directions: 0.3 % of right ones were beyond the 0.1 % limit."""
+    statistics = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        places, motions = target_places(3), [np.eye(4)] * 2
+        ties = identify_targets(seen_targets(rng, places, motions), known_points(rng, places))
+        scales = Scales(1.0, np.full(2, 1e3), 1.0, 1.0, False)
+        for _ in range(3):
+            asked = (np.zeros((12, 12)), np.zeros(12)), ties, places, motions, (scales, TieScales())
+            solution = solve_network(*asked)
+            motions = [perturb(T, np.zeros(3), d) for T, d in zip(motions, solution.delta, strict=True)]
+            places = places + solution.shift
+        found, redundancy = tie_statistics(solution)
+        statistics += found[~uncontrolled(redundancy)].tolist()
+    assert np.median(statistics) == pytest.approx(chi2.median(3), rel=0.08)  # 0.87 of it as three times the mean
+    assert np.mean(np.array(statistics) > chi2.isf(0.01, 3)) < 0.016  # 2.2 % so; 1800, in nines that go together
+
+
+@pytest.mark.parametrize("freedom", [1, 2])
+def test_a_gross_blunder_has_a_statistic_and_a_grosser_one_a_larger(freedom: int) -> None:
+    told = [as_of_three(float(s), freedom) for s in (0.0, 1.0, 30.0, 999.0, 1001.0, 1e6)]
+    assert told == sorted(told)
+    assert chi2.sf(told[1:3], 3) == pytest.approx(chi2.sf([1.0, 30.0], freedom))
+    assert told[4] - told[3] == pytest.approx(2.0, abs=0.01)
+    assert np.isfinite(told).all()
 
 
 def test_adjustment_that_does_not_settle_says_so(rng: np.random.Generator) -> None:
