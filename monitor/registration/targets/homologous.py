@@ -7,7 +7,7 @@ motion. `papers/004`, section 2.2: distances and angles between all points, with
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from math import comb, perm
 
@@ -84,7 +84,8 @@ def match_points(
     ------
     RegistrationError
         Where fewer than three points are the same, where they lie on one line, where chance would make as many pairs,
-        or where another motion explains the points as well (a symmetric arrangement).
+        where another motion explains the points as well (a symmetric arrangement), or where their mirror image does and
+        explains more of them.
 
     Notes
     -----
@@ -94,6 +95,17 @@ def match_points(
     """
     sets = _prepare(source, target, sigma_source, sigma_target)
     found = _find_all(sets)
+    n_found = len(found[0][0]) if found else 0
+    if n_found < min(len(sets.source), len(sets.target)) and (n_image := _count_mirrored(sets)) > max(n_found, 3):
+        raise RegistrationError(
+            f"the points are mirrored: {n_image} of {len(sets.source)} and {len(sets.target)} agree as their mirror "
+            f"image, {n_found} as they are; does an axis point the other way in one of the files, or are two exchanged?"
+        )
+    return _conclude(sets, found)
+
+
+def _conclude(sets: _Sets, found: list[tuple[Ints, Ints, Floats]]) -> PointPairs:
+    """Return the best of the answers, or raise where it does not hold."""
     if not found:
         raise RegistrationError(
             f"no three of {len(sets.source)} points agree in their distances with three of {len(sets.target)}; "
@@ -179,6 +191,15 @@ def _find_all(sets: _Sets) -> list[tuple[Ints, Ints, Floats]]:
             explained.append(dict(zip(answer[0].tolist(), answer[1].tolist(), strict=True)))
             answers.append(answer)
     return sorted(answers, key=lambda f: (-len(f[0]), _misfit(sets, f)))
+
+
+def _count_mirrored(sets: _Sets) -> int:
+    """Return how many pairs agree once one set is mirrored, 0 where they do not hold."""
+    image = replace(sets, source=sets.source * np.array([-1.0, 1.0, 1.0]))
+    try:
+        return len(_conclude(image, _find_all(image)))
+    except RegistrationError:
+        return 0
 
 
 def _misfit(sets: _Sets, answer: tuple[Ints, Ints, Floats]) -> float:

@@ -62,6 +62,27 @@ def test_mirrored_arrangement_is_not_matched(rng: np.random.Generator) -> None:
         match_points(points, points * [1.0, 1.0, -1.0], SIGMA, SIGMA)
 
 
+@pytest.mark.parametrize(("n_flat", "n_aside", "agree"), [(0, 5, "5 of 5"), (0, 8, "8 of 8"), (5, 2, "7 of 7")])
+def test_mirrored_arrangement_is_said_to_be_mirrored(
+    rng: np.random.Generator, n_flat: int, n_aside: int, agree: str
+) -> None:
+    """Any three points and their mirror image agree: that was told as an ambiguous arrangement; and five on a floor
+    agree upside down, which was taken for the motion."""
+    flat = rng.uniform([-8, -5, 0], [8, 5, 0], (n_flat, 3))
+    points = np.concatenate([flat, rng.uniform([-8, -5, 1], [8, 5, 4], (n_aside, 3))])
+    exchanged, _ = turned(points[:, [1, 0, 2]], rng)  # northings before eastings
+    with pytest.raises(RegistrationError, match=f"mirrored: {agree} "):
+        match_points(points, exchanged + rng.normal(0, SIGMA, points.shape), SIGMA, SIGMA)
+
+
+def test_what_is_its_own_mirror_image_is_not_called_mirrored(rng: np.random.Generator) -> None:
+    """Targets on a floor, and one seen from each side alone."""
+    floor = rng.uniform([-8, -5, 0], [8, 5, 0], (6, 3))
+    source, target = (np.vstack([floor, rng.uniform([-8, -5, 1], [8, 5, 4])]) for _ in range(2))
+    pairs = match_points(source, target + rng.normal(0, SIGMA, target.shape), SIGMA, SIGMA)
+    assert pairs.source.tolist() == pairs.target.tolist() == list(range(6))
+
+
 def test_points_on_a_line_are_refused() -> None:
     line = np.array([0.0, 1.0, 3.5, 7.2, 11.1])[:, None] * [1.0, 0.5, 0.2]
     with pytest.raises(RegistrationError, match="line"):
