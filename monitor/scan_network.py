@@ -20,7 +20,7 @@ from monitor.registration.motion.covariance import about
 from monitor.registration.motion.held import Frames
 from monitor.registration.network.adjustment import Adjustment, AdjustmentSettings, adjust_scans
 from monitor.registration.network.snooping import TieFit
-from monitor.registration.network.ties import Ties, identify_targets
+from monitor.registration.network.ties import identify_targets, why_none_is_known
 from monitor.settings import as_mapping
 from monitor.setups import join_setups, join_targets, setups_of
 from monitor.target_search import targets_of
@@ -51,7 +51,8 @@ def adjust_epoch(
             beside = lie_beside_extent(place)
             where = f": {beside}" if beside else ""
             raise StoreError(f"{_why_nothing_is_left(scans)}{where}")
-        found = adjust_scans(_clouds(place, scans, setups, seen), settings, _ties(place, targets, setups, seen))
+        in_scans = _targets(place, targets, setups, seen)
+        found = adjust_scans(_clouds(place, scans, setups, seen), settings, identify_targets(in_scans, control))
         if not found.converged:
             raise RegistrationError(
                 f"the scans could not be fitted onto each other: {found.reason}; check their poses, give better ones "
@@ -60,6 +61,8 @@ def adjust_epoch(
         figures = _figures(found, seen) | {"n_setups": int(setups.max()) + 1}
         if settings.enabled and not found.ties:  # else the scans stand as they were given, on control or not
             figures["n_control"] = 0
+        if control and figures.get("n_control") == 0:
+            figures["no_control_reason"] = why_none_is_known(in_scans, control)
         return Made(_as_arrays(found, seen, setups), figures)
 
     return once_step(place, Asked("network", "network", parameters, (*scans, *targets)), make)
@@ -89,17 +92,16 @@ def _members(setups: Ints, first: int) -> list[int]:
     return [int(k) for k in np.flatnonzero(setups == setups[first])]
 
 
-def _ties(place: Place, targets: Sequence[Step], setups: Ints, seen: Sequence[int]) -> Ties:
-    """Return the targets of the set-ups that saw the object, identified, in the project's frame."""
+def _targets(place: Place, targets: Sequence[Step], setups: Ints, seen: Sequence[int]) -> list[Sequence[SurveyTarget]]:
+    """Return the targets of the set-ups that saw the object, in the project's frame; none where none were sought."""
     if not targets:
-        return identify_targets([], ())
+        return []
     poses = [h.pose for h in place.project.scan_headers(place.object_id, place.epoch_id)]
-    found = [
+    return [
         join_targets([[in_project(t, poses[k]) for t in targets_of(place, targets[k])]
                       for k in _members(setups, first)])
         for first in seen
     ]  # fmt: skip
-    return identify_targets(found, place.project.epoch(place.object_id, place.epoch_id).control)
 
 
 def in_project(target: SurveyTarget, pose: Floats) -> SurveyTarget:
@@ -192,7 +194,9 @@ def tell_control(figures: Mapping[str, Any], n_given: int) -> str:
     told = []
     n_held = figures.get("n_control")
     if n_given and n_held == 0:
-        told.append(f"none of its {n_given} control points holds a target of its scans, so control holds nothing")
+        reason = figures.get("no_control_reason")
+        told.append(f"none of its {n_given} control points holds a target of its scans, so control holds nothing"
+                    f"{f' ({reason})' if reason else ''}")  # fmt: skip
     elif n_held and not control_holds_whole(figures):
         told.append(f"{n_held} of its {n_given} control points hold targets, and a turn of the whole stays free; how "
                     "sure its frame is takes three that are not on one line")  # fmt: skip

@@ -104,6 +104,7 @@ def test_control_that_holds_not_the_whole_or_was_left_out_is_told() -> None:
     assert tell_control(held, 5) == tell_control({}, 5) == ""  # {}: switched off, or made before it was recorded
     assert tell_control({"n_control": 0}, 0) == ""
     assert "none of its 5 control points" in tell_control({"n_control": 0}, 5)
+    assert tell_control({"n_control": 0, "no_control_reason": "why"}, 5).endswith("so control holds nothing (why)")
     for unknown in (np.nan, None):
         told = tell_control(held | {"n_control": 2, "sigma_position_m": unknown}, 5)
         assert told.startswith("2 of its 5 control points hold targets, and a turn of the whole stays free")

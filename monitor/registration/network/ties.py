@@ -148,6 +148,20 @@ def control_arrays(control: Sequence[ControlPoint]) -> tuple[Floats, Floats]:
     return np.array([c.position for c in control]).reshape(-1, 3), np.array(sigma, dtype=float)
 
 
+def why_none_is_known(targets: Sequence[Sequence[SurveyTarget]], control: Sequence[ControlPoint]) -> str:
+    """Return why the scan of most targets holds no control point, in words of the invariants; "" where it has none, or
+    they agree."""
+    most = max(targets, key=len, default=())
+    if not most:
+        return ""
+    places = np.array([t.centre for t in most])
+    try:
+        match_points(places, control_arrays(control)[0], sigma_of(most), control_arrays(control)[1])
+    except RegistrationError as error:
+        return str(error)
+    return ""
+
+
 def _name_targets(seen: Sequence[SurveyTarget], control: Sequence[ControlPoint]) -> list[str]:
     """Return the control point's name of each target, empty where invariants do not tell."""
     names = [t.name for t in seen]

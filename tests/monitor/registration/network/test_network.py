@@ -31,7 +31,7 @@ from monitor.registration.network.equations import (
 )
 from monitor.registration.network.network_covariance import absorbed_motions
 from monitor.registration.network.placing import place_scans
-from monitor.registration.network.ties import identify_targets, no_ties
+from monitor.registration.network.ties import identify_targets, no_ties, why_none_is_known
 from projects.model import ControlPoint, PointCloud, SurveyTarget
 from projects.transforms import apply, perturb
 
@@ -196,6 +196,16 @@ def test_targets_are_identified_by_invariants_however_far_the_poses_are_off(rng:
     ties = identify_targets([seen[0], seen[1][::-1]], control)
     named = [(int(s), ties.names[p]) for s, p in zip(ties.scan, ties.point, strict=True)]
     assert sorted(named) == sorted((s, f"P{k}") for s in (0, 1) for k in range(6))
+
+
+def test_control_whose_axes_are_exchanged_is_said_to_be_mirrored(rng: np.random.Generator) -> None:
+    places = target_places(6)
+    seen = seen_targets(rng, places, [np.eye(4)] * 2)
+    exchanged = known_points(rng, places[:, [1, 0, 2]])
+    assert not identify_targets(seen, exchanged).has_control.any()
+    assert "mirrored: 6 of 6 and 6 agree" in why_none_is_known([seen[0][:2], seen[1]], exchanged)
+    assert why_none_is_known([seen[0][:2]], exchanged).startswith("2 and 6 points; three or more")
+    assert why_none_is_known([[], []], exchanged) == why_none_is_known(seen, known_points(rng, places)) == ""
 
 
 def test_two_targets_beside_each_other_are_not_confused(rng: np.random.Generator) -> None:
