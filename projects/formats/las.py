@@ -3,7 +3,8 @@
 Runs in the child process. The header is checked against the file before laspy sees it: a header can promise points
 and records that are not there, and laspy would allocate them. LAZ is decoded by lazrs, whose panics the child reports.
 Intensity is 0-65535 by the standard. Colours are 16 bits by the standard and 8 bits in many files; intensity and
-colours that are zero throughout are taken as absent. Withheld points count as flagged invalid.
+colours that are zero throughout are taken as absent. Withheld points count as flagged invalid; what somebody classified
+as noise is no measurement either: class 7, and 18 where the point format has it. Other classes are kept.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from projects.formats.rawscan import CHUNK, Columns, ScanHeader, as_bytes_of_col
 from projects.reference_systems import describe_system
 
 SHORTEST_HEADER, VLR_HEADER, EVLR_HEADER = 227, 54, 60
+NOISE, HIGH_NOISE, FIRST_WITH_HIGH = 7, 18, 6  # classes; 18 is reserved before point format 6
 COLOURS = ("red", "green", "blue")
 EIGHT_BITS = 255
 BROKEN = (laspy.LaspyException, lazrs.LazrsError, struct.error, EOFError, OSError, ValueError)  # what a bad file raises
@@ -159,6 +161,9 @@ def _columns(points: Any, filled: Mapping[str, Any]) -> Columns:
     """Return the points as the columns that every format gives."""
     columns: Columns = {"points": np.column_stack([np.asarray(getattr(points, axis)) for axis in "xyz"])}
     columns["invalid"] = np.asarray(points.withheld).astype(bool)
+    classes = np.asarray(points.classification)
+    has_high = points.point_format.id >= FIRST_WITH_HIGH
+    columns["noise"] = (classes == NOISE) | ((classes == HIGH_NOISE) & has_high)
     if filled["has_intensity"]:
         columns["intensity"] = within_unit_range(np.asarray(points.intensity), 0.0, 65535.0)
     if filled["colour_factor"]:

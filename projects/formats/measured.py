@@ -1,4 +1,4 @@
-"""Keeps measurements and counts what is not one: no finite coordinates, flagged invalid, no return.
+"""Keeps measurements and counts what is not one: not finite, flagged invalid, classified as noise, no return.
 
 Runs in the child process between a reader and the pipe. In a scanner's own frame a point at exactly 0 0 0 has no
 range. In other frames (LAS, PLY, XYZ ... in project coordinates) one point may well lie there, and is kept; several
@@ -24,8 +24,8 @@ def keep_measurements(blocks: Iterable[Columns], is_centred: bool) -> Iterator[B
 
     Parameters
     ----------
-    blocks : columns of a scan in order: `points` (n, 3), optionally `invalid` (n,) bool, and `surplus` (n,) bool for
-        what stands in the file after the number of points that it promises.
+    blocks : columns of a scan in order: `points` (n, 3), optionally `invalid` and `noise` (n,) bool, what the file
+        itself says is none, and `surplus` (n,) bool for what stands in it after the number of points that it promises.
     is_centred : the scanner stands at 0 0 0 of the frame.
 
     Raises
@@ -68,12 +68,13 @@ def _sifted(blocks: Iterable[Columns], is_centred: bool, dropped: Counter[str]) 
         finite = (np.abs(x) <= FARTHEST) & (np.abs(y) <= FARTHEST) & (np.abs(z) <= FARTHEST)
         none = np.zeros(len(points), bool)
         surplus = columns.pop("surplus", none)
-        flagged = columns.pop("invalid", none)
-        valid = finite & ~flagged & ~surplus
+        flagged, noise = columns.pop("invalid", none), columns.pop("noise", none)
+        valid = finite & ~flagged & ~noise & ~surplus
         zero = valid & (x == 0.0) & (y == 0.0) & (z == 0.0)
         reasons = {
             "not finite": ~finite & ~surplus,
             "flagged invalid": finite & flagged & ~surplus,
+            "classified as noise": finite & noise & ~flagged & ~surplus,
             "no return": zero & is_centred,
             "after the number promised": surplus,
         }

@@ -157,3 +157,25 @@ def test_intensity_and_colours_that_begin_late_in_the_file_are_read(tmp_path, rn
     assert got.cloud.colors[late].tolist() == [[100, 100, 100]] * 100
     assert not got.cloud.colors[:1_000_100].any()
     np.testing.assert_allclose(got.cloud.intensity[late], 25_700 / 65_535, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "version", "n_noise"), [(6, "1.4", 3), (0, "1.2", 2)])
+def test_points_classified_as_noise_are_counted_and_left_out(tmp_path, read_whole, kind, version, n_noise):
+    """Class 18 is high noise from point format 6 on, and reserved before. A withheld point is counted as that alone."""
+    made = laspy.create(point_format=kind, file_version=version)
+    made.header.scales = [0.001] * 3
+    made.x, made.y, made.z = np.arange(1.0, 8.0), np.arange(1.0, 8.0) ** 2, np.ones(7)
+    made.classification, made.withheld = [7, 0, 18, 1, 7, 7, 2], [0, 0, 0, 0, 0, 1, 1]
+    made.write(tmp_path / "a.las")
+    (got,) = read_whole(tmp_path / "a.las")
+    assert got.dropped == {"flagged invalid": 2, "classified as noise": n_noise}
+    assert got.cloud.points[:, 0].round(3).tolist() == ([2.0, 4.0] if kind else [2.0, 3.0, 4.0])
+
+
+def test_a_file_that_holds_noise_alone_says_so(tmp_path, read_whole):
+    made = laspy.create(point_format=6, file_version="1.4")
+    made.x, made.y, made.z = np.arange(3.0), np.arange(3.0), np.arange(3.0)
+    made.classification = [7, 7, 18]
+    made.write(tmp_path / "a.las")
+    with pytest.raises(FormatError, match=r"none of its 3 points is a measurement \(classified as noise: 3"):
+        read_whole(tmp_path / "a.las")
