@@ -27,7 +27,7 @@ FILTERING = {
     "grazing": "seen at a grazing angle", "rejected": "too far from the median of their voxel",
     "at_scanner": "where the scanner stood", "copy": "copies of other points",
     "too_few": "scans with too few points", "merged": "merged by thinning",
-    "no_counterpart": "measured by one of the repeated scans only", "split": "repeated, and saw two surfaces",
+    "no_counterpart": "repeated, and in no cell of their own", "split": "repeated, and saw two surfaces",
     "disagreeing": "repeated, and unlike the other ranges there", "averaged": "averaged with other repeats",
     "out": "left after filtering each scan",
 }  # fmt: skip
