@@ -20,6 +20,7 @@ from projects.formats.text import TableLayout, is_number, read_table, skip_blank
 
 LONGEST_HEADER = 65536
 NORMALS = ("normal_x", "normal_y", "normal_z")
+APART = (("r", "g", "b"), ("red", "green", "blue"))  # colours as fields of their own
 
 
 @dataclass(frozen=True)
@@ -217,4 +218,9 @@ def _columns(values: dict[str, Any]) -> Columns:
     if packed is not None and packed.dtype.itemsize == 4:
         bits = np.ascontiguousarray(packed).view(np.uint32)
         columns["colors"] = np.column_stack([bits >> 16 & 255, bits >> 8 & 255, bits & 255]).astype(np.uint8)
+        return columns
+    for names in APART:
+        if set(names) <= set(values):
+            columns["colors"] = np.column_stack([values[name] for name in names])
+            break
     return columns

@@ -168,3 +168,16 @@ def test_count_that_is_too_small_is_refused(tmp_path, records, data):
     (tmp_path / "a.pcd").write_bytes(head(data, width=11) + body)
     with pytest.raises(FormatError, match=r"promises 11|goes on after line 22"):
         read(tmp_path / "a.pcd")
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary"])
+@pytest.mark.parametrize(("names", "kind"), [("r g b", "u1"), ("red green blue", "u1"), ("R G B", "f4")])
+def test_colours_as_fields_of_their_own_are_read(tmp_path, data, names, kind):
+    size, letter = {"u1": ("1", "U"), "f4": ("4", "F")}[kind]
+    text = f"FIELDS x y z {names}\nSIZE 4 4 4 {f'{size} ' * 3}\nTYPE F F F {f'{letter} ' * 3}\nCOUNT 1 1 1 1 1 1\n"
+    text += f"WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA {data}\n"
+    cells = np.zeros(2, [("xyz", "<f4", 3), ("rgb", f"<{kind}", 3)])
+    cells["xyz"], cells["rgb"] = [[1, 2, 3], [4, 5, 6]], [[255, 2, 3], [0, 128, 9]]
+    body = b"1 2 3 255 2 3\n4 5 6 0 128 9\n" if data == "ascii" else cells.tobytes()
+    (tmp_path / "a.pcd").write_bytes(text.encode() + body)
+    np.testing.assert_array_equal(read(tmp_path / "a.pcd")[1]["colors"], cells["rgb"])
