@@ -107,7 +107,8 @@ def as_bytes_of_colour(values: NDArray[Any], factor: float) -> NDArray[np.uint8]
 def scaled(read: Callable[[], Iterator[Columns]]) -> Iterator[Columns]:
     """Yield the columns of a scan with intensity as 0-1 and colours as 0-255, for formats that do not state ranges.
 
-    `read` gives its columns from the beginning, as the file has them; colours that are bytes already stay as they are.
+    `read` gives its columns from the beginning, as the file has them; colours that are bytes already stay as they are,
+    those of which no point has one that is not black are left out: a file has them without a camera, too.
     The ranges are those of all its values: its first points may be darker than the rest. So a scan of more than one
     block is read twice, where anything in it needs a range.
     """
@@ -130,7 +131,7 @@ class _Ranges:
     def __init__(self) -> None:
         self.are_needed = False
         self._low, self._high = np.inf, -np.inf
-        self._brightest, self._has_fractions = 0.0, False
+        self._brightest, self._has_fractions, self._has_colours = 0.0, False, False
         self._has_decimals = False
 
     def widen(self, columns: Columns) -> None:
@@ -147,6 +148,7 @@ class _Ranges:
             colours = np.nan_to_num(np.asarray(columns["colors"], dtype=np.float64))
             self._brightest = max(self._brightest, float(colours.max(initial=0.0)))
             self._has_fractions |= bool((colours != np.floor(colours)).any())
+            self._has_colours |= bool((colours > 0.0).any())
 
     def scale(self, columns: Columns) -> Columns:
         """Return a block with intensity as 0-1, NaN where not finite, and colours as 0-255."""
@@ -154,7 +156,9 @@ class _Ranges:
         if "intensity" in columns:
             limits = guess_intensity_range(self._low, self._high, self._has_decimals)
             scaled["intensity"] = within_unit_range(columns["intensity"], *limits)
-        if _are_unscaled(columns):
+        if _are_unscaled(columns) and not self._has_colours:
+            del scaled["colors"]
+        elif _are_unscaled(columns):
             factor = guess_colour_factor(self._brightest, self._has_fractions)
             scaled["colors"] = as_bytes_of_colour(columns["colors"], factor)
         return scaled

@@ -83,3 +83,11 @@ def test_intensities_that_rise_after_the_first_eight_megabytes_are_all_there(tmp
     (scan,) = read_scans(path)
     found = np.concatenate([chunk.cloud.intensity for chunk in scan.chunks()])
     np.testing.assert_allclose(found, value / 4095.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("colour", [np.nan, 0.0])
+def test_colours_that_nobody_knows_are_none_and_no_black(colour):
+    blocks = [{"points": np.ones((2, 3)), "colors": np.full((2, 3), colour)} for _ in range(3)]
+    assert all("colors" not in columns for columns in scaled(lambda: iter(blocks)))
+    blocks[2]["colors"] = np.array([[1.0, 2.0, 200.0], [0.0, 0.0, 0.0]])
+    assert [columns["colors"].tolist() for columns in scaled(lambda: iter(blocks))][2] == [[1, 2, 200], [0, 0, 0]]
