@@ -31,6 +31,7 @@ COLOUR, NORMAL = ["red", "green", "blue"], ["nx", "ny", "nz"]
 BRIGHTEST = 255  # of 8 bits
 FEWEST_DIGITS, MOST_DIGITS = 5, 7  # significant, of numbers that a program shortened by default
 N_WRITTEN = 20  # rows that tell with how many digits numbers are written
+N_EVEN = 2  # steps, within a line and back to the next, of places that are laid out
 N_TOLD = 4  # rows that tell whether whole numbers count something
 
 
@@ -183,6 +184,27 @@ def step_of_few_digits(rows: Sequence[Sequence[str]]) -> float:
     decimals = [max((n for _, n in of_axis), default=0) for of_axis in figures]
     is_default = FEWEST_DIGITS <= min(digits) == max(digits) <= MOST_DIGITS and min(decimals) < max(decimals)
     return 10.0 ** -min(decimals) if is_default and len(figures[0]) >= N_WRITTEN else 0.0
+
+
+def step_of_fixed_decimals(rows: Sequence[Sequence[str]]) -> float:
+    """Return the coarsest step of coordinates, rows of their words x y z, each of which has a fixed number of decimals,
+    one fewer than another (1.234 2.345 0.1234); 0 where all have as many, and of a raster.
+
+    A coordinate of one value or of whole numbers, or one that steps evenly, is laid out and not rounded.
+    """
+    whole = [row for row in rows if len(row) >= 3]
+    decimals = [{_figures(row[axis])[1] for row in whole} for axis in range(3)]
+    if len(whole) < N_WRITTEN or any(len(of_axis) > 1 for of_axis in decimals):
+        return 0.0
+    least, most = min(min(d) for d in decimals), max(max(d) for d in decimals)
+    coarse = [axis for axis in range(3) if min(decimals[axis]) == least]
+    is_rounded = any(_is_scattered([float(row[axis]) for row in whole], least) for axis in coarse)
+    return 10.0**-least if 0 < least < most and is_rounded else 0.0
+
+
+def _is_scattered(values: Sequence[float], n_decimals: int) -> bool:
+    """Return whether values go from one to the next by steps of more than two sizes, of so many decimals."""
+    return len(np.unique(np.diff(values).round(n_decimals))) > N_EVEN
 
 
 def _figures(word: str) -> tuple[int, int]:

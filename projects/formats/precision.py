@@ -41,7 +41,7 @@ def require_precision(points: Floats, unit: float, what: str) -> None:
 
 def require_digits(step: float, unit: float, what: str) -> None:
     """Raise where some coordinates are rounded to a `step` in units of `unit` [m], others finer, and that is coarse:
-    written with few significant digits, or with the scales of LAS.
+    written with few significant digits, fewer decimals, or with the scales of LAS.
 
     Raises
     ------
@@ -51,5 +51,5 @@ def require_digits(step: float, unit: float, what: str) -> None:
     if unit * step > COARSEST:
         raise FormatError(
             f"{what}: some of its coordinates are rounded to {1e3 * unit * step:.2g} mm and others finer (few "
-            "significant digits, or scales of LAS that differ); export it with as many decimals in each"
+            "significant digits, fewer decimals, or scales of LAS that differ); export it with as many decimals in each"
         )

@@ -24,6 +24,7 @@ from projects.formats.columns import (
     refuse_line_numbers,
     roles_by_content,
     step_of_few_digits,
+    step_of_fixed_decimals,
     unread_columns,
 )
 from projects.formats.rawscan import Columns, ScanHeader, scaled
@@ -84,7 +85,8 @@ def find_layout(path: str, is_pts: bool = False) -> ScanHeader:
         later = [_words(line, separator, has_decimal_comma) for line in _later_lines(path, offsets[-1])]
         roles = roles_by_content(_numeric([*words, *later], n_columns), is_pts or n_declared is not None)
     places = [roles.index(axis) for axis in "xyz"]
-    step = step_of_few_digits([[row[k] for k in places] for row in words if len(row) == n_columns])
+    written = [[row[k] for k in places] for row in words if len(row) == n_columns and all(map(is_number, row))]
+    step = max(step_of_few_digits(written), step_of_fixed_decimals(written))
     system = named_unit(names)
     layout = {"offset": offsets[start], "n_columns": n_columns, "separator": separator,
               "has_decimal_comma": has_decimal_comma, "first_line": start + 1}  # fmt: skip

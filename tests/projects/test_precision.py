@@ -97,3 +97,25 @@ def test_as_many_decimals_in_each_coordinate_and_a_raster_are_read(tmp_path, rng
     points, path = rng.random((300, 3)) * 90.0 + [0.0, 120.0, 1.0], tmp_path / "many.xyz"
     np.savetxt(path, points, fmt=fmt)
     assert len(read(path, unit=0.001 if isinstance(fmt, list) else 1.0)) == 300
+
+
+@pytest.mark.parametrize(
+    ("fmt", "unit", "step"),
+    [("%.3f %.3f %.4f", 1.0, 1), ("%.4f %.2f %.3f", 1.0, 10), ("%.4f %.4f %.5f", 1.0, 0), ("%.3f %.3f %.4f", 1e-3, 0)],
+)
+def test_text_of_unequal_decimals_is_refused_where_some_are_coarser_than_noise(tmp_path, rng, fmt, unit, step):
+    """The step of the finest was taken for all: walls aside along x, at millimetres, stated the noise of 0.1 mm."""
+    points, path = rng.random((300, 3)) * 2.0 + 8.0, tmp_path / "unequal.xyz"
+    np.savetxt(path, points, fmt=fmt)
+    if not step:
+        assert len(read(path, unit)) == 300
+        return
+    with pytest.raises(FormatError, match=f"some of its coordinates are rounded to {step} mm and others finer"):
+        read(path, unit)
+
+
+def test_a_raster_whose_heights_are_finer_than_its_places_and_a_plane_at_one_coordinate_are_read(tmp_path, rng):
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(0.5, 10.5, 0.5), np.arange(0.5, 10.5, 0.5)))
+    np.savetxt(tmp_path / "raster.xyz", np.column_stack([x, y, rng.random(400)]), fmt="%.1f %.1f %.4f")
+    np.savetxt(tmp_path / "plane.xyz", np.column_stack([np.ones(400), rng.random((400, 2))]), fmt="%.1f %.4f %.4f")
+    assert [len(read(tmp_path / name)) for name in ("raster.xyz", "plane.xyz")] == [400, 400]
