@@ -19,11 +19,12 @@ from projects.reference_systems import ReferenceSystem
 SYNONYMS = {
     "x": "x", "y": "y", "z": "z", "easting": "x", "northing": "y", "east": "x", "north": "y", "e": "x", "n": "y",
     "height": "z", "elevation": "z", "h": "z", "coordx": "x", "coordy": "y", "coordz": "z", "xcoordinate": "x",
-    "ycoordinate": "y", "zcoordinate": "z", "intensity": "intensity", "scalarintensity": "intensity", "i": "intensity",
+    "ycoordinate": "y", "zcoordinate": "z", "intensity": "intensity", "i": "intensity",
     "reflectance": "intensity", "r": "red", "g": "green", "b": "blue", "red": "red", "green": "green", "blue": "blue",
     "nx": "nx", "ny": "ny", "nz": "nz", "normalx": "nx", "normaly": "ny", "normalz": "nz",
     "rf": "red", "gf": "green", "bf": "blue",
 }  # fmt: skip
+LESSER = ("scalar", "reflectance")  # names that yield to others for the same thing
 SPELT = {"metre": "m", "meter": "m", "millimetre": "mm", "millimeter": "mm", "centimetre": "cm", "centimeter": "cm",
          "inch": "in", "inche": "in", "foot": "ft", "feet": "ft"}  # fmt: skip
 UNIT = re.compile(r"([^,;\t\[\]()]*?)\s*[\[(]\s*([A-Za-z]+)\.?\s*[\])]")  # of a column, in brackets behind its name
@@ -47,8 +48,11 @@ def without_units(names: str) -> str:
 
 
 def _key(word: str) -> str:
-    """Return a column's name without case, quotes, units and punctuation."""
-    return re.sub(r"[^a-z]", "", without_units(word.lower()))
+    """Return a column's name without case, quotes, units, punctuation and what CloudCompare puts before the names of
+    scalar fields (never x y z)."""
+    key = re.sub(r"[^a-z]", "", without_units(word.lower()))
+    plain = key.removeprefix("scalar")
+    return key if SYNONYMS.get(plain) in ("x", "y", "z") else plain
 
 
 def named_unit(names: str) -> ReferenceSystem | None:
@@ -79,13 +83,21 @@ def named_roles(names: str, separator: str, n_columns: int) -> list[str]:
         words = re.split(r"[\s,;]+", names.strip())
     if len(words) != n_columns:
         raise FormatError(f"names {len(words)} columns ({names[:80]}), but its lines hold {n_columns} values")
-    roles = [SYNONYMS.get(_key(word), "-") for word in words]
+    roles = _without_lesser(words, [SYNONYMS.get(_key(word), "-") for word in words])
     twice = [words[k] for k, role in enumerate(roles) if role != "-" and role in roles[:k]]
     if twice:
         raise FormatError(f"names two columns for the same thing ({', '.join(twice)}); rename or remove one")
     whole = [set("xyz"), set(COLOUR), set(NORMAL), {"intensity"}]
     complete = set().union(*(group for group in whole if group <= set(roles)))
     return [role if role in complete else "-" for role in roles]
+
+
+def _without_lesser(words: list[str], roles: list[str]) -> list[str]:
+    """Return the roles with a dash for scalar fields and reflectances of what another column holds by its plain name:
+    colours and their copies, intensities beside reflectances."""
+    is_lesser = [word.lower().lstrip('"').startswith(LESSER) for word in words]
+    plain = {role for role, lesser in zip(roles, is_lesser, strict=True) if not lesser}
+    return ["-" if lesser and role in plain else role for role, lesser in zip(roles, is_lesser, strict=True)]
 
 
 def roles_by_content(table: NDArray[np.float64], is_pts: bool) -> list[str]:

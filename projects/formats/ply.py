@@ -26,10 +26,10 @@ ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 LONGEST_HEADER = 2**20
 LONGEST_TAIL = 2  # bytes, a line end
 KNOWN = ("ply", "comment", "obj_info", "end_header")
-ROLES = {"intensity": "intensity", "scalar_intensity": "intensity", "reflectance": "intensity", "red": "red",
-         "green": "green", "blue": "blue", "diffuse_red": "red", "diffuse_green": "green", "diffuse_blue": "blue",
-         "r": "red", "g": "green", "b": "blue", "nx": "nx", "ny": "ny", "nz": "nz", "x": "x", "y": "y",
-         "z": "z"}  # fmt: skip
+SCALAR = "scalar_"  # before what CloudCompare keeps as a scalar field
+ROLES = {"intensity": "intensity", "reflectance": "intensity", "red": "red", "green": "green", "blue": "blue",
+         "diffuse_red": "red", "diffuse_green": "green", "diffuse_blue": "blue", "r": "red", "g": "green", "b": "blue",
+         "nx": "nx", "ny": "ny", "nz": "nz", "x": "x", "y": "y", "z": "z"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,17 @@ def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the vertices."""
     layout = read_layout(path)
     vertices = _vertices(layout)
-    names = [ROLES.get(name.lower(), "-") for name, _, _ in vertices.properties]
+    names = [_role(name.lower()) for name, _, _ in vertices.properties]
     place = _begin(path, layout, vertices)
     yield from scaled(lambda: (_columns(values, names, vertices) for values in _rows(path, layout, vertices, place)))
     if not layout.order:
         yield from _surplus(path, layout, vertices.n)
+
+
+def _role(name: str) -> str:
+    """Return what a property in lower case is; what is of no use here is called by a dash. No scalar field is x y z."""
+    role = ROLES.get(name.removeprefix(SCALAR), "-")
+    return "-" if name.startswith(SCALAR) and role in "xyz" else role
 
 
 def read_mesh(path: str) -> Columns:

@@ -164,3 +164,23 @@ def test_lines_after_the_number_promised_are_counted_and_many_are_refused(tmp_pa
     path.write_bytes(whole.replace(b"element vertex 3", b"element vertex 1"))
     with pytest.raises(FormatError, match="goes on for 2 lines"):
         read(path)
+
+
+@pytest.mark.parametrize("name", ["scalar_Intensity", "scalar_Reflectance", "Reflectance", "scalar_intensity"])
+def test_scalar_fields_of_cloudcompare_are_intensity_and_colours_and_never_coordinates(tmp_path, name):
+    lines = [f"property float {n}" for n in ("scalar_X", "x", "y", "z", name, "scalar_R", "scalar_G", "scalar_B")]
+    rows = ["99 1 2 3 0 255 0 0", "99 2 2 3 100 0 9 0", "99 3 2 3 255 0 0 7"]
+    (tmp_path / "a.ply").write_text(head("ascii", "element vertex 3", *lines) + "\n".join(rows) + "\n")
+    got = read(tmp_path / "a.ply")
+    assert got["points"][:, 0].tolist() == [1, 2, 3]
+    np.testing.assert_allclose(got["intensity"], np.array([0, 100, 255]) / 255, atol=1e-6)
+    np.testing.assert_array_equal(got["colors"], [[255, 0, 0], [0, 9, 0], [0, 0, 7]])
+
+
+def test_colours_come_before_their_copies_as_scalar_fields(tmp_path):
+    names = ("x", "y", "z", "red", "green", "blue", "scalar_R", "scalar_G", "scalar_B")
+    (tmp_path / "a.ply").write_text(
+        head("ascii", "element vertex 2", *[f"property float {n}" for n in names])
+        + "1 2 3 10 20 30 1 1 1\n2 2 3 40 50 60 1 1 1\n"
+    )
+    np.testing.assert_array_equal(read(tmp_path / "a.ply")["colors"], [[10, 20, 30], [40, 50, 60]])

@@ -266,3 +266,22 @@ def test_words_that_are_no_numbers_are_refused_in_large_files_as_in_small_ones(t
     rows[7] = "7.125 NA 1.500"
     with pytest.raises(FormatError, match="line 8 has 'NA', which is no number"):
         read(saved(tmp_path, "\n".join(rows) + "\n"))
+
+
+@pytest.mark.parametrize(
+    ("names", "row"),
+    [
+        ("//X Y Z Rf Gf Bf Intensity", "1 2 {k} 0.2 0.4 1 51"),
+        ("//X Y Z Rf Gf Bf Af Intensity Nx Ny Nz", "1 2 {k} 0.2 0.4 1 1 51 0 0 1"),
+        ("//X Y Z R G B Scalar_R Scalar_G Scalar_B Intensity", "1 2 {k} 51 102 255 7 7 7 51"),
+        ("//X,Y,Z,R,G,B,scalar_Intensity,Scalar_field", "1,2,{k},51,102,255,51,9"),
+        ("//X Y Z scalar_R scalar_G scalar_B scalar_Reflectance", "1 2 {k} 51 102 255 51"),
+        ("//X Y Z R G B Reflectance Intensity scalar_X", "1 2 {k} 51 102 255 -12.5 51 77"),
+    ],
+)
+def test_names_of_cloudcompare_are_understood_and_lesser_ones_yield(tmp_path, names, row):
+    """Colours and their copies as scalar fields, or intensity beside reflectance, were refused as named twice."""
+    got = read(saved(tmp_path, names + "\n" + "".join(row.format(k=k + 0.5) + "\n" for k in range(4))))
+    assert got["points"][:, 0].tolist() == [1.0] * 4
+    assert got["colors"].tolist() == [[51, 102, 255]] * 4
+    np.testing.assert_allclose(got["intensity"], 0.2, atol=1e-6)
