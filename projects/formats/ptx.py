@@ -6,6 +6,7 @@ and the 4 x 4 transform for row vectors. The points follow column by column: x y
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,26 +19,47 @@ from projects.formats.rawscan import Columns, ScanHeader, scaled
 from projects.formats.text import TableLayout, is_number, read_table, skip_blank, skip_rows, whole_numbers
 
 N_HEADER_LINES = 10
+N_PLACES, BYTES_AT_PLACE = 16, 2**13  # of a scan, where lines are looked at for the range of intensities
 VALUES = (1, 1, 3, 3, 3, 3, 4, 4, 4, 4)  # of each header line
 
 
 def list_scans(path: str) -> list[ScanHeader]:
     """Return the header of every scan, with the place of its points."""
     headers: list[ScanHeader] = []
+    beside: list[list[float]] = []
     offset, line = skip_blank(path, 0, 1)
     while offset < os.path.getsize(path):
-        header, offset, line = _read_header(path, offset, line, len(headers) + 1)
+        header, begin, line = _read_header(path, offset, line, len(headers) + 1)
         headers.append(header)
-        offset, line = skip_rows(path, offset, line, header.n_declared or 0)
+        offset, line = skip_rows(path, begin, line, header.n_declared or 0)
+        beside.append(_some_intensities(path, begin, offset, header.place["layout"]["n_columns"]))
         offset, line = skip_blank(path, offset, line)
     if not headers:
         raise FormatError("holds no scans; it is empty")
-    return headers
+    told = [number for numbers in beside for number in numbers]
+    return [dataclasses.replace(header, place={**header.place, "beside": told}) for header in headers]
+
+
+def _some_intensities(path: str, begin: int, end: int, n_columns: int) -> list[float]:
+    """Return the least and the largest intensity, and one with decimals where there is any, of whole lines from places
+    spread over a scan: all scans of a file have one range, in which each of them may be dark."""
+    if n_columns not in (4, 7):
+        return []
+    lines: list[list[bytes]] = []
+    with Path(path).open("rb") as file:
+        for place in np.unique(np.linspace(begin, end, N_PLACES + 1, dtype=np.int64)[:-1]):
+            file.seek(int(place))
+            text = file.read(min(BYTES_AT_PLACE, end - int(place))).split(b"\n")
+            lines += [words.split() for words in text[int(place > begin) : -1]]
+    whole = [[w.decode("ascii", "replace") for w in words] for words in lines if len(words) == n_columns]
+    numbers = [[float(w) for w in words[:4]] for words in whole if all(map(is_number, words))]
+    told = sorted(i for *xyz, i in numbers if any(xyz) and np.isfinite(i))
+    return [told[0], told[-1], *[i for i in told if i != np.floor(i)][:1]] if told else []
 
 
 def read_scan(path: str, header: ScanHeader) -> Iterator[Columns]:
     """Yield the points of one scan, no-returns among them as 0 0 0."""
-    return scaled(lambda: _read_blocks(path, header))
+    return scaled(lambda: _read_blocks(path, header), np.array(header.place["beside"], dtype=np.float64))
 
 
 def _read_blocks(path: str, header: ScanHeader) -> Iterator[Columns]:

@@ -104,17 +104,20 @@ def as_bytes_of_colour(values: NDArray[Any], factor: float) -> NDArray[np.uint8]
     return np.clip(np.floor(scaled) if factor < 1.0 else np.rint(scaled), 0, 255).astype(np.uint8)
 
 
-def scaled(read: Callable[[], Iterator[Columns]]) -> Iterator[Columns]:
+def scaled(read: Callable[[], Iterator[Columns]], beside: NDArray[Any] | None = None) -> Iterator[Columns]:
     """Yield the columns of a scan with intensity as 0-1 and colours as 0-255, for formats that do not state ranges.
 
     `read` gives its columns from the beginning, as the file has them; colours that are bytes already stay as they are,
     those of which no point has one that is not black are left out: a file has them without a camera, too.
     The ranges are those of all its values: its first points may be darker than the rest. So a scan of more than one
-    block is read twice, where anything in it needs a range.
+    block is read twice, where anything in it needs a range. `beside`: intensities of other scans of the file, whose
+    range it shares.
     """
     blocks = read()
     held = list(itertools.islice(blocks, 2))
     ranges = _Ranges()
+    if beside is not None:
+        ranges.widen({"intensity": beside})
     for columns in held:
         ranges.widen(columns)
     if len(held) == 2 and ranges.are_needed:

@@ -137,3 +137,21 @@ def test_scan_without_a_single_cell_is_passed_over_and_a_file_of_such_refused(tm
     (tmp_path / "b.ptx").write_text(empty + empty)
     with pytest.raises(FormatError, match="holds no points"):
         list(read_scans(tmp_path / "b.ptx"))
+
+
+def test_intensities_of_all_scans_of_a_file_have_one_range(tmp_path, read_whole):
+    """200 was 0.78 of a scan that reaches 200, and 0.05 of the next, which reaches 4000."""
+    dark = ptx([f"{k} 1 2 {i}" for k, i in enumerate((10, 100, 200, 50, 60, 70))])
+    bright = ptx([f"{k} 1 2 {i}" for k, i in enumerate((200, 4000, 200, 3000, 9, 9))])
+    (tmp_path / "a.ptx").write_text(dark + bright + dark)
+    first, second, third = read_whole(tmp_path / "a.ptx")
+    np.testing.assert_allclose(first.cloud.intensity, np.array([10, 100, 200, 50, 60, 70]) / 4095, atol=1e-6)
+    np.testing.assert_allclose(second.cloud.intensity[[0, 1]], np.array([200, 4000]) / 4095, atol=1e-6)
+    np.testing.assert_array_equal(first.cloud.intensity, third.cloud.intensity)
+
+
+def test_what_stands_at_the_place_of_a_return_that_never_came_says_nothing_of_the_range(tmp_path, read_whole):
+    rows = [f"{k} 1 2 {i}" for k, i in enumerate((10, 100, 200, 50, 60))]
+    (tmp_path / "a.ptx").write_text(ptx([*rows, "0 0 0 4000"]) + ptx([*rows, "5 5 5 51"]))
+    first, second = read_whole(tmp_path / "a.ptx")
+    assert first.cloud.intensity[2] == second.cloud.intensity[2] == np.float32(200 / 255)
