@@ -35,6 +35,7 @@ from monitor.filtering.voxel_median import take_medians
 from projects.model import Bools, Floats, Ints, PointCloud, Roughness, Scan, require_noun
 from projects.transforms import apply, rotate
 
+USUAL_INCIDENCE = SilhouetteSettings().max_incidence
 FAR_OFF = 5.0  # sigma off the plane: an outlier nearer to it may be noise of that surface
 
 
@@ -169,11 +170,19 @@ def _as_rounded(cloud: PointCloud, step: float) -> PointCloud:
 
 
 def _mixed(scan: Scan, planes: TangentPlanes, settings: SilhouetteSettings) -> dict[str, Bools]:
-    """Return the mask of mixed pixels, by its reason, where the scan is a grid whose scanner's place is known."""
+    """Return the mask of mixed pixels, by its reason, where the scan is a grid whose scanner's place is known.
+
+    Where less incidence than usual is asked for, the range along a steep face jumps from beam to beam: that goes as
+    grazing.
+    """
     if scan.rows is None or scan.columns is None or not np.isfinite(scan.origin).all():
         return {}
-    grid = (scan.rows, scan.columns)
-    return {"mixed_pixel": find_mixed(scan.cloud.points, scan.origin, *grid, planes.noise, settings.max_incidence)}
+    given = (scan.cloud.points, scan.origin, scan.rows, scan.columns, planes.noise)
+    mixed = find_mixed(*given, settings.max_incidence)
+    if settings.max_incidence < USUAL_INCIDENCE:
+        grazing = find_grazing(scan.cloud.points, scan.origin, planes.normals, settings.max_incidence)
+        mixed &= ~grazing | find_mixed(*given, USUAL_INCIDENCE)
+    return {"mixed_pixel": mixed}
 
 
 def _sort_out(

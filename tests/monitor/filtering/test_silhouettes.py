@@ -3,8 +3,11 @@
 import math
 
 import numpy as np
+import pytest
 
-from monitor.filtering.silhouettes import find_grazing, find_mixed, find_rims
+from monitor.filtering import FilterSettings, filter_scan_with_record
+from monitor.filtering.silhouettes import SilhouetteSettings, find_grazing, find_mixed, find_rims
+from projects.model import PointCloud, Scan
 
 
 def test_grazing_is_beyond_the_largest_incidence():
@@ -114,3 +117,22 @@ def test_points_in_no_order_have_few_rims(rng):
     assert not rims_of(beams, 0.001).any()
     rims = rims_of(beams, 0.001, border=True)
     assert rims[(np.abs(beams[:, :2]) < 0.28).all(axis=1)].mean() < 0.004
+
+
+@pytest.mark.parametrize("max_incidence", [math.radians(80), 1.2, 0.9])
+def test_a_steep_face_goes_for_its_incidence_and_what_lies_between_two_surfaces_as_mixed(rng, max_incidence):
+    """At 72 degrees, with at most 69 asked for, all of it was counted among the mixed pixels."""
+    directions, rows, columns = grid_scan()
+    aside = np.array([math.sin(math.radians(72)), 0.0, math.cos(math.radians(72))])
+    ranges = 3.0 * aside[2] / (directions @ aside) + rng.normal(0, 3e-4, 1600)
+    behind = columns >= 30
+    ranges[behind] = 6.0 + rng.normal(0, 3e-4, behind.sum())
+    between = columns == 30
+    ranges[between] = rng.uniform(4.0, 5.0, between.sum())
+    scan = Scan("steep", PointCloud(directions * ranges[:, None]), np.eye(4), rows=rows, columns=columns)
+    settings = FilterSettings(silhouettes=SilhouetteSettings(max_incidence=max_incidence))
+    counts = filter_scan_with_record(scan, settings).counts
+    assert counts["mixed_pixel"] + counts["outlier"] <= 1.5 * between.sum()
+    if max_incidence < math.radians(72):
+        assert counts["grazing"] > 0.9 * 40 * 28
+    assert sum(n for reason, n in counts.items() if reason != "in") == 1600
