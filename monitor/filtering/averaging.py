@@ -22,6 +22,7 @@ from monitor.filtering.soundness import without_zero_ranges
 from projects.model import Bools, Floats, Ints, Scan
 
 RUN = 32  # neighbouring cells whose noise is looked at together
+FEWEST = RUN // 4  # cells of a run with two ranges: the variance of one pair may be next to nothing by chance
 BLOCK = 65_536  # cells averaged at once; a multiple of RUN
 CUT = 3.0  # sigmas of the noise around: farther from the median is not averaged
 _LEFT = 2.0 * norm.cdf(CUT) - 1.0 - 2.0 * CUT * norm.pdf(CUT)  # of the variance of noise that is left within the cut
@@ -197,15 +198,17 @@ def noise_around(ranges: Floats, most_alike: float) -> tuple[Floats, Bools]:
 
     The noise is the median of the variances of the cells of a run, and at most `most_alike` times what the steps from
     each cell to the next tell, by how they differ from scan to scan: whoever stands before a wall in one of the scans
-    puts all cells of a run off the others', and hardly changes the steps among them. A run without two ranges in any
-    cell has the noise of all others, NaN where no run has any.
+    puts all cells of a run off the others', and hardly changes the steps among them. A run with two ranges in hardly
+    any cell has the noise of all others, NaN where no cell has two.
     """
-    direct2 = _by_run(_variances(ranges))
+    of_cells = _variances(ranges)
+    direct2 = _by_run(of_cells)
     steps2 = _by_run(np.append(0.5 * _variances(np.diff(ranges, axis=1)), np.nan))
     with np.errstate(invalid="ignore"):
         is_alike = ~(direct2 > most_alike**2 * steps2)
     variance = np.where(is_alike, direct2, most_alike**2 * steps2)
-    variance = np.where(np.isfinite(variance), variance, median_known(variance))
+    usual = median_known(variance)
+    variance = np.where(np.isfinite(variance), variance, usual if np.isfinite(usual) else median_known(of_cells))
     return np.sqrt(np.maximum(variance, FINEST**2)), is_alike
 
 
@@ -224,11 +227,14 @@ def _variances(values: Floats) -> Floats:
 
 
 def _by_run(variances: Floats) -> Floats:
-    """Return the median (m,) of the known variances (m,) of each cell's run."""
+    """Return the median (m,) of the known variances (m,) of each cell's run, NaN where these are too few to tell."""
     n_runs = -(-len(variances) // RUN)
     padded = np.full(n_runs * RUN, np.nan)
     padded[: len(variances)] = variances
-    return np.repeat(median_known(padded.reshape(n_runs, RUN), axis=1), RUN)[: len(variances)]
+    of_runs = padded.reshape(n_runs, RUN)
+    n_known = np.isfinite(of_runs).sum(axis=1)
+    median = np.where(n_known >= FEWEST, median_known(of_runs, axis=1), np.nan)
+    return np.repeat(median, RUN)[: len(variances)]
 
 
 def _splits(ordered: Floats, n: Floats, noise: Floats) -> Bools:

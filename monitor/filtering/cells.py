@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from monitor.filtering.medians import median_known
 from monitor.filtering.nearest import canonical_order
+from monitor.filtering.one_direction import bring_to_cells
 from monitor.filtering.soundness import require_scan
 from projects.errors import ParameterError
 from projects.model import Floats, Ints, PointCloud, Scan
@@ -20,7 +21,9 @@ from projects.transforms import apply, invert
 
 SINGLE = 0.9  # share of the points of a grid that have its places for themselves
 ONE_STATION = 0.005  # m between the stated positions of the scanner: more is not one station
-BEYOND = 5.0  # half diagonals of a direction's square: that far from all directions of a scan it did not look
+N_BESIDE = 4  # nearest directions of a grid, one on each side
+WIDER = 1.05  # than half the diagonal, so that what lies between four directions belongs to one of them
+BEYOND = 5.0  # half diagonals of a direction's rectangle: that far from all directions of a scan it did not look
 GAP_SHARE = 0.1  # of what has no direction near: from so much beyond on, the rest lies along the rim of a gap
 SAME = 1e-5  # m, between a range and itself in another format; no instrument repeats a whole scan to it
 N_COMPARED, FEW, ALL = 10_000, 7, 0.999  # cells that tell a copy, the fewest, and the share of them that must be same
@@ -32,7 +35,7 @@ class Cells:
 
     Attributes
     ----------
-    ranges : (k, m) m, NaN where a scan has nothing.
+    ranges : (k, m) m along the directions, NaN where a scan has nothing.
     directions : (m, 3) unit vectors from the scanner, mean over the scans, in the frame of the first.
     rows, columns : (m,) place in the grid, -1 where the scans are none.
     cloud : intensity and colours, means over the scans.
@@ -70,6 +73,7 @@ def gather_cells(scans: Sequence[Scan]) -> Cells:
         extras.add(scan, cell, found)
     _require_no_copies(scans, ranges)
     directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-300)
+    ranges = bring_to_cells(ranges, beams, cell_of, directions)
     order = canonical_order(directions)
     is_grid = rows is not None
     none = np.full(n_cells, -1, dtype=np.int32)
@@ -206,9 +210,9 @@ def _unit(vectors: Floats) -> Floats:
 def _by_direction(beams: list[Floats]) -> tuple[list[Ints], int, None, None]:
     """Return the cells of the points by nearest direction of the scan with most points.
 
-    A point belongs to a cell within half the diagonal of the square that the direction has to itself. Where that scan
-    did not look, farther than `BEYOND` of these from its directions, the directions of the others are cells likewise,
-    along the rim of the gap too.
+    A point belongs to a cell within half the diagonal of the rectangle that its direction has to itself. Where that
+    scan did not look, farther than `BEYOND` of these from its directions, the directions of the others are cells
+    likewise, along the rim of the gap too.
     """
     units = [_unit(beam) for beam in beams]
     cell_of: list[Ints] = [np.full(len(unit), -1, dtype=np.int64) for unit in units]
@@ -233,6 +237,7 @@ def _by_direction(beams: list[Floats]) -> tuple[list[Ints], int, None, None]:
 
 
 def _reach_of(tree: cKDTree, directions: Floats) -> float:
-    """Return half the diagonal of the square that each of the directions (n, 3) of a tree has to itself."""
-    spacing = tree.query(directions, 2)[0][:, 1] if len(directions) > 1 else np.full(len(directions), np.inf)
-    return float(np.sqrt(0.5) * np.median(spacing[spacing > 0.0])) if (spacing > 0.0).any() else 0.0
+    """Return half the diagonal of the rectangle that each of the directions (n, 3) of a tree has to itself."""
+    apart = tree.query(directions, N_BESIDE + 1)[0][:, [1, N_BESIDE]]
+    sides = [of_side[np.isfinite(of_side) & (of_side > 0.0)] for of_side in apart.T]
+    return WIDER * 0.5 * float(np.hypot(*(np.median(s) if len(s) else 0.0 for s in sides)))
