@@ -6,12 +6,13 @@ that is, and the correction. What all scans share cannot be seen from their diff
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
+from monitor.filtering.drift_beside import offsets_beside
 from monitor.filtering.medians import median_known
 from monitor.filtering.runs import RUN, Runs, choose_cells, fit_runs, without_strangers
 from monitor.robust import nmad
@@ -52,7 +53,8 @@ class Drift:
             "azimuth_rad": self.azimuth.tolist(), "elevation_rad": self.elevation.tolist(),
             "sigma_azimuth_rad": self.sigma_azimuth.tolist(), "sigma_elevation_rad": self.sigma_elevation.tolist(),
             "p_angles": self.p_angles, "rate_m_per_scan": self.rate, "sigma_rate_m_per_scan": self.sigma_rate,
-            "range_removed": self.removes_range, "angles_removed": self.removes_angles,
+            "n_not_told": int(np.isnan(self.sigma_range).sum()), "range_removed": self.removes_range,
+            "angles_removed": self.removes_angles,
         }  # fmt: skip
 
 
@@ -64,13 +66,46 @@ def estimate_drift(ranges: Floats, directions: Floats, significance: float) -> D
     their own, whose expectation is taken off the normal equations. Runs over a jump have no slope and are left out; the
     rest are weighted alike, outliers cut at four robust sigmas. Where hardly any run is smooth, a coarse scan of an
     ornament, all of them tell the offsets, and nothing the angles. What some scans lack, or saw something else in front
-    of, is told by the others.
+    of, is told by the others. A scan that measured less than half of nearly all runs, coarser than the others, is told
+    by the cells that it shares with these, in range alone.
 
     Parameters
     ----------
     ranges : (k, m) m. directions : (m, 3) unit vectors, z the axis of the azimuth, in the order of neighbours.
     significance : chance below which a drift is called one.
     """
+    drift = _estimate_together(ranges, directions, significance)
+    is_untold = np.isnan(drift.sigma_range) & np.isfinite(ranges).any(axis=1)
+    return _with_coarser(drift, ranges, significance) if len(ranges) > 1 and is_untold.any() else drift
+
+
+def _with_coarser(drift: Drift, ranges: Floats, significance: float) -> Drift:
+    """Return the drift with the offsets of the scans that it does not tell, by the cells they share with others."""
+    is_told = np.isfinite(drift.sigma_range)
+    offsets, covariance = offsets_beside(ranges, np.where(is_told, drift.range, np.nan))
+    told = np.flatnonzero(np.isfinite(offsets))
+    is_new = covariance.diagonal() > 0.0
+    if not is_new.any():
+        return drift
+    n_before = int(is_told.sum())
+    apart2 = float(offsets[is_new] @ np.linalg.solve(covariance[np.ix_(is_new, is_new)], offsets[is_new]))
+    if n_before:
+        covariance[is_told, is_told] = _of_one_scan(drift.sigma_range[is_told] ** 2)
+        apart2 += float(chi2.isf(drift.p_range, n_before - 1))
+    p_range = float(chi2.sf(apart2, len(told) - 1))
+    from_mean = np.eye(len(told)) - 1.0 / len(told)
+    variance = (from_mean @ covariance[np.ix_(told, told)] @ from_mean).diagonal()
+    values, sigma = np.zeros(len(ranges)), np.full(len(ranges), np.nan)
+    values[told], sigma[told] = offsets[told] - offsets[told].mean(), np.sqrt(variance)
+    rate, sigma_rate = _trend(values[told], variance, told.astype(float))
+    return replace(
+        drift, range=values, sigma_range=sigma, p_range=p_range, rate=rate, sigma_rate=sigma_rate,
+        removes_range=p_range < significance or drift.removes_angles,
+    )  # fmt: skip
+
+
+def _estimate_together(ranges: Floats, directions: Floats, significance: float) -> Drift:
+    """Return the drift of the scans that measured most cells of enough runs."""
     n_scans = len(ranges)
     nothing, unknown = np.zeros(n_scans), np.full(n_scans, np.nan)
     none = Drift(nothing, unknown, nothing, nothing, unknown, unknown, 1.0, 1.0, np.nan, np.nan, False, False)

@@ -359,3 +359,37 @@ def test_over_a_jump_ranges_stay_as_they_are():
     found = average_scans([wall_scan(rng, step, 0.003), wall_scan(rng, step, 0.003, off=(0.0, 0.0009))])
     depth = found.scan.cloud.points[:, 0]
     assert np.minimum(np.abs(depth - 3.0), np.abs(depth - 3.2)).max() < 3e-3
+
+
+@pytest.mark.parametrize("is_aside", [True, False])
+def test_drift_is_told_between_coarse_scans_and_a_fine_one(is_aside):
+    """Three coarse scans and one fine one 1 mm off gave a drift of 0, and means 0.9 mm off, 1.7 times their sigma."""
+    rng = np.random.default_rng(5)
+    asides = rng.uniform(0.0, 0.008, (3, 2)) * is_aside
+    coarse = [wall_scan(rng, waves, 0.008, off=off) for off in asides]
+    found = average_scans([*coarse, wall_scan(rng, waves, 0.002, bias=1e-3)])
+    drift, error = found.drift, errors_of(found, waves)
+    assert drift.removes_range
+    assert np.all(np.abs(drift.range - np.array([-0.25, -0.25, -0.25, 0.75]) * 1e-3) < 4.0 * drift.sigma_range)
+    assert drift.sigma_range.max() < 0.04e-3
+    assert abs(error.mean()) < 0.06e-3
+    assert np.sqrt(np.mean((error / found.scan.cloud.sigma) ** 2)) == pytest.approx(1.0, abs=0.2)
+
+
+def test_without_drift_coarse_and_fine_scans_are_told_to_be_alike_as_often_as_chance_has_it():
+    drifts = []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        coarse = [wall_scan(rng, waves, 0.006, off=rng.uniform(0.0, 0.006, 2)) for _ in range(3)]
+        drifts.append(average_scans([*coarse, wall_scan(rng, waves, 0.003)]).drift)
+    assert sum(d.p_range < 0.01 for d in drifts) <= 2
+    shifts = np.array([d.range / d.sigma_range for d in drifts])
+    assert np.sqrt(np.mean(shifts**2)) == pytest.approx(1.0, abs=0.3)  # 96 of them, 72 free: 0.085 one sigma
+
+
+def test_what_a_scan_that_shares_too_little_is_off_is_said_not_to_be_known():
+    rng = np.random.default_rng(1)
+    few = wall_scan(rng, waves, 0.02, bias=1e-3)
+    found = average_scans([wall_scan(rng, waves, 0.004), wall_scan(rng, waves, 0.004), few])
+    assert np.isfinite(found.drift.sigma_range).tolist() == [True, True, False]
+    assert found.automatic["drift"]["n_not_told"] == 1
