@@ -239,5 +239,6 @@ def _by_direction(beams: list[Floats]) -> tuple[list[Ints], int, None, None]:
 def _reach_of(tree: cKDTree, directions: Floats) -> float:
     """Return half the diagonal of the rectangle that each of the directions (n, 3) of a tree has to itself."""
     apart = tree.query(directions, N_BESIDE + 1)[0][:, [1, N_BESIDE]]
-    sides = [of_side[np.isfinite(of_side) & (of_side > 0.0)] for of_side in apart.T]
-    return WIDER * 0.5 * float(np.hypot(*(np.median(s) if len(s) else 0.0 for s in sides)))
+    short, long = (of_side[np.isfinite(of_side) & (of_side > 0.0)] for of_side in apart.T)
+    sides = [float(np.median(of_side)) if len(of_side) else 0.0 for of_side in (short, long)]
+    return WIDER * 0.5 * float(np.hypot(sides[0], sides[1]))

@@ -43,7 +43,7 @@ def offsets_beside(ranges: Floats, offsets: Floats) -> tuple[Floats, Floats]:
     level = np.nansum(base, axis=0) / np.maximum(np.isfinite(base).sum(axis=0), 1)
     level[~np.isfinite(base).any(axis=0)] = np.nan
     cells: dict[int, Ints] = {}
-    for k in np.flatnonzero(~is_base):
+    for k in np.flatnonzero(~is_base).tolist():
         off = ranges[k] - level
         together = np.flatnonzero(np.isfinite(off))
         if len(together) >= RUN * FEWEST_RUNS:
