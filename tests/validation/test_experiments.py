@@ -1,6 +1,8 @@
 """Every experiment runs in small, says what it should, and its bars that passed still pass."""
 
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from rows import Row, as_mapping, in_words, judge
 from shared_data import data_folder
-from validate import EXPERIMENTS, HERE, RESULTS, SMALL_LIMIT, load, names_of_experiments, run_in_child
+from validate import EXPERIMENTS, HERE, RESULTS, ROOT, SMALL_LIMIT, load, names_of_experiments, run_in_child
 from validation_page import section, summary, table, versions, write_page
 
 
@@ -33,6 +35,14 @@ def test_experiment_in_small_gives_rows_and_keeps_its_bars(name: str) -> None:
         if row["what"] in bars:
             assert row["verdict"] == "pass", f"{row['what']}: {row['ours']}, asked {row['asked']}"
     assert bars <= {row["what"] for row in result["rows"]}
+
+
+def test_every_experiment_finds_what_it_is_made_of_where_the_command_runs() -> None:
+    code = "import validate; print(sum(bool(validate.load(name).TITLE) for name in validate.names_of_experiments()))"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(HERE)])}
+    said = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stderr
+    assert int(said.stdout) == len(names_of_experiments())
 
 
 def test_page_gives_every_experiment_a_place_and_keeps_the_prose(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 EXPERIMENTS, RESULTS = HERE / "experiments", HERE / "results"
+SCENES = ROOT / "tests" / "scenes"
 DEFAULT_LIMIT = 900.0
 LONG_LIMIT = 3600.0
 SMALL_LIMIT = 400.0  # less than a minute on an idle machine
@@ -47,7 +48,7 @@ def names_of_experiments() -> list[str]:
 
 def load(name: str) -> Any:
     """Return the module of an experiment."""
-    for folder in (HERE, EXPERIMENTS):
+    for folder in (HERE, EXPERIMENTS, SCENES):
         if str(folder) not in sys.path:
             sys.path.insert(0, str(folder))
     return importlib.import_module(name)

@@ -8,19 +8,14 @@ so this common motion is told apart.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from registration_covariance import share_row
-from rows import Row, Size, judge
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scenes"))
-
 from network_of_caps import simulate_network, small_motion
 from no_change_pairs import make_body, spread_stations
+from registration_covariance import share_row
+from rows import Row, Size, judge
 
 from monitor.filtering import filter_scan
 from monitor.registration.network.adjustment import Adjustment, adjust_scans

@@ -7,17 +7,12 @@ the poses are registered to 0.2 mm. Truths are the stations' true poses.
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import NamedTuple
 
 import chips
 import numpy as np
-from rows import Row, Size, judge
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scenes"))
-
 from network_of_caps import small_motion
+from rows import Row, Size, judge
 
 from monitor.filtering import filter_scan
 from monitor.registration.network.adjustment import adjust_scans

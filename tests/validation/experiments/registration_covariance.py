@@ -8,16 +8,10 @@ motion is refused or doubted.
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
+from motion_errors import squared_error
 from rows import Row, Size, judge
 from scipy.stats import beta, chi2
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scenes"))
-
-from motion_errors import squared_error
 from wall_of_pieces import move_pieces, scan_stove
 
 from monitor.registration import register

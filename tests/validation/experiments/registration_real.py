@@ -7,20 +7,16 @@ while parts move, against the motions that they were made with.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from random_poses import anywhere, disturb, in_place, moved
+from real_scans import read_bunny, read_points, read_range_image
 from rows import Row, Size, judge
 from scipy.spatial.transform import Rotation
 from shared_data import data_folder
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scenes"))
-
-from random_poses import anywhere, disturb, in_place, moved
-from real_scans import read_bunny, read_points, read_range_image
 
 from monitor.registration import register
 from monitor.registration.anywhere.assembly import Assembly, assemble
