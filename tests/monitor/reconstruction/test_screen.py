@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from monitor.reconstruction.screen import decimate_for_screen, map_size
+from monitor.reconstruction import screen
+from monitor.reconstruction.screen import cut_into_pieces, decimate, decimate_for_screen, map_size, unwrap
 from projects.errors import ParameterError
 from projects.formats import write_screen_glb
 from projects.model import Surface
@@ -57,6 +58,41 @@ def test_normal_map_shows_the_relief_that_the_faces_have_lost():
     assert np.median(angle[1]) > 5.0  # the decimated mesh alone
     assert np.median(angle[0]) < 0.4 * np.median(angle[1])  # the foot of a face lies up to a texel beside
     assert np.percentile(angle[0], 90) < 0.5 * np.percentile(angle[1], 90)
+
+
+def test_a_noisy_mesh_is_laid_flat_in_pieces_without_a_loss(monkeypatch):
+    """xatlas takes charts times faces of a mesh: minutes where noise makes a chart of every few faces."""
+    xatlas = pytest.importorskip("xatlas")
+    handed = []
+
+    class Counted(xatlas.Atlas):
+        def add_mesh(self, vertices, faces):
+            handed.append(len(faces))
+            super().add_mesh(vertices, faces)
+
+    monkeypatch.setattr(xatlas, "Atlas", Counted)
+    full = relief_sphere(5)
+    noise = np.random.default_rng(3).normal(0.0, 0.0015, full.vertices.shape)
+    vertices, faces = decimate(full.vertices - FAR + noise, full.faces, 10_000)
+    source, flat, uv, shape = unwrap(vertices, faces, 512)
+    assert sum(handed) == len(faces)
+    assert max(handed) <= screen.PIECE < len(faces)
+    assert (source[flat] == faces).all()  # each face where it was, of its own vertices
+    a, b, c = np.moveaxis(uv[flat] * shape[::-1], 1, 0)
+    area = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    texel = np.full(shape, -1, np.int32)
+    screen._rasterize(uv * shape[::-1], flat, texel, np.zeros((*shape, 3), np.float32))
+    shown = np.bincount(texel[texel >= 0], minlength=len(flat))
+    assert np.mean(shown[area > 3.0] > 0) == 1.0  # none lies below another
+
+
+def test_pieces_hold_every_place_once_and_no_more_than_asked(rng):
+    places = rng.uniform(size=(1001, 3)) * [4.0, 1.0, 1.0]
+    pieces = cut_into_pieces(places, 300)
+    assert sorted(np.concatenate(pieces).tolist()) == list(range(1001))
+    assert max(len(piece) for piece in pieces) <= 300
+    assert all(np.ptp(places[piece, 0]) < 1.1 for piece in pieces)  # quarters of the long side
+    assert len(cut_into_pieces(places[:0], 300)) == 1
 
 
 def test_model_keeps_place_colour_and_unit_frames():
