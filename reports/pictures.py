@@ -18,7 +18,7 @@ from reports.drawing import say_mm
 from reports.facts import ReportFacts
 from reports.figures import draw_colour_bar, draw_histogram, draw_section
 from reports.ranging import draw_calibration
-from reports.smallest import dotted_from, least_told
+from reports.smallest import dots_of_legend, least_told
 from reports.stability import draw_stable
 from reports.views import Picture, View, ViewPictures, choose_views, draw_close_up, draw_comparison, frame_views
 
@@ -138,7 +138,7 @@ def show_colour_bar(comparison: Comparison) -> Shown:
     """Return the legend of all difference pictures of a comparison, and what it shows in words."""
     limit, level = choose_limit(comparison), float(comparison.statistics.get("lod95_median_m", math.nan))
     return show_drawing(
-        draw_colour_bar(limit, level, least_told(comparison), dotted_from(comparison)),
+        draw_colour_bar(limit, level, least_told(comparison), dots_of_legend(comparison)),
         f"Colours of the differences: from {say_mm(-limit)} (lost, red) over grey (unchanged) to "
         f"{say_mm(limit, sign=True)} (gained, blue), hatched where not assessable",
     )

@@ -10,10 +10,12 @@ import math
 import numpy as np
 
 from projects.model import Comparison
+from projects.triangles import vertex_areas
 from reports.quantities import MM, NAN, NBSP, millimetres, percent
 
 MUCH_LESS = 0.9  # of what a narrower change needs: a wider one is worth words
 LEAST_COARSE = 0.01  # of the assessed surface tells only large changes: the report says so in words
+LEAST_DOTTED = 0.0005  # of a surface: a legend names dots, and not those in a spot that nobody sees
 LEAST_UNSURE = 0.001  # of it does not tell changes of the client's tolerance: so here
 
 
@@ -81,6 +83,15 @@ def dotted_from(comparison: Comparison) -> float:
     """Return from which change [m] on dotted places tell one at best, NaN where pictures have no dots."""
     sides = comparison.on_compared, comparison.on_reference
     return comparison.on_compared.coarse_from if any(s.is_coarse.any() for s in sides) else NAN
+
+
+def dots_of_legend(comparison: Comparison) -> float:
+    """Return the same, NaN also where so little of either surface has dots that nobody sees them in a picture."""
+    shares = []
+    for side in (comparison.on_compared, comparison.on_reference):
+        areas = vertex_areas(side.surface.vertices, side.surface.faces)
+        shares.append(float(areas[side.is_coarse].sum()) / max(float(areas.sum()), 1e-300))
+    return dotted_from(comparison) if max(shares) >= LEAST_DOTTED else NAN
 
 
 def _tells_coarse(comparison: Comparison) -> bool:

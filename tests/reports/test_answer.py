@@ -19,7 +19,7 @@ from report_examples import (
 
 from projects.model import NotAssessed
 from reports.captions import write_captions
-from reports.smallest import dotted_from
+from reports.smallest import dots_of_legend, dotted_from
 
 NAN = float("nan")
 
@@ -304,6 +304,20 @@ def test_dots_have_their_words_where_either_surface_has_any(side):
     facts = facts_of(dataclasses.replace(example_comparison(), **known))
     assert dotted_from(facts.comparison) == 0.0014
     assert "Dotted: unchanged as far as can be told; only larger changes are told there." in said_below(facts)
+    assert dots_of_legend(facts.comparison) == 0.0014
+
+
+def test_dots_that_nobody_sees_are_not_in_the_legend():
+    """One vertex of 6 750 on the figures' side; two dozen can be seen."""
+    sides = {n: getattr(example_comparison(), n) for n in ("on_compared", "on_reference")}
+    told = {n: dataclasses.replace(s, told_from=np.full(len(s.lod95), 0.001), coarse_from=0.0014)
+            for n, s in sides.items()}  # fmt: skip
+    comparison = dataclasses.replace(example_comparison(), **told)
+    told["on_reference"].told_from[1000] = 0.01
+    assert dotted_from(comparison) == 0.0014
+    assert np.isnan(dots_of_legend(comparison))
+    told["on_reference"].told_from[1000:1024] = 0.01
+    assert dots_of_legend(comparison) == 0.0014
 
 
 def said_below(facts):
