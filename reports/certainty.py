@@ -197,7 +197,7 @@ def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:
         ("Coordinates in the files rounded to", *(_length(_rounding(f), "step") for f in found)),
         ("Scans against each other before adjustment", *_lengths(found, "network", "misfit_before_m")),
         ("after adjustment", *(_adjusted(f.get("network", {})) for f in found)),
-        ("Disagreement left between scans (one sigma)", *_lengths(found, "surface", "scan_disagreement_m")),
+        ("Disagreement left between scans (one sigma)", *map(_disagreement, found)),
         ("Placement of the scans by the adjustment (one sigma)", *_lengths(found, "surface", "scan_placement_m")),
         ("Surface against its scans: mean", *(_length(f, "bias_m", signed=True) for f in fitted)),
         ("scatter (robust sigma, NMAD)", *(_length(f, "nmad_m") for f in fitted)),
@@ -219,6 +219,13 @@ def _rounding(found: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
     """Return the coarsest `step` [m] of the coordinates of an epoch's scans, nothing where they are not rounded."""
     steps = [float(values["coordinate_step"]) for values in found.values() if "coordinate_step" in values]
     return {"step": max(steps)} if steps else {}
+
+
+def _disagreement(found: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what the scans of an epoch disagree by; what is left of it is estimated beside their noise, and never
+    below 0."""
+    figures = found.get("surface", {})
+    return "none found" if figures.get("scan_disagreement_m") == 0.0 else _length(figures, "scan_disagreement_m")
 
 
 def _adjusted(network: Mapping[str, Any]) -> str:

@@ -409,3 +409,14 @@ def test_the_record_prints_coordinates_whole_and_what_was_not_found_as_unknown()
     assert print_value([1000123.4567, 5300000.0, 150.25]) == "1000123.4567 5300000 150.2"
     assert (print_value(None), print_value([0.00012345, float("nan"), 1234.0])) == ("auto", "0.0001234 not known 1234")
     assert flatten({"a": {"b": None}}, unknown="not known") == [("a.b", "not known")]
+
+
+def test_a_disagreement_of_scans_of_which_nothing_is_left_is_none_found_and_no_length():
+    """It is estimated beside the noise of the scans, and never below 0: "0 mm" would be a claim."""
+    first, second = example_epochs()
+    steps = tuple(
+        dataclasses.replace(s, automatic={"scan_disagreement_m": 0.0}) if s.product == "surface" else s
+        for s in first.steps
+    )
+    rows = rows_of(facts_of(epochs=(dataclasses.replace(first, steps=steps), second)), "The scans of each epoch")
+    assert rows["Disagreement left between scans (one sigma)"] == ["none found", "0.090 mm"]
