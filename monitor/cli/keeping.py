@@ -93,7 +93,7 @@ def verify_folder(path: Path, as_json: bool) -> None:
     """Check every file of a project or an archive against its record; one with errors ends with exit code 2."""
     what = "archive" if is_bag(path) else "project"
     if what == "project" and not (path / INDEX_NAME).exists():
-        Project.open(path)  # says what is wrong with the folder
+        _require_something(path)
     report = verify_bag(path) if what == "archive" else verify_project(path)
     errors = [f for f in report.findings if f.severity == "error"]
     if as_json:
@@ -108,6 +108,21 @@ def verify_folder(path: Path, as_json: bool) -> None:
                          f"{errors[0].message}")  # fmt: skip
     if not as_json:
         typer.echo(f"{path}: {report.n_files} files, all as recorded")
+
+
+def _require_something(path: Path) -> None:
+    """Raise for a path that is neither a project nor an archive: whoever checks one wants no new one."""
+    try:
+        path.stat()
+    except FileNotFoundError:
+        raise StoreError(f"{path}: there is nothing there; give the folder of a project or of an archive") from None
+    except (OSError, ValueError):
+        Project.open(path)  # says why it cannot be reached
+    if not path.is_dir():
+        raise StoreError(f"{path} is a file, and no folder of a project or of an archive")
+    raise StoreError(
+        f"{path} holds no {INDEX_NAME} of a project and is no archive; give the folder of a project or of an archive"
+    )
 
 
 def show_status(path: Path, as_json: bool) -> None:

@@ -244,6 +244,9 @@ def test_verify_finds_a_changed_byte(project: Path, capsys: pytest.CaptureFixtur
     [
         (["status", "{tmp}/nowhere"], "nowhere"),
         (["status", "{tmp}"], "not a project"),
+        (["verify", "{tmp}/nowhere"], "nowhere: there is nothing there; give the folder of a project or of an archive"),
+        (["verify", "{tmp}"], "holds no project.h5 of a project and is no archive; give the folder of"),
+        (["verify", "{scan0}"], "is a file, and no folder of a project or of an archive"),
         (["add-object", "{project}", "../../etc"], "for example 'etc'"),
         (["add-object", "{project}", "Große Vase"], "Grosse-Vase"),
         (["add-object", "{project}", "a/b"], "a-b"),
