@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from projects.model import Bools, Floats, Ints, Surface
 from projects.open3d_library import load_open3d
@@ -32,6 +33,10 @@ MARGIN, FOOT = 0.035, 0.06  # of the longest side: room around the object, and b
 EDGE_ON = 0.01  # cosine to the viewer, below which a face is seen as a line and left out of a view that is cut away
 FROM_WITHIN = 0.5  # share of the surface below which views from outside show too little of it
 NEARLY = 0.8  # of the most that any view shows: epochs of one object are shown from one side
+FLAT, LEVEL = 0.6, np.cos(np.deg2rad(40.0))  # of the surface of what lies flat faces so nearly up or down
+LOW = 0.25  # of its width is the height of what lies flat, at most
+LONG, FILLED = 1.25, 0.85  # a plan without a long side, that fills less of the rectangle about it, has no sides at all
+ALONG_AXES = 1.0  # degrees off the axes, that are made none
 ROUND = 1.25  # how much more surface the best side must show than the worst to be called a front
 
 
@@ -115,8 +120,10 @@ def find_front(surface: Surface) -> Floats:
 
     Among the directions that most of the measured area faces (cosine to the eighth, so that a wall counts where it is
     seen square-on, to the degree) it is the one nearest to -y, made an axis where that is as good; on an object that
-    is round in plan it is -y.
+    is round in plan it is -y. What lies flat has hardly any sides: there it is that of `front_in_plan`.
     """
+    if lies_flat(surface):
+        return front_in_plan(surface)
     normals = _measured_normals(surface)
     flat = np.hypot(normals[:, 0], normals[:, 1])
     bearing = np.degrees(np.arctan2(normals[:, 1], normals[:, 0])) % 360.0
@@ -132,6 +139,43 @@ def find_front(surface: Surface) -> Floats:
     axis = round(best / 90) * 90 % 360
     angle = np.radians(float(axis if facing[axis] >= 0.98 * facing[best] else best))
     return np.array([np.cos(angle), np.sin(angle), 0.0]).round(12)
+
+
+def lies_flat(surface: Surface) -> bool:
+    """Return whether a surface is low and most of it faces up or down: a slab, a tombstone on the ground, a floor."""
+    normals = _measured_normals(surface)
+    areas = np.linalg.norm(normals, axis=1)
+    wide, deep, high = np.ptp(surface.vertices, axis=0)
+    if high > LOW * min(wide, deep):
+        return False
+    return bool(areas[np.abs(normals[:, 2]) > LEVEL * areas].sum() >= FLAT * areas.sum() > 0.0)
+
+
+def front_in_plan(surface: Surface) -> Floats:
+    """Return the horizontal unit vector (3,) square to a side of the smallest rectangle about the plan, of its four the
+    one nearest to -y: then that rectangle stands upright in the view from above. Of a round plan it is -y."""
+    hull = outline_of_plan(surface)
+    sides = np.diff(np.concatenate([hull, hull[:1]]), axis=0)
+    along = sides / np.linalg.norm(sides, axis=1)[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    lengths = np.stack([np.ptp(hull @ along.T, axis=0), np.ptp(hull @ across.T, axis=0)])
+    best = int(lengths.prod(axis=0).argmin())
+    hull = hull - hull.mean(axis=0)
+    area = 0.5 * abs(float(np.sum(hull[:, 0] * np.roll(hull[:, 1], -1) - hull[:, 1] * np.roll(hull[:, 0], -1))))
+    if lengths[:, best].max() < LONG * lengths[:, best].min() and area < FILLED * lengths[:, best].prod():
+        return np.array([0.0, -1.0, 0.0])
+    turned = np.degrees(np.arctan2(along[best, 1], along[best, 0]))
+    turned = (turned + 45.0) % 90.0 - 45.0  # off the axes: the side nearest to -y is turned by so much from it
+    angle = np.radians(270.0 + (0.0 if abs(turned) <= ALONG_AXES else turned))
+    return np.array([np.cos(angle), np.sin(angle), 0.0]).round(12)
+
+
+def outline_of_plan(surface: Surface) -> Floats:
+    """Return the corners (k, 2) of the convex hull of the measured surface seen from above, in order."""
+    measured = surface.faces if surface.face_invented is None else surface.faces[~surface.face_invented]
+    plan = surface.vertices[np.unique(measured), :2]
+    outline: Floats = plan[ConvexHull(plan - plan.mean(axis=0)).vertices]
+    return outline
 
 
 def front_of(surface: Surface, bearing: float | None) -> Floats:

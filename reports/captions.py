@@ -183,6 +183,11 @@ def _name_sides(facts: ReportFacts) -> str:
             else f"as given that which faces {tell_bearing(facts.front)}"
         )
         return f"Walls are named as by someone who stands in the room before the wall ahead, {which}."
+    if facts.front is None and facts.is_flat:
+        return (
+            "The object lies flat, and hardly shows which side is its front: taken to be the lower edge of the view "
+            "from above, which is square to its sides; “monitor set-front” gives another."
+        )
     if facts.front is None:
         return (
             "Sides are those of someone who stands before the front, taken to be where most of the surface faces: the "

@@ -137,6 +137,7 @@ def make_facts(
         parts=parts_table(comparison, first, second),
         stable=_given_stable(made),
         is_room=setting.is_room,
+        is_flat=setting.plan is not None,
         front=record.front,
     )
 

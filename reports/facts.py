@@ -147,6 +147,7 @@ class ReportFacts:
     stable : where the user says that nothing moved, where they did.
     crs : the reference system of the project's coordinates, "" where it is local.
     is_room : the object is seen from within, and words of place are those of a room.
+    is_flat : the object lies flat, and words of place are those of its plan.
     front : rad, the bearing of the front as it was given with the object, None where it was found from the surface.
     computed : the day of the computation that `made` tells in words, None where it is not known.
     calibrations : the range calibration of a scan of each epoch, where one was corrected.
@@ -177,4 +178,5 @@ class ReportFacts:
     crs: str = ""
     is_room: bool = False
     front: float | None = None
+    is_flat: bool = False
     computed: datetime.date | None = None

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from projects.model import Bools, ComparedSurface, Comparison, Floats, Surface
 from projects.triangles import face_normals
-from reports.cameras import UP, choose_views, front_of
+from reports.cameras import UP, choose_views, front_of, lies_flat, outline_of_plan
 from reports.quantities import NOT_KNOWN, height
 
 STEEP = np.cos(np.deg2rad(40.0))  # a region that faces so nearly up or down is on the top or the underside
@@ -35,18 +35,26 @@ APART = 1.0 / 6.0  # of the object's width, from its middle: beyond it one says 
 class Setting:
     """What words of place go by: the way to someone before the front (3,), the object's box (2, 3) m, if it is a room.
 
-    A room is what views from outside do not show (`cameras.choose_views`).
+    A room is what views from outside do not show (`cameras.choose_views`). Of what lies flat, nearly all places are on
+    top: they are told by its `plan`, whose outline (k, 2) m is then given.
     """
 
     front: Floats
     box: Floats
     is_room: bool
+    plan: Floats | None = None
 
 
 def setting_of(surface: Surface, bearing: float | None = None) -> Setting:
     """Return what words of place about a surface go by; `bearing` [rad] of its front, None where nobody said."""
     box = np.stack([surface.vertices.min(axis=0), surface.vertices.max(axis=0)])
-    return Setting(front_of(surface, bearing), box, choose_views(surface, bearing)[0].cut_away)
+    is_room = choose_views(surface, bearing)[0].cut_away
+    return Setting(
+        front_of(surface, bearing),
+        box,
+        is_room,
+        outline_of_plan(surface) if lies_flat(surface) and not is_room else None,
+    )
 
 
 def patch_of(compared: ComparedSurface, number: int) -> Surface:
@@ -104,10 +112,22 @@ def name_all_round(patches: list[Surface], setting: Setting) -> str:
 
 def name_part(place: Floats, box: Floats, front: Floats) -> str:
     """Return "to the left" or "to the right" of the object's middle as seen from the front, else nothing."""
-    right = np.cross(UP, front)
-    corners = np.array([[x, y] for x in box[:, 0] for y in box[:, 1]]) @ right[:2]
-    across = (place[:2] @ right[:2] - corners.min()) / max(float(np.ptp(corners)), 1e-300) - 0.5
+    across = _off_the_middle(place, np.array([[x, y] for x in box[:, 0] for y in box[:, 1]]), np.cross(UP, front))
     return "to the left" if across < -APART else "to the right" if across > APART else ""
+
+
+def name_part_of_plan(place: Floats, plan: Floats, front: Floats) -> str:
+    """Return where in the outline (k, 2) of something that lies flat a place is, as of someone before its front."""
+    across, depth = (_off_the_middle(place, plan, way) for way in (np.cross(UP, front), front))
+    parts = ("to the left" if across < -APART else "to the right" if across > APART else "",
+             "towards the back" if depth < -APART else "towards the front" if depth > APART else "")  # fmt: skip
+    return ", ".join(part for part in parts if part) or "in the middle"
+
+
+def _off_the_middle(place: Floats, corners: Floats, way: Floats) -> float:
+    """Return how far along `way` (3,) a place lies off the middle of corners (k, 2), of their extent: -0.5 to 0.5."""
+    reach = corners @ way[:2]
+    return float((place[:2] @ way[:2] - reach.min()) / max(float(np.ptp(reach)), 1e-300)) - 0.5
 
 
 def locate(comparison: Comparison, number: int, place: Floats, setting: Setting) -> str:
@@ -151,6 +171,8 @@ def say_place(side: str, place: Floats, setting: Setting) -> str:
     """Return the words for a side with the part and the height at which `place` (3,) lies; floor and ceiling have none
     worth saying, and the lowest point of an object may be noise below its base."""
     part = "" if side in {*SIDEWAYS, ALL_WALLS} else name_part(place, setting.box, setting.front)
+    if setting.plan is not None and side in ("top", "underside"):
+        part = name_part_of_plan(place, setting.plan, setting.front)
     ground, level = "floor" if setting.is_room else "base", float(place[2] - setting.box[0, 2])
     above = f"{height(abs(level))} {'below' if level < -NO_LEVEL else 'above'} the {ground}"
     if setting.is_room and side in ("floor", "ceiling"):

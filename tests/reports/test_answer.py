@@ -490,3 +490,11 @@ def test_epochs_of_one_day_are_told_apart():
     same = dataclasses.replace(after, record=dataclasses.replace(after.record, date=before.record.date, label=""))
     text = said(facts_of(epochs=(before, same)))
     assert "Between 12 May 2025 (epoch e1) and 12 May 2025 (epoch e2)" in text
+
+
+def test_of_what_lies_flat_it_is_said_which_side_is_taken_for_the_front():
+    facts = facts_of()
+    flat = dataclasses.replace(facts, is_flat=True)
+    assert "taken to be the lower edge of the view from above" in write_captions(flat).regions
+    assert "lies flat" not in write_captions(facts).regions
+    assert "lies flat" not in write_captions(dataclasses.replace(flat, front=0.5)).regions

@@ -6,7 +6,8 @@ import pytest
 import trimesh
 
 from projects.model import REGION_COLUMNS, Assessment, ComparedSurface, Comparison, Registration, Surface
-from reports.whereabouts import Setting, locate, say_place, setting_of
+from reports.cameras import choose_views, find_front
+from reports.whereabouts import Setting, locate, say_place, say_where, setting_of
 
 OBJECT = Setting(np.array([0.0, -1.0, 0.0]), np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 2.0]]), is_room=False)
 ROOM = Setting(np.array([0.0, -1.0, 0.0]), np.array([[-2.0, -1.5, 0.0], [2.0, 1.5, 2.5]]), is_room=True)
@@ -104,3 +105,43 @@ def test_a_side_is_named_from_the_front_that_was_given(degrees, told):
     body = shaft(36, radius=0.5, high=2.0)
     setting = setting_of(body, None if degrees is None else np.radians(degrees))
     assert where(fracture(), fracture(), [0.2, -0.3, 1.5], setting) == f"{told}, 1.50 m above the base"
+
+
+def slab(turned, sides=(2.0, 0.8, 0.15), rough=0.002):
+    """Return a rough slab on the ground, turned in plan by so many degrees; its underside was not recorded."""
+    body = trimesh.creation.box(sides).subdivide().subdivide().subdivide().subdivide()
+    faces = np.asarray(body.faces)[body.face_normals[:, 2] > -0.5]
+    turn = trimesh.transformations.rotation_matrix(np.radians(turned), [0, 0, 1])[:3, :3]
+    noise = np.random.default_rng(4).normal(0.0, rough, np.shape(body.vertices))
+    return Surface((np.asarray(body.vertices) + noise) @ turn.T + [300.0, 200.0, 5.0], faces)
+
+
+@pytest.mark.parametrize(
+    ("turned", "front"), [(0.0, 270.0), (25.0, 295.0), (-25.0, 245.0), (70.0, 250.0), (90.0, 270.0)]
+)
+def test_the_view_from_above_of_what_lies_flat_stands_square_to_its_long_side(turned, front):
+    surface = slab(turned)
+    top = next(view for view in choose_views(surface) if view.name == "top")
+    bearing = np.degrees(np.arctan2(*find_front(surface)[1::-1])) % 360.0
+    assert bearing == pytest.approx(front, abs=1.0)
+    assert top.up == pytest.approx(-find_front(surface))
+
+
+def test_a_round_plate_on_the_ground_has_its_front_at_minus_y():
+    plate = trimesh.creation.cylinder(0.5, 0.05, sections=97)
+    assert find_front(Surface(np.asarray(plate.vertices), np.asarray(plate.faces))).tolist() == [0.0, -1.0, 0.0]
+
+
+def test_a_place_on_what_lies_flat_is_told_by_its_plan():
+    """The front is the lower edge of the view from above; without, all places were "top" and a height."""
+    setting = setting_of(slab(25.0))
+    up, turn = np.array([0.0, 0.0, 1.0]), np.radians(25.0)
+    along, across = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
+    told = [
+        say_where(up, np.array([300.0, 200.0, 5.075]) + x * along + y * across, setting).partition(", 1")[0]
+        for x, y in ((0.0, 0.0), (-0.5, 0.0), (0.5, 0.25), (0.0, -0.25))
+    ]
+    assert told == ["top, in the middle", "top, to the left", "top, to the right, towards the back",
+                    "top, towards the front"]  # fmt: skip
+    assert say_where(-across, np.array([300.0, 200.0, 5.0]), setting).startswith("front, ")
+    assert say_where(up, np.zeros(3), OBJECT).startswith("top, 0")  # of what stands, as before
