@@ -6,6 +6,7 @@ to draw is kept, by the step that it shows, until newer things need the room.
 
 from __future__ import annotations
 
+import datetime
 import re
 import tempfile
 import threading
@@ -20,14 +21,16 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from projects.errors import MonitorError, StoreError
-from projects.model import Comparison, EpochRecord
+from projects.identifiers import series_product
+from projects.model import Comparison, EpochRecord, Series, Step
 from projects.store import Project
 from reports.cameras import choose_one
 from reports.colours import choose_limit
+from reports.courses import tell_series
 from reports.document import gather_facts
 from reports.facts import Answer
 from reports.history import describe_object
-from reports.kept import kept_comparisons, require_comparison
+from reports.kept import end_of_longest_series, kept_comparisons, require_comparison
 from reports.pictures import show_colour_bar
 from reports.quantities import count, day
 from reports.report import write_report
@@ -137,6 +140,7 @@ class Site:
             "id": object_id, "title": record.name or object_id, "project": project.name or project.path.name,
             "known": describe_object(record, project.name, project.crs),
             "epochs": [self._epoch(project, e) for e in project.epochs(object_id)], "comparisons": comparisons,
+            "series": self._series(project, object_id),
         }  # fmt: skip
 
     def _comparison(self, project: Project, object_id: str, pair: tuple[str, str]) -> dict[str, Any]:
@@ -147,6 +151,29 @@ class Site:
         except MonitorError as error:
             return {**told, "fault": str(error)}
         return {**told, "fault": "", "answer": answer, "subtitle": subtitle, "remarks": remarks}
+
+    def _series(self, project: Project, object_id: str) -> list[dict[str, Any]]:
+        """Return what is told of more than two epochs: of each reference the longest series, with its days, what it
+        says, and the comparison whose report holds it; of one that is damaged, what is wrong with it."""
+        told = []
+        for reference in project.epochs(object_id):
+            last = end_of_longest_series(project, object_id, reference.epoch_id)
+            step = None if last is None else project.latest(object_id, last, series_product(reference.epoch_id))
+            if last is None or step is None:
+                continue
+
+            def tell(last: str = last, step: Step = step) -> tuple[list[str], str]:
+                series: Series = project.get(object_id, last, step.product, step.step_id)
+                dates = (series.reference_date, *series.dates)
+                return [day(datetime.date.fromisoformat(d)) for d in dates], tell_series(series).lead
+
+            one = {"name": f"{reference.epoch_id}_{last}", "pair": (reference.epoch_id, last), "fault": "", "days": []}
+            try:
+                days, lead = self._keep(("series", object_id, reference.epoch_id, last, step.step_id), tell)
+                told.append({**one, "days": days, "lead": lead})
+            except MonitorError as error:
+                told.append({**one, "fault": str(error)})
+        return told
 
     def _epoch(self, project: Project, epoch: EpochRecord) -> dict[str, Any]:
         """Return one epoch as the object's page shows it."""

@@ -14,6 +14,7 @@ import pytest
 from example_project import fill, step
 from PIL import Image
 from report_examples import example_comparison, example_object
+from series_examples import followed
 
 from monitor.cli.serving import open_server
 from projects import Project
@@ -259,3 +260,24 @@ def test_pages_follow_a_front_that_is_given_later(tmp_path: Path, monkeypatch: p
     assert "front, 70" not in told
     for picture in asked[:2]:
         assert ask(site, picture)[2] != before[picture]  # from a view that is turned with the front
+
+
+def test_an_object_s_page_tells_what_was_followed_through_time_and_leads_to_it(tmp_path: Path) -> None:
+    """The longest series of a reference, with its days; one that rests on comparisons made anew is none."""
+    project = fill(tmp_path)
+    assert "Through time" not in page(Site(project.path), "/column")
+    compared = example_comparison(n_not_assessable=0, n_unchanged=1, n_changed=1)
+    project.add_epoch(EpochRecord("column", "e3", datetime.date(2027, 5, 18)), mesh=compared.on_compared.surface)
+    project.put("column", "e3", step("surface", "4"), compared.on_compared.surface)
+    project.put("column", "e3", step("comparison-e1", "6", inputs=("3" * 16, "4" * 16)), compared)
+    series = dataclasses.replace(followed({5: 2}), reference_id="e1", reference_date="2025-05-12",
+                                 epoch_ids=("e2", "e3"), dates=("2026-05-18", "2027-05-18"))  # fmt: skip
+    project.put("column", "e3", step("series-e1", "7", inputs=("5" * 16, "6" * 16)), series)
+    text = page(Site(project.path), "/column").replace("\u00a0", " ")
+    told = text[text.index("Through time") : text.index("<h2>Epochs")]
+    assert "12 May 2025, 18 May 2026, 18 May 2027" in told
+    assert "Three epochs from 12 May 2025 to 18 May 2027. One region is followed" in told
+    assert 'href="/column/e1_e3.html#series"' in told
+    assert 'href="/column/e1_e3.pdf"' in told
+    project.put("column", "e2", step("comparison-e1", "8", inputs=("3" * 16, "4" * 16)), compared)
+    assert "Through time" not in page(Site(project.path), "/column")
