@@ -12,7 +12,17 @@ from shown_examples import DOT
 from projects.errors import ParameterError
 from reports import pictures
 from reports.html import fill_page, write_page, write_whole
-from reports.pictures import Pictures, Shown, ShownView, choose_size, draw_pictures, fit_row, fit_rows, fit_strip
+from reports.pictures import (
+    Pictures,
+    Shown,
+    ShownView,
+    choose_letters,
+    choose_size,
+    draw_pictures,
+    fit_row,
+    fit_rows,
+    fit_strip,
+)
 from reports.views import choose_views, frame_views
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -157,6 +167,8 @@ CAPTIONS = """[...document.querySelectorAll('.view > span')].map(span => {
     date.setStart(text, 0); date.setEnd(text, text.data.match(/^[^,]*/)[0].length);
     const lines = new Set([...date.getClientRects()].map(r => r.top)), r = letters.getBoundingClientRect();
     return [r.left, r.top, r.right, r.bottom, lines.size, text.data]; })"""
+REACH = """Math.min(...[...document.querySelectorAll('.wide:has(> .views), .wide:has(> .triple)')].map(
+    w => w.getBoundingClientRect().left + w.scrollWidth))"""  # how far a reader can scroll
 WIDTHS = "[...document.querySelectorAll('.triple')].map(t => [...t.querySelectorAll('img')].map(i => i.width))"
 
 
@@ -180,12 +192,13 @@ def test_captions_of_narrow_pictures_do_not_touch_and_hold_their_dates_together(
         page = browser.new_context(offline=True, viewport={"width": width, "height": 900}).new_page()
         page.goto(path.as_uri())
         captions, widths = page.evaluate(CAPTIONS), page.evaluate(WIDTHS)
+        reach = page.evaluate(REACH)
         wide = page.evaluate("document.documentElement.scrollWidth")
         browser.close()
     assert len(captions) == 4 * len(names)
     for a, b in itertools.combinations(captions, 2):
         assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
-    assert all(c[0] >= 0 and c[2] <= width for c in captions)  # nothing is cut
+    assert all(c[0] >= 0 and c[2] <= max(width, reach) for c in captions)  # nothing is cut
     assert [c[4] for c in captions if c[5][0].isdigit()] == [1] * 2 * len(names)  # dates in one piece
     assert all(max(row) - min(row) <= 1 and min(row) > 0 for row in widths)  # one scale
     assert wide <= width
@@ -210,3 +223,30 @@ def test_a_page_that_is_printed_is_no_phone(tmp_path, medium, n_rows):
         browser.close()
     assert len(set(tops)) == n_rows
     assert columns == ("2" if medium == "print" else "1")
+
+
+@pytest.mark.page
+@pytest.mark.parametrize("width", [390, 1280])
+def test_letters_in_pictures_can_be_read_on_a_phone(tmp_path, monkeypatch, width):
+    """The page is as wide as the screen, and its pictures go on to the side: letters were 4 pixels high."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if not CHROMIUM.exists():
+        pytest.skip(f"no browser at {CHROMIUM}")
+    monkeypatch.setattr(pictures, "LARGEST", 120)
+    facts = facts_of()
+    shown = draw_pictures(facts)
+    letters = choose_letters(facts.comparison, choose_views(facts.comparison.on_reference.surface))
+    path = tmp_path / "report.html"
+    write_page(path, facts, shown)
+    with playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        page = browser.new_context(offline=True, viewport={"width": width, "height": 844}).new_page()
+        page.goto(path.as_uri())
+        views = page.evaluate("[...document.querySelectorAll('.view > img')].map(i => i.width / i.naturalWidth)")
+        drawn = page.evaluate("[...document.querySelectorAll('.wide > img')].map(i => i.getBoundingClientRect().width)")
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        browser.close()
+    assert wide <= width
+    assert len(drawn) == 2 + len(facts.regions)
+    assert min(drawn) * 8.0 / (6.7 * 72.0) > 8.0  # pixels of letters of 8 points in a drawing 6.7 inches wide
+    assert letters * min(views) > 8.0
