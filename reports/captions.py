@@ -135,7 +135,9 @@ def _name_colours(facts: ReportFacts) -> str:
     """Return what the picture of the difference shows, and what its colours mean."""
     is_dotted = math.isfinite(dotted_from(facts.comparison))
     dotted = " Dotted: unchanged as far as can be told; only larger changes are told there." if is_dotted else ""
-    numbers = " Numbers are those of the table of regions." if facts.regions else ""
+    numbers = " Numbers are those of the table of regions" if facts.regions else ""
+    is_both = {"lost", "gained"} <= {region.side for region in facts.regions}
+    numbers += ", which also says without colour what was lost and what gained." if is_both else "." * bool(numbers)
     inside = (
         "Seen from within: what looks away from the viewer is left out."
         if facts.is_room

@@ -498,3 +498,13 @@ def test_of_what_lies_flat_it_is_said_which_side_is_taken_for_the_front():
     assert "taken to be the lower edge of the view from above" in write_captions(flat).regions
     assert "lies flat" not in write_captions(facts).regions
     assert "lies flat" not in write_captions(dataclasses.replace(flat, front=0.5)).regions
+
+
+def test_a_report_printed_in_grey_says_where_loss_and_gain_are_told_apart():
+    """Both ends of the colours are as dark."""
+    assert said_below(facts_of()).endswith(
+        " Numbers are those of the table of regions, which also says without colour what was lost and what gained."
+    )
+    one = said_below(facts_of(example_comparison(rows=[DENT])))
+    assert one.endswith(" Numbers are those of the table of regions.")
+    assert "Numbers" not in said_below(facts_of(example_comparison(rows=())))
