@@ -309,7 +309,7 @@ def join_spans(spans: Floats) -> list[tuple[float, float]]:
 def _scale_change(axes: Axes, change: Floats, level: float) -> None:
     """Set the vertical limits to what there is, with room for a word at the far end."""
     low, high = min(change.min(initial=0), -level), max(change.max(initial=0), level)
-    tall = high - low
+    tall = high - low if high > low else 1.0  # where nothing of it is known, an empty chart
     falls = -change.min(initial=0) > change.max(initial=0)
     axes.set_ylim(low - (0.32 if falls else 0.1) * tall, high + (0.1 if falls else 0.32) * tall)
 

@@ -290,3 +290,13 @@ def test_the_words_of_the_colour_bar_end_within_the_picture():
         ends = [text.get_window_extent(renderer).x1 / figure.dpi for text in figure.texts]
     assert len(ends) == 3
     assert max(ends) < WIDTH
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_section_of_which_no_change_is_known_is_drawn_without_complaint(comparison):
+    """Its scale had no height, of which the drawing complained to whoever asked for a report."""
+    torn = {
+        name: dataclasses.replace(side, distances=np.full(len(side.distances), np.nan))
+        for name, side in (("on_compared", comparison.on_compared), ("on_reference", comparison.on_reference))
+    }
+    assert "hatched: not assessable" in words(draw_section(dataclasses.replace(comparison, **torn), 1))
