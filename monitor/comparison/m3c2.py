@@ -19,6 +19,7 @@ from projects.model import Bools, Floats, Ints
 CHUNK = 4096  # core points looked at together: bounds the memory
 FEWEST_POINTS = 4  # of each cloud in a cylinder, for a spread (Lague et al. 2013, section 3.3.1)
 FEWEST_FOR_NORMAL = 3
+UNIT = 1e-4  # how far a unit vector's length may be off, as rounded by files of few digits
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class M3C2Result:
 
 def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats, *, cylinder_radius: float,
          max_depth: float, normals: Floats | None = None, normal_radius: float | None = None,
-         registration_error: float = 0.0) -> M3C2Result:  # fmt: skip
+         orientation: Floats | None = None, registration_error: float = 0.0) -> M3C2Result:  # fmt: skip
     """Measure the change between two clouds along a normal at each core point, with Lague's level of detection.
 
     Parameters
@@ -55,8 +56,8 @@ def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats,
     reference_points, compared_points, core_points : (n, 3) m, in one frame.
     cylinder_radius : m, of the cylinder about each normal whose points are averaged.
     max_depth : m, the cylinder reaches so far to both sides of the core point.
-    normals : (n, 3) unit vectors; otherwise of the plane through the reference points within `normal_radius` [m] of the
-        core point, looking upwards.
+    normals : (n, 3) unit vectors, NaN where unknown; otherwise of the plane through the reference points within
+        `normal_radius` [m] of the core point, on the side of `orientation` (3,) (upwards where left out).
     registration_error : m, added linearly to the level of detection; zero calls much unchanged surface significant.
 
     Returns
@@ -67,7 +68,7 @@ def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats,
     Raises
     ------
     ShapeError, ParameterError
-        For clouds that are not (n, 3), and lengths that are not positive.
+        For clouds that are not (n, 3) or not finite, lengths that are not positive, and normals of another length.
 
     Notes
     -----
@@ -77,15 +78,15 @@ def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats,
               (compared_points, "compared_points"), (core_points, "core_points"))]  # fmt: skip
     reference, compared, cores = clouds
     _require_positive(cylinder_radius=cylinder_radius, max_depth=max_depth)
-    if not registration_error >= 0.0:
+    if not _is_number(registration_error) or not registration_error >= 0.0:
         raise ParameterError(f"registration_error = {registration_error!r} m: must be 0 or larger")
     if normals is None:
         if normal_radius is None:
             raise ParameterError("neither normals nor normal_radius were given; give one of them")
         _require_positive(normal_radius=normal_radius)
-        normals = plane_normals(reference, cores, normal_radius)
-    elif np.shape(normals) != cores.shape:
-        raise ShapeError(f"normals have shape {np.shape(normals)}; {cores.shape} is needed")
+        normals = plane_normals(reference, cores, normal_radius, _require_direction(orientation))
+    else:
+        normals = _require_unit(normals, cores)
     size = (cylinder_radius, max_depth)
     n1, mean1, spread1 = average_in_cylinders(reference, cores, normals, size)
     n2, mean2, spread2 = average_in_cylinders(compared, cores, normals, size)
@@ -96,9 +97,9 @@ def m3c2(reference_points: Floats, compared_points: Floats, core_points: Floats,
                       np.asarray(normals, dtype=np.float64))  # fmt: skip
 
 
-def plane_normals(points: Floats, cores: Floats, radius: float) -> Floats:
-    """Return the unit normal (n, 3), looking upwards, of the plane through the points within `radius` [m]; NaN with
-    fewer than three."""
+def plane_normals(points: Floats, cores: Floats, radius: float, orientation: Floats | None = None) -> Floats:
+    """Return the unit normal (n, 3) of the plane through the points within `radius` [m]; NaN with fewer than three."""
+    upwards = np.array([0.0, 0.0, 1.0]) if orientation is None else np.asarray(orientation, dtype=np.float64)
     tree = cKDTree(points)
     out = np.full((len(cores), 3), np.nan)
     for start in range(0, len(cores), CHUNK):
@@ -111,7 +112,7 @@ def plane_normals(points: Floats, cores: Floats, radius: float) -> Floats:
         products = (offset[:, :, None] * offset[:, None, :]).reshape(-1, 9)
         _, vectors = np.linalg.eigh(_sums(owner, products, len(here)).reshape(-1, 3, 3))
         normal = vectors[:, :, 0]
-        normal *= np.where(normal[:, 2] < 0.0, -1.0, 1.0)[:, None]
+        normal *= np.where(normal @ upwards < 0.0, -1.0, 1.0)[:, None]
         out[start : start + CHUNK] = np.where((n >= FEWEST_FOR_NORMAL)[:, None], normal, np.nan)
     return out
 
@@ -171,15 +172,47 @@ def _sums(owner: Ints, values: Floats, n: int) -> Floats:
 
 
 def _require_points(points: Floats, name: str) -> Floats:
-    """Return the points as float64 (n, 3), or raise `ShapeError`."""
+    """Return the points as float64 (n, 3), all finite, or raise `ShapeError`."""
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3:
         raise ShapeError(f"{name} have shape {array.shape}; (n, 3) is needed")
+    n_bad = int((~np.isfinite(array)).any(axis=1).sum())
+    if n_bad:
+        raise ShapeError(f"{name}: {n_bad} of {len(array)} are not finite; leave them out")
     return array
+
+
+def _require_unit(normals: Floats, cores: Floats) -> Floats:
+    """Return the normals (n, 3) of the core points, NaN where unknown; raise where one has another length than 1."""
+    if np.shape(normals) != cores.shape:
+        raise ShapeError(f"normals have shape {np.shape(normals)}; {cores.shape} is needed")
+    array = np.asarray(normals, dtype=np.float64)
+    lengths = np.linalg.norm(array, axis=1)
+    off = np.abs(lengths - 1.0) > UNIT  # NaN is not
+    if off.any():
+        raise ParameterError(
+            f"normals: {int(off.sum())} of {len(array)} are no unit vectors, the first is {lengths[off][0]:.6g} long; "
+            "divide each by its length"
+        )
+    return array
+
+
+def _require_direction(orientation: Floats | None) -> Floats | None:
+    """Return the direction (3,) that normals look to, None where none is given; raise `ShapeError` for another."""
+    if orientation is None:
+        return None
+    if np.shape(orientation) != (3,) or not np.isfinite(np.asarray(orientation, dtype=np.float64)).all():
+        raise ShapeError(f"orientation {orientation!r}: a direction (3,) of finite numbers is needed")
+    return np.asarray(orientation, dtype=np.float64)
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is one real number."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
 def _require_positive(**lengths: float) -> None:
     """Raise `ParameterError` for a length that is not positive."""
     for name, value in lengths.items():
-        if not 0.0 < value < np.inf:
+        if not _is_number(value) or not 0.0 < value < np.inf:
             raise ParameterError(f"{name} = {value!r} m: must be larger than 0, and finite")

@@ -100,3 +100,25 @@ def test_lengths_that_are_none_are_refused_by_name(rng: np.random.Generator, wro
     low, sizes = sheet(rng, 500, 0.0), {"cylinder_radius": 0.1, "max_depth": 0.2, "normal_radius": 0.2}
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         m3c2(low, low, low[:1], **{**sizes, **wrong})
+
+
+def test_normals_of_another_length_are_refused_for_they_scale_distances(rng: np.random.Generator) -> None:
+    """Ten times as long, they made 0.2 of a distance of 0.02 m."""
+    low, high, cores = sheet(rng, 500, 0.0), sheet(rng, 500, 0.02), np.array([[0.5, 0.5, 0.0]])
+    with pytest.raises(ParameterError, match="1 of 1 are no unit vectors, the first is 10 long"):
+        m3c2(low, high, cores, cylinder_radius=0.2, max_depth=2.0, normals=np.array([[0.0, 0.0, 10.0]]))
+    unknown = m3c2(low, high, cores, cylinder_radius=0.2, max_depth=2.0, normals=np.full((1, 3), np.nan))
+    assert np.isnan(unknown.distances).all()
+
+
+def test_points_radii_and_directions_that_are_none_are_refused_by_name(rng: np.random.Generator) -> None:
+    low, sizes = sheet(rng, 500, 0.0), {"cylinder_radius": 0.1, "max_depth": 0.2, "normal_radius": 0.2}
+    holed = np.vstack([low, np.full((2, 3), np.nan)])
+    with pytest.raises(ShapeError, match="compared_points: 2 of 502 are not finite"):
+        m3c2(low, holed, low[:1], **sizes)
+    with pytest.raises(ShapeError, match="core_points: 2 of 502 are not finite"):
+        m3c2(low, low, holed, **sizes)
+    with pytest.raises(ShapeError, match="orientation"):
+        m3c2(low, low, low[:1], orientation=np.array([0.0, 1.0]), **sizes)
+    with pytest.raises(ParameterError, match=r"cylinder_radius = '0\.1'"):
+        m3c2(low, low, low[:1], **{**sizes, "cylinder_radius": "0.1"})
