@@ -30,12 +30,7 @@ def require_comparable(reference: Surface, compared: Surface, registration: Regi
         require_noun(registration, "the registration", Registration)
     require_tolerance(tolerance)
     require_covariance(frames)
-    shapes = [(len(surface.vertices),) for surface in (reference, compared)]
-    if apart is not None and [which.shape for which in apart] != shapes:
-        raise ParameterError(
-            f"apart has the shapes {apart[0].shape} and {apart[1].shape}: give one mask for each surface's vertices, "
-            f"{shapes[0]} and {shapes[1]}"
-        )
+    require_masks(apart, (len(reference.vertices), len(compared.vertices)))
 
 
 def settle_motion(reference: Surface, compared: Surface, registration: Registration | None,
@@ -73,15 +68,31 @@ def require_sound(reference: Surface, compared: Surface) -> None:
             )
 
 
-def require_covariance(frames: Floats | None) -> None:
-    """Raise `ParameterError` where how far the frames of two epochs may differ is no covariance (6, 6)."""
-    if frames is None:
+def require_masks(apart: tuple[Bools, Bools] | None, sizes: tuple[int, int]) -> None:
+    """Raise `ParameterError` where `apart` is given and is no pair of masks of as many vertices as `sizes` says."""
+    if apart is None:
         return
-    values = np.asarray(frames)
+    given = list(apart) if isinstance(apart, tuple | list) else [apart]
+    kinds = [f"{w.dtype} {w.shape}" if isinstance(w, np.ndarray) else type(w).__name__ for w in given]
+    if kinds != [f"bool {(n,)}" for n in sizes]:
+        raise ParameterError(
+            f"apart is {' and '.join(kinds)}: give one mask of bool for each surface's vertices, {(sizes[0],)} and "
+            f"{(sizes[1],)}"
+        )
+
+
+def require_covariance(given: Floats | None, what: str = "frames") -> None:
+    """Raise `ParameterError` where what is given, of a motion or of how far frames may differ, is no covariance."""
+    if given is None:
+        return
+    try:
+        values = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        values = np.empty(0)
     is_one = values.shape == (6, 6) and values.dtype.kind in "iuf" and bool(np.isfinite(values).all())
     if not is_one or np.linalg.eigvalsh(values).min() < -1e-9 * np.abs(values).max():
         raise ParameterError(
-            f"frames has shape {values.shape}: a covariance (6, 6) of rotation [rad] and shift [m] is needed, finite "
+            f"{what} has shape {values.shape}: a covariance (6, 6) of rotation [rad] and shift [m] is needed, finite "
             "and without negative variances"
         )
 
@@ -124,6 +135,9 @@ def require_settled(registration: Registration) -> Registration:
         asked = "" if overlaps else "; do they overlap? check their poses and units"
         raise RegistrationError(f"the epochs could not be registered: {registration.reason}{asked}")
     require_rigid(registration.T_target_source, "the registration")
+    require_covariance(registration.covariance, "the registration's covariance")
+    if not np.isfinite(registration.centre).all():
+        raise ParameterError(f"the registration's centre {registration.centre}: three finite coordinates are needed")
     return registration
 
 
@@ -137,7 +151,14 @@ def require_common(sides: tuple[Side, Side], limit: float) -> None:
                 f"nothing of the compared epoch can be assessed ({reasons}): most of what was measured lies off the "
                 "surfaces, as of plants; a larger compare.max_stray_share assesses it all the same"
             )
+        why = "the epochs do not overlap, or not the same side of them: check their poses and units"
+        if counts["free_edge"] == max(counts.values()):
+            why = (
+                "surfaces end there: faces join only where they share vertices, so merge those at one place, as of an "
+                "STL; else the epochs overlap by no more than their borders"
+            )
+        elif counts["too_uncertain"] == max(counts.values()):
+            why = "what is stated of their errors or those of the motion, or a limit of the settings, leaves no level"
         raise ComparisonError(
-            f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); "
-            "the epochs do not overlap, or not the same side of them: check their poses and units"
+            f"nothing of the compared epoch can be assessed within {limit:.4g} m of the reference ({reasons}); {why}"
         )

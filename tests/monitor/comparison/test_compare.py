@@ -269,6 +269,35 @@ def test_how_far_frames_may_differ_is_a_covariance_or_refused(rng: np.random.Gen
         compare(sheet, other, known_motion(other), frames=frames)
 
 
+def test_what_is_no_pair_of_masks_and_no_covariance_of_the_motion_is_refused(rng: np.random.Generator) -> None:
+    """They ended in errors of numpy, and a negative variance passed for none at all."""
+    sheet, other = make_sheet(rng, 20), make_sheet(rng, 20)
+    motion, mask = known_motion(other), np.zeros(400, dtype=bool)
+    for apart in ((mask.tolist(), mask.tolist()), (mask,), 5, (mask.astype(float), mask), (mask, mask[:5])):
+        with pytest.raises(ParameterError, match=r"apart is .*: give one mask of bool"):
+            compare(sheet, other, motion, apart=apart)  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match="frames has shape"):
+        compare(sheet, other, motion, frames=[[1.0], [1.0, 2.0]])  # type: ignore[arg-type]
+    for wrong in (-np.eye(6), np.full((6, 6), np.nan)):
+        with pytest.raises(ParameterError, match="the registration's covariance has shape"):
+            compare(sheet, other, dataclasses.replace(motion, covariance=wrong))
+    with pytest.raises(ParameterError, match="the registration's centre"):
+        compare(sheet, other, dataclasses.replace(motion, centre=np.full(3, np.nan)))
+
+
+def test_where_nothing_can_be_assessed_the_reason_is_told_and_not_that_epochs_do_not_overlap(
+    rng: np.random.Generator,
+) -> None:
+    sheet, other = make_sheet(rng, 20), make_sheet(rng, 20)
+    n_faces = len(other.faces)
+    soup = Surface(other.vertices[other.faces].reshape(-1, 3), np.arange(3 * n_faces).reshape(-1, 3))
+    with pytest.raises(ComparisonError, match="merge those at one place"):
+        compare(sheet, soup, dataclasses.replace(known_motion(other), is_stable=None))
+    unsure = dataclasses.replace(other, sigma=np.full(400, np.inf))
+    with pytest.raises(ComparisonError, match="leaves no level"):
+        compare(sheet, unsure, known_motion(other))
+
+
 def test_the_result_is_the_same_twice_and_inputs_are_untouched(rng: np.random.Generator) -> None:
     reference, compared = make_sheet(rng, 60), make_sheet(rng, 60, change=bowl(60, 1e-3, 2e-3, 0.012))
     before = compared.vertices.copy()
