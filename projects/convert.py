@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from projects.errors import ShapeError
+from projects.errors import ParameterError, ShapeError
 from projects.model import ComparedSurface, Floats, PointCloud, Surface
 from projects.open3d_library import load_open3d
 
@@ -105,6 +105,10 @@ def cloud_to_trimesh(cloud: PointCloud) -> trimesh.PointCloud:
 
 def cloud_from_trimesh(converted: trimesh.PointCloud) -> PointCloud:
     """Return a cloud from a `trimesh.PointCloud` (metres), with colours where it has them."""
+    import trimesh
+
+    if not isinstance(converted, trimesh.PointCloud):
+        raise ParameterError(f"what a cloud is made of is a {type(converted).__name__}; a trimesh.PointCloud is needed")
     colors = np.array(converted.colors)[:, :3] if len(converted.colors) else None
     return PointCloud(points=np.array(converted.vertices), colors=colors)
 
@@ -129,7 +133,17 @@ def surface_from_trimesh(mesh: trimesh.Trimesh) -> Surface:
     """Return a surface from a `trimesh.Trimesh` (metres), with its own vertex normals, colours and known attributes.
 
     All vertices stay, in their order. Normals that trimesh makes of the faces are none of its own.
+
+    Raises
+    ------
+    ParameterError
+        What was given is no `trimesh.Trimesh`, as the scene that `trimesh.load` returns of some files.
     """
+    import trimesh
+
+    if not isinstance(mesh, trimesh.Trimesh):
+        hint = "; a scene.to_mesh() is one" if isinstance(mesh, trimesh.Scene) else ""
+        raise ParameterError(f"what a surface is made of is a {type(mesh).__name__}; a trimesh.Trimesh is needed{hint}")
     names = {field.name for field in dataclasses.fields(Surface)} - {"vertices", "faces", INVENTED}
     known = {name: np.array(values) for name, values in mesh.vertex_attributes.items() if name in names}
     normals = _stated_normals(mesh)

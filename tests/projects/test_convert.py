@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from projects import convert
-from projects.errors import ShapeError
+from projects.errors import ParameterError, ShapeError
 from projects.model import ComparedSurface, PointCloud, Surface
 
 FAR = np.array([6e5, 5e6, 100.0])
@@ -177,3 +177,14 @@ def test_normals_and_colours_go_along_as_pyvista_reads_them_from_a_file(surface,
     del read.point_data["RGB"]
     np.testing.assert_array_equal(convert.surface_from_pyvista(read).colors, surface.colors)
     assert convert.cloud_from_pyvista(read).normals.shape == (4, 3)
+
+
+def test_what_is_no_mesh_of_trimesh_is_refused_with_what_it_is():
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    with pytest.raises(ParameterError, match=r"is a Scene; .*a scene\.to_mesh\(\) is one"):
+        convert.surface_from_trimesh(trimesh.Scene(ball))
+    with pytest.raises(ParameterError, match=r"is a PointCloud; a trimesh\.Trimesh is needed$"):
+        convert.surface_from_trimesh(trimesh.PointCloud(ball.vertices))
+    with pytest.raises(ParameterError, match=r"is a Trimesh; a trimesh\.PointCloud is needed"):
+        convert.cloud_from_trimesh(ball)
+    assert len(convert.surface_from_trimesh(trimesh.Scene(ball).to_mesh()).faces) == len(ball.faces)
