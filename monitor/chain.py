@@ -235,7 +235,9 @@ def _adopt_mesh(place: Place, notify: Notify) -> Step:
         cloud = estimate_normals(PointCloud(points=mesh.vertices))
         found = {"sigma": "not stated; stable areas show it", "looks_inward": wound.looks_inward,
                  "share_outside_extent": cut.share}  # fmt: skip
+        n_copied = len(cut.surface.faces) - len(mesh.faces)
         counts = {"vertices": len(mesh.vertices), "faces": len(mesh.faces), "faces_turned": wound.n_turned,
+                  **({"faces_copied": n_copied} if n_copied else {}),
                   **({"faces_outside_extent": cut.n_outside} if cut.n_outside else {})}  # fmt: skip
         return Made(replace(mesh, roughness=cloud.roughness), found, counts)
 

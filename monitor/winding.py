@@ -12,6 +12,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from monitor.copied_faces import without_copied_faces
 from projects.model import Bools, Floats, Ints, Surface
 from projects.triangles import area_vectors
 
@@ -29,12 +30,13 @@ class Wound:
 
 
 def wind_outward(mesh: Surface) -> Wound:
-    """Return the mesh with its faces turned to look outward.
+    """Return the mesh with its faces turned to look outward, each there once.
 
     Faces that hang together over edges of two faces each look the same way as the larger part of them does. A mesh that
     encloses something and looks inward is turned as a whole where it is narrower than a room; a wider one may be one,
     and stays. The mesh's own normals are kept only where nothing was turned.
     """
+    mesh = without_copied_faces(mesh, either_way=True)
     turned = find_against_neighbours(mesh)
     faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
     inward = encloses_inward(mesh.vertices, faces)

@@ -11,11 +11,13 @@ import numpy as np
 
 from monitor.comparison.distances.side import Side
 from monitor.comparison.summary import count_reasons
+from monitor.copied_faces import share_both_ways, without_copied_faces
 from projects.errors import ComparisonError, ParameterError, RegistrationError
 from projects.model import Bools, Floats, Registration, Surface, require_noun
 from projects.transforms import require_rigid
 
 MODES = ("relative", "absolute")
+MOST_BOTH_WAYS = 0.5  # of the faces: with more, vertices have no normal, and distances no sign
 MOSTLY = 0.5  # share of the samples with a partner, from which on epochs that failed to register do lie near each other
 
 
@@ -65,6 +67,12 @@ def require_sound(reference: Surface, compared: Surface) -> None:
             raise ComparisonError(
                 f"the {name} surface has {n_bad} of {len(surface.vertices)} vertices that are not finite; "
                 "give a sound mesh"
+            )
+        share = share_both_ways(without_copied_faces(surface))
+        if share > MOST_BOTH_WAYS:
+            raise ComparisonError(
+                f"{100.0 * share:.0f} % of the faces of the {name} surface are there in both directions, and have no "
+                "outer side: what is gained or lost is not known; leave out the inner one of each two"
             )
 
 

@@ -40,6 +40,7 @@ from monitor.comparison.regions.stood_there import drop_where_it_stood
 from monitor.comparison.regions.told_from import add_told_from, coarse_figures, tell_smallest
 from monitor.comparison.sight.views import look_from
 from monitor.comparison.summary import area_figures, summarize
+from monitor.copied_faces import without_copied_faces
 from monitor.declare import check_settings, given_or_default, setting
 from projects.model import REGION_COLUMNS, Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 
@@ -112,7 +113,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
 
     Parameters
     ----------
-    reference, compared : the earlier and the later surface, m, each with `sigma` where it is known.
+    reference, compared : the earlier and the later surface, m, each with `sigma` where it is known. A face that is
+        there twice counts once.
     registration : of the compared surface onto the reference; estimated where left out.
     settings : see `CompareSettings`; the default needs no thought.
     mode : "relative" removes the motion between the epochs, "absolute" leaves it in the differences (its uncertainty
@@ -155,6 +157,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     """
     settings = given_or_default(settings, CompareSettings)
     require_comparable(reference, compared, registration, mode, tolerance, apart, frames)
+    reference, compared = without_copied_faces(reference), without_copied_faces(compared)
     limits = (settings.search_limit or search_limit(reference, compared, 0.05), settings.max_normal_angle)
     between = stand_between(settle_motion(reference, compared, registration, limits[0]), frames, mode)
     own = None if points is None else between.judged_points(points, compared)
