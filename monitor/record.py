@@ -26,7 +26,7 @@ METHOD = {
     "network": 17,
     "filtered": 11,
     "surface": 27,
-    "mesh": 8,
+    "mesh": 9,
     "quality": 3,
     "comparison": 60,
     "series": 18,
