@@ -151,7 +151,10 @@ def add_epoch(
         typer.Option(metavar="FILE", help="One line a scan: file name and 16 numbers T_project_scanner, row by row."),
     ] = None,
     control: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Control points: name,x,y,z[,sigma].")
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv", help="Control points: name,x,y,z[,sigma], or as its first line names the columns."
+        ),
     ] = None,
     repeated: Annotated[
         bool, typer.Option("--repeated", help="The files are repeated scans from one station.")

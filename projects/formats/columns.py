@@ -22,7 +22,7 @@ SYNONYMS = {
     "ycoordinate": "y", "zcoordinate": "z", "intensity": "intensity", "i": "intensity",
     "reflectance": "intensity", "r": "red", "g": "green", "b": "blue", "red": "red", "green": "green", "blue": "blue",
     "nx": "nx", "ny": "ny", "nz": "nz", "normalx": "nx", "normaly": "ny", "normalz": "nz",
-    "rf": "red", "gf": "green", "bf": "blue",
+    "rf": "red", "gf": "green", "bf": "blue", "rechtswert": "x", "hochwert": "y", "hoehe": "z",
 }  # fmt: skip
 LESSER = ("scalar", "reflectance")  # names that yield to others for the same thing
 SPELT = {"metre": "m", "meter": "m", "millimetre": "mm", "millimeter": "mm", "centimetre": "cm", "centimeter": "cm",
@@ -38,7 +38,7 @@ N_TOLD = 4  # rows that tell whether whole numbers count something
 
 def are_names(text: str) -> bool:
     """Return whether a line holds names of columns: x, y and z among its words."""
-    roles = {SYNONYMS.get(_key(word)) for word in re.split(r"[\s,;]+", without_units(text))}
+    roles = {SYNONYMS.get(plain_name(word)) for word in re.split(r"[\s,;]+", without_units(text))}
     return {"x", "y", "z"} <= roles
 
 
@@ -47,10 +47,14 @@ def without_units(names: str) -> str:
     return re.sub(r"\s*[\[(].*?[\])]", "", names).strip()
 
 
+def plain_name(word: str) -> str:
+    """Return a column's name without case, quotes, units and punctuation."""
+    return re.sub(r"[^a-z]", "", without_units(word.lower()).replace("ö", "oe"))
+
+
 def _key(word: str) -> str:
-    """Return a column's name without case, quotes, units, punctuation and what CloudCompare puts before the names of
-    scalar fields (never x y z)."""
-    key = re.sub(r"[^a-z]", "", without_units(word.lower()))
+    """Return a column's plain name without what CloudCompare puts before the names of scalar fields (never x y z)."""
+    key = plain_name(word)
     plain = key.removeprefix("scalar")
     return key if SYNONYMS.get(plain) in ("x", "y", "z") else plain
 
@@ -62,7 +66,7 @@ def named_unit(names: str) -> ReferenceSystem | None:
     """
     stated: dict[str, str] = {}
     for name, word in UNIT.findall(names):
-        role = SYNONYMS.get(_key(name)) or SYNONYMS.get(_key((name.split() or [""])[-1]))
+        role = SYNONYMS.get(plain_name(name)) or SYNONYMS.get(plain_name((name.split() or [""])[-1]))
         short = SPELT.get(word.lower().removesuffix("s"), word.lower())
         if role in ("x", "y", "z") and short in METRES:
             stated[role] = short

@@ -127,6 +127,52 @@ def test_control_that_is_none_is_refused_with_its_line(tmp_path, text, message):
         control(tmp_path, text)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "name,northing,easting,height,sigma\nT1,5,4,6,0.5\n",
+        "Punktnummer;Hochwert;Rechtswert;Höhe;Sigma\nT1;5,0;4,0;6,0;0,5\n",
+        "E [m],N [m],H [m],sigma [mm],Nr.\n4,5,6,500,T1\n",
+        "Sigma;X;Y;Z;ID;\n0,5;4;5;6;T1;\n",
+        "target,Z,Y,X,std\nT1,6,5,4,0.5\n",
+        "# net 2024\n#name,northing,easting,height,sigma\n# Graz, 2 days\nT1,5,4,6,0.5\n",
+        "# northing, easting and height, 2024\nT1,4,5,6,0.5\n",
+    ],
+)
+def test_columns_are_what_the_first_line_names_them(tmp_path, text):
+    (point,) = control(tmp_path, text)
+    assert point.name == "T1"
+    np.testing.assert_allclose(point.position, [4, 5, 6])
+    assert point.sigma == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name,x,y,z,code\nT1,1,2,3,4\n", "line 1: 'code' is no known name of a column"),
+        ("name,lat,lon,height\nT1,1,2,3\n", "'lat' is no known name"),
+        ("name,easting,height,sigma\nT1,1,2,3\n", "names no column for y;"),
+        ("x,y,z\n1,2,3\n", "names no column for name;"),
+        ("name,x,y,z,height\nT1,1,2,3,4\n", "names two columns for z;"),
+        ("name,x [mm],y [mm],z [mm]\nT1,1,2,3\n", "coordinates in mm, but they are read with 1 m to the unit"),
+        ("name,x [m],y [m],z [mm]\nT1,1,2,3\n", "coordinates in m and mm,"),
+        ("name,x [m],y [mm],z [m]\nT1,1,2,3\n", "line 1: names x in m and y in mm"),
+        ("name,x,y,z,sigma [µm]\nT1,1,2,3,4\n", r"\[µm\] is no known unit"),
+        ("name,x,y,z\nT1,1,2,3,4\n", "line 2: 5 values; name,x,y,z is needed"),
+        ("name,x,sigma,y,z\nT1,1,2,3\n", "line 2: 4 values; name,x,sigma,y,z is needed"),
+    ],
+)
+def test_a_first_line_whose_names_do_not_tell_the_columns_is_refused(tmp_path, text, message):
+    with pytest.raises(FormatError, match=message) as told:
+        control(tmp_path, text)
+    assert "\n" not in str(told.value)
+
+
+def test_a_unit_named_in_the_first_line_is_the_one_that_was_stated(tmp_path):
+    (point,) = control(tmp_path, "name,y [mm],x [mm],z [mm],sigma [mm]\nT1,1,2,3,4\n", unit=0.001)
+    np.testing.assert_allclose([*point.position, point.sigma], [0.002, 0.001, 0.003, 0.004])
+
+
 def test_decimal_commas_are_understood_between_other_marks(tmp_path):
     points = control(tmp_path, "T1;1,5;2,25;3,125;0,5\nT2;4;5;6\n")
     assert [point.name for point in points] == ["T1", "T2"]
