@@ -26,6 +26,7 @@ from projects.identifiers import comparison_product, series_product
 from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
 from projects.records import plain
 from projects.store import Project
+from projects.transforms import rows_of_inverse
 
 Notify = Callable[[str], None]
 
@@ -126,7 +127,8 @@ def tell_steady_motion(network: EpochNetwork, epochs: Sequence[EpochRecord], fra
     rows = np.concatenate([np.arange(6 * k - 6, 6 * k) for k in known])
     of_first = np.kron(np.ones((len(known), len(known))), frames[0].about(network.centre))
     of_each = block_diag(*(of_frame.about(network.centre) for of_frame in frames[1:] if of_frame is not None))
-    covariance = network.joint[np.ix_(rows, rows)] + of_first + of_each
+    inverse = block_diag(*(rows_of_inverse(network.T_first_epoch[k]) for k in known))
+    covariance = inverse @ (network.joint[np.ix_(rows, rows)] + of_first + of_each) @ inverse.T
     if not np.linalg.eigvalsh(covariance).min() > 0.0:
         return {}
     steady = fit_steady_motion(
@@ -140,11 +142,11 @@ def _motion_row(network: EpochNetwork, k: int, epochs: Sequence[EpochRecord], fr
     """Return the object's motion from the first epoch to epoch k, the inverse of what undoes it; whether it is one is
     known only with the `frames`."""
     of_frames = 0.0 if frames is None else frames.about(network.centre)
-    motion, covariance = _motion_of(network, k, of_frames), network.covariance[k] + of_frames
+    motion = _motion_of(network, k, of_frames)
     unmoved = motion.probability_unmoved if frames is not None else float("nan")
     sigma_shift, sigma_turn = (
-        along(motion.translation, covariance[3:, 3:]),
-        along(motion.rotation, covariance[:3, :3]),
+        along(motion.translation, motion.covariance[3:, 3:]),
+        along(motion.rotation, motion.covariance[:3, :3]),
     )
     return [epochs[k].epoch_id, _years_since(epochs, k), motion.displacement, sigma_shift, motion.angle, sigma_turn,
             unmoved, *motion.translation, *motion.sigma_translation]  # fmt: skip

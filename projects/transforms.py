@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from projects.errors import ParameterError
@@ -55,6 +57,40 @@ def motion_about(T_target_source: Floats, centre: Floats) -> Floats:
 
     turn = Rotation.from_matrix(T_target_source[:3, :3]).as_rotvec()
     return np.concatenate([turn, apply(T_target_source, centre) - centre])
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion as `motion_about` tells it, `vector` (6,) of (w, t), and the `covariance` (6, 6) of these, rad and m."""
+
+    vector: Floats
+    covariance: Floats
+
+
+def undone_motion(T_target_source: Floats, covariance: Floats, centre: Floats) -> Motion:
+    """Return the motion about `centre` (3,), in the target's frame, that a transform undoes, its inverse, and how well
+    it is known where the transform is known to `covariance` (6, 6) of the delta of `perturb` about there."""
+    rows = rows_of_inverse(T_target_source)
+    return Motion(motion_about(invert(T_target_source), centre), np.asarray(rows @ covariance @ rows.T))
+
+
+def rows_of_inverse(T_target_source: Floats) -> Floats:
+    """Return J (6, 6) that turns the delta (w, t) of `perturb` about a point into the change of what `motion_about`
+    tells there of the inverse.
+
+    The inverse, of rotation R = exp([v]), becomes R exp(-[w]) = exp([v - J_r(v)^-1 w]) and takes the point R t less
+    far, with J_r(v)^-1 = I + [v] / 2 + (1 - (a / 2) cot(a / 2)) [v]^2 / a^2 for the angle a = |v| (Sola et al. 2018,
+    Eq. 144).
+    """
+    inverse = invert(T_target_source)
+    turn = motion_about(inverse, np.zeros(3))[:3]
+    angle = float(np.linalg.norm(turn))
+    V = cross_matrix(turn)
+    of_square = (1.0 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2 if angle > 1e-8 else 1.0 / 12.0
+    J = np.zeros((6, 6))
+    J[:3, :3] = -(np.eye(3) + 0.5 * V + of_square * V @ V)
+    J[3:, 3:] = -inverse[:3, :3]
+    return J
 
 
 def require_rigid(matrix: Floats, what: str) -> Floats:

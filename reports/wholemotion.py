@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from projects.model import Z95, Comparison, Floats, Registration
-from projects.transforms import invert, motion_about
+from projects.transforms import undone_motion
 from reports.facts import EpochFacts, Table
 from reports.quantities import DEGREES, MM, Estimate, coordinates, estimate
 
@@ -58,10 +58,10 @@ def describe_parts(comparison: Comparison) -> list[PartMotion]:
 
 
 def describe_motion(registration: Registration) -> WholeMotion:
-    """Return the motion that the registration undoes; to first order it has the registration's covariance."""
-    motion = motion_about(invert(registration.T_target_source), registration.centre)
-    rotation, translation = motion[:3], motion[3:]
-    of_rotation, of_translation = registration.covariance[:3, :3], registration.covariance[3:, 3:]
+    """Return the motion that the registration undoes, with the covariance carried over to it."""
+    motion = undone_motion(registration.T_target_source, registration.covariance, registration.centre)
+    rotation, translation = motion.vector[:3], motion.vector[3:]
+    of_rotation, of_translation = motion.covariance[:3, :3], motion.covariance[3:, 3:]
     return WholeMotion(
         translation, np.sqrt(np.diag(of_translation)), rotation, np.sqrt(np.diag(of_rotation)),
         _length(translation, of_translation, MM, "mm"), _length(rotation, of_rotation, DEGREES, "°"),

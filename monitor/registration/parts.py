@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
@@ -39,7 +40,7 @@ from monitor.registration.part_growth import (
 )
 from projects.errors import ParameterError
 from projects.model import Bools, Floats, Ints, PointCloud, Registration, Surface
-from projects.transforms import apply, invert, motion_about
+from projects.transforms import apply, invert, motion_about, rows_of_inverse
 
 N_NEIGHBOURS = 12
 LEAST_TELLING = LEAST_POINTS // 2  # points of a part that its motion tells from none, and as many from a layer
@@ -209,7 +210,8 @@ def _measure(field: Field, piece: Piece, n_tested: int, of_stable: Callable[[Flo
     centre = pairs.points.mean(axis=0)
     if _free_motion(pairs, centre):
         return None
-    covariance = _covariance_of(field, piece, telling[pairs.source], pairs, sigma, centre) + of_stable(centre)
+    own = _covariance_of(field, piece, telling[pairs.source], pairs, sigma, centre)
+    covariance = covariance_between(piece.T, field.T_stable, centre, own, of_stable)
     if not np.isfinite(covariance).all():
         return None
     motion = motion_between(piece.T, field.T_stable, centre)
@@ -245,6 +247,16 @@ def _free_motion(pairs: Matches, centre: Floats) -> str:
 def motion_between(T_part: Floats, T_stable: Floats, centre: Floats) -> Floats:
     """Return (w, t) [rad, m] about `centre` of a part that `T_part` puts back, in the frame of the stable areas."""
     return motion_about(T_stable @ invert(T_part), centre)
+
+
+def covariance_between(T_part: Floats, T_stable: Floats, centre: Floats, own: Floats,
+                       of_stable: Callable[[Floats], Floats]) -> Floats:  # fmt: skip
+    """Return the covariance (6, 6) of what `motion_between` tells, by that of the pose of the part about `centre`, its
+    `own`, and that of the stable areas' about a place: what they err by moves the part where it is now."""
+    T = T_part @ invert(T_stable)
+    rows = rows_of_inverse(T)
+    of_rest = rows @ block_diag(T[:3, :3], T[:3, :3])
+    return np.asarray(rows @ own @ rows.T + of_rest @ of_stable(apply(invert(T), centre)) @ of_rest.T)
 
 
 def _rigid_parts(field: Field, pieces: list[Piece]) -> list[Piece]:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from monitor.registration import register
+from monitor.registration.motion.covariance import about
 from monitor.registration.motion.sides import Side, prepare_side
 from monitor.registration.part_growth import Field, Piece, fit
 from monitor.registration.parts import (
@@ -21,6 +22,7 @@ from monitor.registration.parts import (
     _measure,
     _prepare,
     _sharpen,
+    covariance_between,
     find_parts,
     motion_between,
 )
@@ -109,6 +111,22 @@ def test_ground_that_passes_for_a_part_does_not_bend_its_motion(seed: int) -> No
                  for piece in (with_ground, _sharpen(field, with_ground)))  # fmt: skip
     assert abs(left[5]) < 0.4 * abs(off[5])  # m, outwards, which the ground does not let it slide without
     assert abs(left[5]) < 3e-5 < abs(off[5])
+
+
+def test_a_parts_motion_is_as_sure_as_it_scatters_however_far_it_turned() -> None:
+    """What the poses of the part and of the rest err by is carried over to where the part is now."""
+    rng, middle, centre = np.random.default_rng(6), np.array([1.0, 2.0, 0.0]), np.array([0.2, -0.1, 0.3])
+    T_stable = perturb(np.eye(4), np.zeros(3), np.array([0.0, 0.1, 0.0, 0.0, 0.3, 0.0]))
+    T_part = perturb(T_stable, centre, np.array([0.2, 0.0, -1.4, 0.02, 0.0, 0.01]))
+    own, rest = (
+        np.diag(sigma) ** 2 for sigma in ([1e-4, 3e-4, 2e-4, 1e-3, 1e-4, 2e-4], [4e-4, 1e-4, 1e-4, 1e-4, 5e-4, 1e-4])
+    )
+    found = [
+        motion_between(perturb(T_part, centre, off), perturb(T_stable, middle, of_rest), centre)
+        for off, of_rest in zip(*(rng.multivariate_normal(np.zeros(6), C, 4000) for C in (own, rest)), strict=True)
+    ]
+    stated = covariance_between(T_part, T_stable, centre, own, lambda place: about(rest, place - middle))
+    assert np.sqrt(np.diag(stated)) == pytest.approx(np.std(found, axis=0), rel=0.05)
 
 
 def boss_at_rest(height: float, wall: float, ribs: float) -> tuple[Field, Piece]:

@@ -1,5 +1,7 @@
 """The covariance of a motion: its convention, its propagation, its calibration, and the significance of a motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from motion_errors import squared_error
@@ -12,6 +14,7 @@ from monitor.registration.motion.sampling import motion_rows
 from projects.errors import ShapeError
 from projects.model import Floats, Registration
 from projects.transforms import apply, perturb
+from reports.wholemotion import describe_motion
 
 
 @pytest.mark.slow
@@ -105,6 +108,22 @@ def test_the_objects_motion_is_the_inverse_of_the_registration() -> None:
     assert significance.probability_unmoved == pytest.approx(chi2.sf(16.0, 6))
     assert significance.sigma_translation == pytest.approx([1e-3] * 3)
     assert significance.is_significant
+
+
+def test_sigmas_of_the_objects_motion_are_as_it_scatters_however_far_it_turned(rng: np.random.Generator) -> None:
+    """By a quarter turn x and y change places: taken from the registration as they are, 1.0 stood for 0.1 mm."""
+    covariance = np.diag([1e-4, 3e-4, 2e-4, 1e-3, 1e-4, 2e-4]) ** 2
+    true = moved_registration(np.array([0.3, 0.0, np.pi / 2, 0.2, 0.0, 0.0]), covariance)
+    found = []
+    for delta in rng.multivariate_normal(np.zeros(6), covariance, 2000):
+        one = replace(true, T_target_source=perturb(true.T_target_source, true.centre, delta))
+        told = motion_significance(one)
+        found.append([*told.rotation, *told.translation])
+    told, reported = motion_significance(true), describe_motion(true)
+    assert told.sigma_translation == pytest.approx(reported.sigma_translation)
+    assert told.sigma_rotation == pytest.approx(reported.sigma_rotation)
+    assert [*told.sigma_rotation, *told.sigma_translation] == pytest.approx(np.std(found, axis=0), rel=0.07)
+    assert told.covariance == pytest.approx(np.cov(np.transpose(found)), abs=0.1 * told.sigma_translation.max() ** 2)
 
 
 def test_a_motion_within_its_uncertainty_is_not_significant() -> None:

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from monitor.registration.motion.held import Frames
 from monitor.registration.network.epoch_network import EpochLink, adjust_network
 from monitor.registration.network.steady_motion import fit_steady_motion
-from monitor.through_time import tell_network, without_frames
+from monitor.through_time import tell_network, tell_steady_motion, without_frames
 from projects.errors import RegistrationError
 from projects.model import EpochRecord, Floats, Registration
 from projects.transforms import apply, invert, motion_about, perturb
@@ -87,6 +87,21 @@ def test_what_frames_may_differ_by_is_told_once_and_not_averaged_over_links(rng:
     assert motions["probability_unmoved"][0] > 0.9  # 1 mm in frames known to 2 mm
     assert np.isnan(motions["probability_unmoved"][1])  # of frames of which nothing is known
     assert len(closures) == 3
+
+
+def test_the_motion_of_an_object_that_turned_is_as_sure_as_it_scatters() -> None:
+    """What undoes a quarter turn has x where the motion has y."""
+    quarter = perturb(np.eye(4), np.zeros(3), np.array([0.0, 0.0, np.pi / 2, 0.3, 0.0, 0.0]))
+    of_link = np.diag([1e-4, 1e-4, 1e-4, 1e-3, 1e-4, 2e-4]) ** 2
+    links = [EpochLink(0, k, Registration(quarter, k * of_link, np.zeros(3), True)) for k in (1, 2)]
+    epochs = [EpochRecord("figure", f"e{k}", datetime.date(2020 + k, 5, 1)) for k in range(3)]
+    network, frames = adjust_network(links, 3), Frames(1e-16 * np.eye(6), np.zeros(3))
+    motions = tell_network(network, links, epochs, [frames] * 2)[0]
+    assert motions.loc[0, ["x_m", "y_m"]].tolist() == pytest.approx([0.0, 0.3], abs=1e-12)
+    assert motions.loc[0, ["sigma_x_m", "sigma_y_m", "sigma_z_m"]].tolist() == pytest.approx([1e-4, 1e-3, 2e-4])
+    assert motions["sigma_shift_m"][0] == pytest.approx(1e-3)
+    steady = tell_steady_motion(network, epochs, [frames] * 3)["steady_motion"]
+    assert np.sqrt(steady["covariance"][4][4] / steady["covariance"][3][3]) == pytest.approx(10.0, rel=1e-3)
 
 
 def test_what_an_epoch_errs_by_in_all_its_links_is_not_averaged(rng: np.random.Generator) -> None:
