@@ -15,6 +15,7 @@ import pandas as pd
 from scipy.linalg import block_diag
 
 from monitor.comparison import EpochChange, follow
+from monitor.comparison.between import SAME
 from monitor.comparison.series.follow import DAYS_PER_YEAR
 from monitor.record import Asked, Made, Place, once_step
 from monitor.registration import MotionSignificance, motion_significance
@@ -96,7 +97,9 @@ def without_frames(link: EpochLink, frames: Frames | None) -> EpochLink:
     if frames is None:
         return link
     registration = link.registration
-    own = registration.covariance - frames.about(registration.centre)
+    of_frames = frames.about(registration.centre)
+    alone = np.allclose(registration.covariance, of_frames, rtol=SAME, atol=0.0)  # no shape tells anything of it
+    own = np.zeros((6, 6)) if alone else registration.covariance - of_frames
     return replace(link, registration=replace(registration, covariance=own))
 
 

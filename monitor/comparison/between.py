@@ -17,6 +17,8 @@ from monitor.comparison.regions.borne_out import Points
 from projects.model import Floats, Registration, Surface
 from projects.transforms import apply
 
+SAME = 1e-9  # of a covariance: what is that of the frames but for rounding
+
 
 @dataclass(frozen=True)
 class Between:
@@ -67,9 +69,10 @@ def stand_between(registration: Registration, frames: Floats | None, mode: str) 
     """Return what lies between two epochs; `frames` (6, 6) where control holds both.
 
     What is left in the differences is as sure as the frames, what is taken off as sure as the shapes tell.
+    A motion that the frames alone hold is stated as sure as they are: they are in its covariance once.
     """
     left = registration if mode == "absolute" else None
-    if frames is None:
+    if frames is None or np.allclose(registration.covariance, frames, rtol=SAME, atol=0.0):
         return Between(registration, registration, left)
     stated = dataclasses.replace(registration, covariance=registration.covariance + frames)
     held = registration if left is None else dataclasses.replace(registration, covariance=frames)

@@ -64,6 +64,9 @@ class EpochNetwork:
 def adjust_network(links: Sequence[EpochLink], n_epochs: int) -> EpochNetwork:
     """Return the poses that fit all links best.
 
+    A link whose covariance is zero tells nothing of its own: the frames of its epochs alone hold it. Epochs that no
+    other link reaches from the first stay where such links put them, of zero covariance, as the frames are not in it.
+
     Raises
     ------
     RegistrationError
@@ -72,19 +75,30 @@ def adjust_network(links: Sequence[EpochLink], n_epochs: int) -> EpochNetwork:
     require_connected(links, n_epochs)
     centre = links[0].registration.centre
     poses = first_poses(links, n_epochs)
-    weights = [np.linalg.pinv(link.registration.covariance, rcond=1e-15, hermitian=True) for link in links]
+    telling = [link for link in links if link.registration.covariance.any()]
+    reached = reach_from_first(telling, n_epochs)
+    telling = [link for link in telling if link.source in reached]
+    rows = np.concatenate([np.arange(0), *(np.arange(6 * k - 6, 6 * k) for k in sorted(reached - {0}))])
+    block = np.ix_(rows, rows)
+    weights = [np.linalg.pinv(link.registration.covariance, rcond=1e-15, hermitian=True)
+               if link.source in reached else np.zeros((6, 6)) for link in links]  # fmt: skip
     for _ in range(N_ITERATIONS):
         normal, right = normal_equations(links, weights, poses, centre)
-        delta = np.linalg.solve(normal, right).reshape(-1, 6)
+        delta = np.zeros_like(right)
+        delta[rows] = np.linalg.solve(normal[block], right[rows])
+        delta = delta.reshape(-1, 6)
         poses[1:] = [perturb(T, centre, d) for T, d in zip(poses[1:], delta, strict=True)]
         if np.abs(delta).max() < 1e-12:
             break
     normal, _ = normal_equations(links, weights, poses, centre)
     squares = np.array([r @ w @ r for r, w in zip(misfits(links, poses), weights, strict=True)])
-    freedom = 6 * (len(links) - (n_epochs - 1))
+    freedom = 6 * (len(telling) - (len(reached) - 1))
     ratio = float(squares.sum()) / freedom if freedom else 1.0
-    joint = ratio * np.linalg.inv(normal) if ratio else np.zeros_like(normal)
-    joint += max(1.0 - ratio, 0.0) * common_errors(links, poses, centre)
+    joint = np.zeros_like(normal)
+    if ratio:
+        joint[block] = ratio * np.linalg.inv(normal[block])
+    if ratio < 1.0:
+        joint[block] += (1.0 - ratio) * common_errors(telling, poses, centre)[block]
     covariance = np.zeros((n_epochs, 6, 6))
     for k in range(1, n_epochs):
         covariance[k] = joint[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k]
@@ -108,7 +122,7 @@ def common_errors(links: Sequence[EpochLink], poses: Floats, centre: Floats) -> 
             of_epoch[k] / max(of_epoch[link.target] + of_epoch[link.source], 1e-300) * C
             for link, C, takes in zip(links, of_link, takes_part[:, k], strict=True) if takes
         ]  # fmt: skip
-        own.append(np.mean(shares, axis=0))
+        own.append(np.mean(shares, axis=0) if shares else np.zeros((6, 6)))
     n = len(poses) - 1
     return np.asarray(block_diag(*own[1:]) + np.kron(np.ones((n, n)), own[0]))
 
@@ -122,18 +136,24 @@ def _in_first_frame(link: EpochLink, T_first_target: Floats, centre: Floats) -> 
 
 def require_connected(links: Sequence[EpochLink], n_epochs: int) -> None:
     """Raise `RegistrationError` for a link without a motion, or an epoch that no link reaches from the first."""
-    reached = {0}
     for link in links:
         if not link.registration.converged or not np.isfinite(link.registration.covariance).all():
             raise RegistrationError(
                 f"epochs {link.target + 1} and {link.source + 1} were not registered ({link.registration.reason}); "
                 "a network needs links that converged"
             )
-    for _ in range(n_epochs):
-        reached |= {b for link in links for a, b in _both_ways(link) if a in reached}
+    reached = reach_from_first(links, n_epochs)
     if len(reached) < n_epochs:
         missing = sorted(set(range(n_epochs)) - reached)
         raise RegistrationError(f"no link reaches epoch {missing[0] + 1} of {n_epochs}; compare it with another one")
+
+
+def reach_from_first(links: Sequence[EpochLink], n_epochs: int) -> set[int]:
+    """Return the numbers of the epochs that links reach from the first, and its own."""
+    reached = {0}
+    for _ in range(n_epochs):
+        reached |= {b for link in links for a, b in _both_ways(link) if a in reached}
+    return reached
 
 
 def _both_ways(link: EpochLink) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from monitor.comparison.between import stand_between
 from monitor.comparison.comparable import require_settled
 from monitor.registration import register
 from monitor.registration.epochs import held_by_frames
@@ -98,4 +99,8 @@ def test_frames_alone_say_no_motion_and_that_the_shape_said_nothing(rng: np.rand
     assert given.converged
     assert np.array_equal(given.T_target_source, np.eye(4))
     assert np.array_equal(given.covariance, frames.covariance)
+    for mode in ("absolute", "relative"):  # stated once, not sqrt(2) times as unsure
+        assert stand_between(given, frames.about(given.centre), mode).stated.covariance == pytest.approx(
+            given.covariance
+        )
     assert far.reason in given.held_by_frames

@@ -104,6 +104,22 @@ def test_the_motion_of_an_object_that_turned_is_as_sure_as_it_scatters() -> None
     assert np.sqrt(steady["covariance"][4][4] / steady["covariance"][3][3]) == pytest.approx(10.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("told", [(), ((0, 1),), ((0, 1), (0, 2))])
+def test_frames_that_alone_hold_links_are_told_once(told: tuple[tuple[int, int], ...]) -> None:
+    """What no shape tells stays as the frames say, to 2 mm: they are not averaged, nor is anything singular."""
+    frames, own, pairs = Frames(4e-6 * np.eye(6), np.zeros(3)), 1e-8 * np.eye(6), [(0, 1), (0, 2), (1, 2)]
+    given = [Registration(np.eye(4), frames.covariance + own * (pair in told), np.zeros(3), True) for pair in pairs]
+    bare = [without_frames(EpochLink(*pair, one), frames) for pair, one in zip(pairs, given, strict=True)]
+    network = adjust_network(bare, 3)
+    assert network.T_first_epoch == pytest.approx(np.stack([np.eye(4)] * 3))
+    for k in (1, 2):
+        assert network.covariance[k] == pytest.approx(own * ((0, k) in told), rel=1e-6, abs=1e-14)
+    epochs = [EpochRecord("stair", f"e{k}", datetime.date(2020 + k, 5, 1)) for k in range(3)]
+    motions = tell_network(network, bare, epochs, [frames, frames])[0]
+    assert motions["sigma_shift_m"].tolist() == pytest.approx([2e-3] * 2, rel=2e-3)
+    assert network.freedom == 0
+
+
 def test_what_an_epoch_errs_by_in_all_its_links_is_not_averaged(rng: np.random.Generator) -> None:
     """Each epoch's surface errs, one of them three times as much, and its links with it: every loop closes, and the
     95 % ellipsoids of links taken for independent hold the truth in three of four cases."""
