@@ -28,7 +28,7 @@ METHOD = {
     "surface": 27,
     "mesh": 9,
     "quality": 3,
-    "comparison": 60,
+    "comparison": 61,
     "series": 18,
 }
 

@@ -38,7 +38,7 @@ N_TOLD = 4  # rows that tell whether whole numbers count something
 
 def are_names(text: str) -> bool:
     """Return whether a line holds names of columns: x, y and z among its words."""
-    roles = {SYNONYMS.get(plain_name(word)) for word in re.split(r"[\s,;]+", without_units(text))}
+    roles = {SYNONYMS.get(_key(word)) for word in re.split(r"[\s,;]+", without_units(text))}
     return {"x", "y", "z"} <= roles
 
 
@@ -66,7 +66,7 @@ def named_unit(names: str) -> ReferenceSystem | None:
     """
     stated: dict[str, str] = {}
     for name, word in UNIT.findall(names):
-        role = SYNONYMS.get(plain_name(name)) or SYNONYMS.get(plain_name((name.split() or [""])[-1]))
+        role = SYNONYMS.get(_key(name)) or SYNONYMS.get(_key((name.split() or [""])[-1]))
         short = SPELT.get(word.lower().removesuffix("s"), word.lower())
         if role in ("x", "y", "z") and short in METRES:
             stated[role] = short
