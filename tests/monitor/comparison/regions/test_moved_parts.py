@@ -226,7 +226,7 @@ def test_nothing_lies_beside_a_part_whose_wear_is_elsewhere(measured: tuple[Comp
 
 def test_masks_that_are_not_of_the_surfaces_are_refused() -> None:
     before, after = (body(3000, np.random.default_rng(k), k > 0) for k in (0, 1))
-    with pytest.raises(ParameterError, match=r"bool \(3000,\) and bool \(7,\): give one mask of bool for each surface's"):
+    with pytest.raises(ParameterError, match=r"bool \(3000,\) and bool \(7,\): give one mask of bool"):
         compare(before, after, apart=(np.zeros(3000, dtype=bool), np.zeros(7, dtype=bool)))
 
 
