@@ -159,21 +159,24 @@ class Site:
         for reference in project.epochs(object_id):
             last = end_of_longest_series(project, object_id, reference.epoch_id)
             step = None if last is None else project.latest(object_id, last, series_product(reference.epoch_id))
-            if last is None or step is None:
-                continue
-
-            def tell(last: str = last, step: Step = step) -> tuple[list[str], str]:
-                series: Series = project.get(object_id, last, step.product, step.step_id)
-                dates = (series.reference_date, *series.dates)
-                return [day(datetime.date.fromisoformat(d)) for d in dates], tell_series(series).lead
-
-            one = {"name": f"{reference.epoch_id}_{last}", "pair": (reference.epoch_id, last), "fault": "", "days": []}
-            try:
-                days, lead = self._keep(("series", object_id, reference.epoch_id, last, step.step_id), tell)
-                told.append({**one, "days": days, "lead": lead})
-            except MonitorError as error:
-                told.append({**one, "fault": str(error)})
+            if last is not None and step is not None:
+                told.append(self._one_series(project, object_id, (reference.epoch_id, last), step))
         return told
+
+    def _one_series(self, project: Project, object_id: str, pair: tuple[str, str], step: Step) -> dict[str, Any]:
+        """Return what is told of the series from one epoch to another, or what is wrong with it."""
+
+        def tell() -> tuple[list[str], str]:
+            series: Series = project.get(object_id, pair[1], step.product, step.step_id)
+            dates = (series.reference_date, *series.dates)
+            return [day(datetime.date.fromisoformat(d)) for d in dates], tell_series(series).lead
+
+        one = {"name": "_".join(pair), "pair": pair, "fault": "", "days": []}
+        try:
+            days, lead = self._keep(("series", object_id, *pair, step.step_id), tell)
+        except MonitorError as error:
+            return {**one, "fault": str(error)}
+        return {**one, "days": days, "lead": lead}
 
     def _epoch(self, project: Project, epoch: EpochRecord) -> dict[str, Any]:
         """Return one epoch as the object's page shows it."""

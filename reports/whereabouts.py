@@ -112,22 +112,23 @@ def name_all_round(patches: list[Surface], setting: Setting) -> str:
 
 def name_part(place: Floats, box: Floats, front: Floats) -> str:
     """Return "to the left" or "to the right" of the object's middle as seen from the front, else nothing."""
-    across = _off_the_middle(place, np.array([[x, y] for x in box[:, 0] for y in box[:, 1]]), np.cross(UP, front))
-    return "to the left" if across < -APART else "to the right" if across > APART else ""
+    corners = np.array([[x, y] for x in box[:, 0] for y in box[:, 1]])
+    return _side_of_middle(place, corners, np.cross(UP, front), ("to the left", "to the right"))
 
 
 def name_part_of_plan(place: Floats, plan: Floats, front: Floats) -> str:
     """Return where in the outline (k, 2) of something that lies flat a place is, as of someone before its front."""
-    across, depth = (_off_the_middle(place, plan, way) for way in (np.cross(UP, front), front))
-    parts = ("to the left" if across < -APART else "to the right" if across > APART else "",
-             "towards the back" if depth < -APART else "towards the front" if depth > APART else "")  # fmt: skip
-    return ", ".join(part for part in parts if part) or "in the middle"
+    across = _side_of_middle(place, plan, np.cross(UP, front), ("to the left", "to the right"))
+    depth = _side_of_middle(place, plan, front, ("towards the back", "towards the front"))
+    return ", ".join(filter(None, (across, depth))) or "in the middle"
 
 
-def _off_the_middle(place: Floats, corners: Floats, way: Floats) -> float:
-    """Return how far along `way` (3,) a place lies off the middle of corners (k, 2), of their extent: -0.5 to 0.5."""
+def _side_of_middle(place: Floats, corners: Floats, way: Floats, words: tuple[str, str]) -> str:
+    """Return the first of the words where a place lies before the middle of corners (k, 2) along `way` (3,), the second
+    where beyond it, else nothing."""
     reach = corners @ way[:2]
-    return float((place[:2] @ way[:2] - reach.min()) / max(float(np.ptp(reach)), 1e-300)) - 0.5
+    off = (place[:2] @ way[:2] - reach.min()) / max(float(np.ptp(reach)), 1e-300) - 0.5
+    return words[0] if off < -APART else words[1] if off > APART else ""
 
 
 def locate(comparison: Comparison, number: int, place: Floats, setting: Setting) -> str:

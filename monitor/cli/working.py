@@ -33,15 +33,8 @@ from reports.wholemotion import knows_motion
 Facts = dict[str, Any]
 Where = tuple[int | None, str | None]  # workers, scheduler
 HERE: Where = (None, None)  # in this process
-TOLD = (
-    "open_holes",
-    "uncovered",
-    "outside",
-    "turned",
-    "alone",
-    "control",
-    "doubt",
-)  # of an epoch, where there is cause
+# Of an epoch, where there is cause.
+TOLD = ("open_holes", "uncovered", "outside", "turned", "alone", "control", "doubt")
 COMPARED = "{object} {reference} -> {compared}: {answer}"  # the line of a comparison
 
 

@@ -178,12 +178,18 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
         statistics["lod95_beside_layer_median_m"] = level_beside(on_both[1])
         on_both, told = put_layer_back(on_both, told, reference, compared, asked)
     on_both = add_told_from(on_both, told.smallest)
-    figures = summarize(on_both[1], told.sides, found, between.stated, tolerance, held=between.held.covariance,
-                        knows_frames=frames is not None)  # fmt: skip
-    figures |= coarse_figures(on_both[1], told.sides[1].areas, tolerance)
-    figures |= area_figures(on_both, told.sides, sights, found.test.size)
+    figures = figures_of(on_both, told, found, asked, tolerance, frames is not None)
     table = told.regions.table[list(REGION_COLUMNS)]
     return Comparison(on_both[1], on_both[0], table, between.stated, mode, {**figures, **statistics})
+
+
+def figures_of(on_both: tuple[ComparedSurface, ComparedSurface], told: Told, found: Detected, asked: Question,
+               tolerance: float | None, knows_frames: bool) -> dict[str, Any]:  # fmt: skip
+    """Return the figures of a comparison as a whole, beside those of its regions; lengths in metres."""
+    stated, held = asked.between.stated, asked.between.held.covariance
+    figures = summarize(on_both[1], told.sides, found, stated, tolerance, held=held, knows_frames=knows_frames)
+    figures |= coarse_figures(on_both[1], told.sides[1].areas, tolerance)
+    return figures | area_figures(on_both, told.sides, asked.sights, found.test.size)
 
 
 def shapes_of(told: Told) -> list[dict[str, Any]]:
