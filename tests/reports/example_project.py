@@ -16,6 +16,10 @@ TURN = perturb(np.eye(4), np.zeros(3), np.array([0.1, -0.2, 0.3, 1.0, 2.0, 0.5])
 MOTION = perturb(np.eye(4), np.zeros(3), np.array([0.0, 0.0, 1e-3, 2e-3, 0.0, -1e-3]))
 
 
+def silent(text: str) -> None:
+    """Take what is told."""
+
+
 def measured(k: int) -> PointCloud:
     """Return 400 points of a scan, in its frame."""
     rng = np.random.default_rng([5, k])

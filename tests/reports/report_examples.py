@@ -19,6 +19,7 @@ from projects.model import (
     Step,
     Surface,
 )
+from reports.captions import write_captions
 from reports.document import make_facts
 from reports.history import EpochHistory
 
@@ -138,6 +139,11 @@ def said(facts):
     answer = facts.answer
     largest = (f"{told.subject} {told.text}" for told in answer.largest)
     return plain(" ".join((answer.headline, *answer.changed, *largest, *(told.text for told in answer.sure))))
+
+
+def said_below(facts):
+    """Return what stands below the pictures of change."""
+    return plain(write_captions(facts).difference)
 
 
 def rows_of(facts, title):

@@ -9,23 +9,20 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import bagit
 import numpy as np
 import pandas as pd
 import pytest
-from example_project import MOTION, TURN, fill, measured, step
-from report_examples import example_comparison, example_epochs, example_object
+from example_project import MOTION, TURN, fill, measured, silent, step
+from report_examples import example_comparison, example_object
 from series_examples import followed, series_of
 
 from monitor.cli import run
-from monitor.scans import open_scans
-from monitor.unit_check import UnitCheck
-from projects import Project, Scan, Surface
+from projects import Project
 from projects.bags import verify_bag
 from projects.errors import ParameterError, StoreError
-from projects.formats import read_mesh, read_scans, write_e57
+from projects.formats import read_mesh, read_scans
 from projects.formats.complete_file import complete_folder
 from projects.model import (
     CLOSURE_COLUMNS,
@@ -37,15 +34,9 @@ from projects.model import (
     NotAssessed,
 )
 from projects.provenance import hash_file
-from projects.raw import ScanHeader
 from projects.transforms import apply
 from reports import archive, deposit_comparison, pictures
 from reports.archive import write_archive
-from reports.survey_tables import cloud_rows, mesh_rows, pose_of, survey_rows
-
-
-def silent(text: str) -> None:
-    """Take what is told."""
 
 
 @pytest.fixture(scope="module")
@@ -192,30 +183,6 @@ def test_cloud_mesh_and_metadata_say_what_the_project_holds(made: Path) -> None:
     of_mesh = {(r.part, r.field): r.value for r in pd.read_csv(mesh).itertuples()}
     assert of_mesh["survey", "Original file"] == f"column.ply (SHA-256 {'ab' * 32})"
     assert pd.read_csv(folder / "column_e1_control.csv").iloc[0].tolist() == ["K1", 1.0, 2.0, 3.0, 0.001]
-
-
-def test_the_unit_of_the_original_files_stands_beside_that_of_the_archive() -> None:
-    first, _ = example_epochs()
-    for unit, word in ((0.0254, "inch"), (0.01, "centimetre"), (0.1, "0.1 m"), (None, "not recorded")):
-        epoch = replace(first, record=replace(first.record, unit=unit))
-        rows = {field: value for _, field, value in survey_rows(("", "", ""), example_object(), epoch, [])}
-        assert rows["Unit of coordinates"] == "metre"
-        assert rows["Unit of the numbers in the original files"] == word
-
-
-def test_what_is_smoothed_or_filled_is_said_to_be() -> None:
-    epoch = example_epochs()[0]
-    asked = {"filter": {"thinning": {"method": "voxel_median"}, "diffusion": {"enabled": True}}}
-    told = {field: value for _, field, value in cloud_rows(measured(0), step("filtered", "2", parameters=asked), epoch)}
-    assert told["Smoothing"] == "yes: anisotropic diffusion"
-    assert "median of a voxel" in told["Subsampling"]
-    plain = {field: value for _, field, value in cloud_rows(measured(0), step("filtered", "2"), epoch)}
-    assert plain["Smoothing"] == "no"
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
-    closed = Surface(corners, np.array([[0, 1, 2], [1, 3, 2]]), face_invented=np.array([False, True]))
-    filled = {f: v for _, f, v in mesh_rows(closed, step("surface", "3", automatic={"method": "localized"}))}
-    assert filled["Holes filled"] == "yes: 1 triangles, marked"
-    assert filled["Sigma of a vertex, median [m]"] == "not recorded"
 
 
 def test_verify_names_every_file_that_is_changed_missing_or_new(
@@ -409,48 +376,3 @@ def test_a_series_is_said_to_come_of_all_comparisons_that_it_rests_on(
     assert {Path(name).name.split("_")[2].split(".")[0] for name in results} == {"series"}
     compared = {f["@id"] for f in actions["Comparison of epochs e1 and e2 of column"]["result"]}
     assert not any("series" in name for name in compared)
-
-
-def test_a_scanner_off_the_origin_of_its_frame_stands_where_its_pose_puts_it(tmp_path: Path) -> None:
-    place = np.array([0.5, -0.2, 1.5])
-    scan = Scan("station", measured(0), TURN, place)
-    write_e57(tmp_path / "a.e57", [scan])
-    (read,) = read_scans(tmp_path / "a.e57")
-    header = ScanHeader(0, "station", TURN, place, 400, {}, None, "a.e57", "", 0, False, np.zeros((2, 3)))
-    np.testing.assert_allclose(pose_of(header, None), read.pose, atol=1e-12)
-    np.testing.assert_allclose(pose_of(header, MOTION)[:3, 3], apply(MOTION, apply(TURN, place)), atol=1e-12)
-
-
-def test_scans_of_which_nobody_knows_where_the_scanner_stood_are_archived_as_they_came(tmp_path: Path) -> None:
-    given = np.round(np.add(measured(0).points, (5e5, 4e6, 200.0)), 6)
-    np.savetxt(tmp_path / "merged.xyz", given, fmt="%.6f")
-    project = Project.create(tmp_path / "p")
-    project.add_object(example_object())
-    streams = open_scans([tmp_path / "merged.xyz"], {}, UnitCheck())
-    project.add_epoch(EpochRecord("column", "e1", datetime.date(2025, 5, 12)), streams)
-    assert np.isnan(project.scan_headers("column", "e1")[0].origin).all()
-    write_archive(tmp_path / "archive", project, ["column"], silent)
-    folder = tmp_path / "archive" / "data" / "column" / "e1"
-    (scan,) = open_scans([folder / "column_e1_scans.e57"], {}, UnitCheck())
-    points = np.concatenate([block.cloud.points for block in scan.chunks()])
-    np.testing.assert_allclose(points, given, rtol=0.0, atol=1.1e-6)
-    assert np.isnan(scan.origin).all()  # and it stays unknown, whatever its points look like
-    np.testing.assert_array_equal(np.loadtxt(folder / "column_e1_GRmatrices_scan1.txt"), np.eye(4))
-    assert pd.read_csv(folder / "column_e1_scans.csv")[["station_x", "station_y", "station_z"]].isna().all(axis=None)
-
-
-def test_scans_with_points_beside_their_grid_are_archived_whole_and_without_it(tmp_path: Path) -> None:
-    (tmp_path / "a.e57").write_bytes(b"as it came")
-    cloud, rows = measured(0), np.arange(400) // 20
-    whole = Scan("station", cloud, TURN, rows=np.where(rows < 19, rows, -1), columns=np.arange(400) % 20)
-    stream = SimpleNamespace(
-        name="station", index=0, path=tmp_path / "a.e57", pose=TURN, origin=np.zeros(3), scanner=None, is_grid=True,
-        chunks=lambda: (whole.take(rows < 9), whole.take(rows >= 9)),
-    )  # fmt: skip
-    project = Project.create(tmp_path / "p")
-    project.add_object(example_object())
-    project.add_epoch(EpochRecord("column", "e1", datetime.date(2025, 5, 12)), [stream])
-    told = write_archive(tmp_path / "archive", project, ["column"], silent).minds
-    assert any("of the scans of epoch e1 of column, station are archived without their grid" in mind for mind in told)
-    (scan,) = read_scans(tmp_path / "archive/data/column/e1/column_e1_scans.e57")
-    assert sum(len(block.cloud) for block in scan.chunks()) == 400

@@ -1,0 +1,53 @@
+"""What stands below the pictures and the tables of a report."""
+
+import dataclasses
+
+from report_examples import DENT, PATCH, example_comparison, facts_of, plain, said_below
+
+from reports.captions import write_captions
+
+
+def test_why_a_volume_or_a_margin_is_not_known_stands_below_the_table():
+    nan = float("nan")
+    without_volume, vague = (*PATCH[:4], nan, nan, *PATCH[6:]), (*DENT[:7], nan, *DENT[8:])
+    told = plain(write_captions(facts_of(example_comparison((vague, without_volume)))).regions)
+    assert "The volume of no. 2 is not known: too little of what lies there and beside could be assessed" in told
+    assert "The margin of the extreme of no. 1 is not known: at edges and rims" in told
+    assert "not known" not in write_captions(facts_of()).regions
+    both = example_comparison(((*DENT[:4], nan, nan, *DENT[6:]), without_volume))
+    assert "The volume of nos. 1 and 2 is" in plain(write_captions(facts_of(both)).regions)
+    shapes = {"region_shapes": [{"region": k, "is_hollow": True} for k in (1, 2)]}
+    hollows = dataclasses.replace(both, statistics={**both.statistics, **shapes})
+    assert "too little of what lies there" not in write_captions(facts_of(hollows)).regions  # told with the hollows
+
+
+def test_what_is_told_of_a_hollow_is_explained_below_the_table():
+    comparison = example_comparison()
+    assert "hollow" not in write_captions(facts_of(comparison)).regions
+    shapes = [{"region": 1, "is_hollow": True}, {"region": 2, "is_hollow": False}, {"region": 99, "is_hollow": True}]
+    told = dataclasses.replace(comparison, statistics={**comparison.statistics, "region_shapes": shapes})
+    assert "No. 1 is a hollow too narrow to have a surface, such as a crack" in write_captions(facts_of(told)).regions
+    shapes[1]["is_hollow"] = True
+    assert "Nos. 1 and 2 are hollows too narrow to have a surface" in write_captions(facts_of(told)).regions
+
+
+def test_the_legend_says_that_its_colours_are_of_this_comparison():
+    assert "their scale is this comparison’s own" in write_captions(facts_of()).difference
+
+
+def test_of_what_lies_flat_it_is_said_which_side_is_taken_for_the_front():
+    facts = facts_of()
+    flat = dataclasses.replace(facts, is_flat=True)
+    assert "taken to be the lower edge of the view from above" in write_captions(flat).regions
+    assert "lies flat" not in write_captions(facts).regions
+    assert "lies flat" not in write_captions(dataclasses.replace(flat, front=0.5)).regions
+
+
+def test_a_report_printed_in_grey_says_where_loss_and_gain_are_told_apart():
+    """Both ends of the colours are as dark."""
+    assert said_below(facts_of()).endswith(
+        " Numbers are those of the table of regions, which also says without colour what was lost and what gained."
+    )
+    one = said_below(facts_of(example_comparison(rows=[DENT])))
+    assert one.endswith(" Numbers are those of the table of regions.")
+    assert "Numbers" not in said_below(facts_of(example_comparison(rows=())))
