@@ -46,10 +46,11 @@ def tell_motions(series: Series) -> Table | None:
 
 def _say_closure(series: Series) -> str:
     """Return how well the registrations fit each other: as many as there are later epochs close no loop, and whatever
-    they say they fit."""
-    if len(series.closures) <= len(series.motions):
+    they say they fit; those that frames alone hold tell nothing."""
+    telling = series.closures.dropna(subset=["misfit_sigma"])
+    if len(telling) <= len(series.motions):
         return "No registration between two later epochs checks them."
-    worst = series.closures.sort_values("misfit_sigma").iloc[-1]
+    worst = telling.sort_values("misfit_sigma").iloc[-1]
     return (f"The one that fits the others least, {worst['reference']} to {worst['compared']}, is off by "
             f"{float(worst['misfit_sigma']):.1f} sigma.")  # fmt: skip
 

@@ -81,6 +81,8 @@ def test_registrations_that_close_no_loop_are_not_said_to_fit_each_other() -> No
     series = moving()
     links = [["a", epoch, 0.0] for epoch in series.motions["epoch"]]
     table = tell_motions(replace(series, closures=pd.DataFrame(links, columns=list(CLOSURE_COLUMNS))))
+    held = [*links, ["b", "d", float("nan")]]  # by frames alone: it fits nothing worse than all others
+    assert tell_motions(replace(series, closures=pd.DataFrame(held, columns=list(CLOSURE_COLUMNS)))) == table
     assert table is not None
     assert "No registration between two later epochs checks them." in table.note
     assert "sigma" not in table.note

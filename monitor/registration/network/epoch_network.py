@@ -45,7 +45,7 @@ class EpochNetwork:
     covariance : (n, 6, 6) of (w, t) about `centre` (3,) in the first epoch's frame, rad and m; zero for the first.
     joint : (6 (n - 1), 6 (n - 1)), the same of all but the first together.
     misfit : (links,), by how much each link departs from the adjusted poses, in sigmas (square root of its chi-square
-        over six).
+        over six); NaN of links that tell nothing of their own.
     chi2, freedom, probability : of all misfits; NaN without loops. Where chi2 exceeds the freedom, the covariance is
         raised by their ratio; where it falls short, the ratio is the share of the links' variance that is their own,
         and the rest is that of the epochs, which all links of an epoch have in common.
@@ -102,8 +102,9 @@ def adjust_network(links: Sequence[EpochLink], n_epochs: int) -> EpochNetwork:
     covariance = np.zeros((n_epochs, 6, 6))
     for k in range(1, n_epochs):
         covariance[k] = joint[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k]
+    misfit = np.where([w.any() for w in weights], np.sqrt(squares / 6.0), np.nan)
     return EpochNetwork(
-        poses, covariance, joint, centre, np.sqrt(squares / 6.0), float(squares.sum()), freedom,
+        poses, covariance, joint, centre, misfit, float(squares.sum()), freedom,
         float(chi2.sf(squares.sum(), freedom)) if freedom else float("nan"),
     )  # fmt: skip
 

@@ -118,6 +118,7 @@ def test_frames_that_alone_hold_links_are_told_once(told: tuple[tuple[int, int],
     motions = tell_network(network, bare, epochs, [frames, frames])[0]
     assert motions["sigma_shift_m"].tolist() == pytest.approx([2e-3] * 2, rel=2e-3)
     assert network.freedom == 0
+    assert np.isnan(network.misfit).tolist() == [pair not in told for pair in pairs]  # nothing to fit or not
 
 
 def test_what_an_epoch_errs_by_in_all_its_links_is_not_averaged(rng: np.random.Generator) -> None:
