@@ -82,11 +82,11 @@ def learn_and_judge(sides: tuple[Side, Side], registration: Registration, level:
     test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, first_errors), AS_STATED)
     teaches_all = False
     for _ in range(N_ROUNDS):
-        rest = without_plain(away_from_both(sides, test), plain)
-        if can_teach(rest, sides, test):
+        rest, sure = find_rest(sides, test, layout, noise, calm, registration, plain)
+        if rest is not None:
             calm, noise = rest, learn_noise(sides, rest, 0.95, rng, noise.correlation)
             layout = lay_out(sides, noise, registration, layout)
-            test = judge_units(layout, sides, calm, noise, level, partial(learn_errors, errors_of_calm(sides[0])))
+            test = judge_beside(sure, layout, sides, calm, noise, level, registration)
             teaches_all = test.limit == 0.0
     if teaches_all:  # nothing has changed: what was suspect is the tail of the errors, and the level must know it
         calm = (sides[0].is_assessed, sides[1].is_assessed)
@@ -206,6 +206,42 @@ def _test(patches: Patches, errors: tuple[PatchErrors, ...]) -> Floats:
     z = patches.means / patches.sigmas
     columns = map_threads(lambda k: errors[k].p_values(z[:, k], patches.kinds, patches.dofs[:, k]), range(len(errors)))
     return np.where(patches.is_whole, np.column_stack(columns), 1.0)
+
+
+def find_rest(sides: tuple[Side, Side], test: Tested, layout: Layout, noise: Noise, calm: Masks,
+              registration: Registration, plain: Masks | None) -> tuple[Masks | None, Masks | None]:  # fmt: skip
+    """Return which vertices of both sides lie away from all that is significant or suspect, None where these are too
+    few to teach, and which changed surely, where patches that hold some of these do not teach; None: all patches do.
+
+    Wide patches that reach into a deep change are significant as far as they are wide, on a small object all over it.
+    Where that leaves too little, patches without what is deep or changed plainly say what lies away from the rest.
+    """
+    rest = without_plain(away_from_both(sides, test), plain)
+    if can_teach(rest, sides, test):
+        return rest, None
+    deep = all_deep(sides, noise, test.far)
+    sure = deep if plain is None else (deep[0] | plain[0], deep[1] | plain[1])
+    if not (sure[0].any() or sure[1].any()):
+        return None, None
+    without = lay_out_without(layout, sides, sure, registration)
+    beside = judge_units(without, sides, calm, noise, test.level, lambda _: test.errors, test.scans)
+    rest = away_from_both(sides, beside)
+    return (rest, sure) if can_teach(rest, sides, beside) else (None, None)
+
+
+def judge_beside(sure: Masks | None, layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise,
+                 level: float, registration: Registration) -> Tested:  # fmt: skip
+    """Test all patches, by errors that patches without what changed surely (`sure`, None: nothing) show."""
+    learn = partial(learn_errors, errors_of_calm(sides[0]))
+    if sure is None:
+        return judge_units(layout, sides, calm, noise, level, learn)
+    beside = judge_units(lay_out_without(layout, sides, sure, registration), sides, calm, noise, level, learn)
+    return judge_units(layout, sides, calm, noise, level, lambda _: beside.errors, beside.scans)
+
+
+def all_deep(sides: tuple[Side, Side], noise: Noise, far: float) -> Masks:
+    """Return which vertices (n,) of both sides are so far off zero that they need no patch; see `find_deep`."""
+    return map_sides(lambda k: find_deep(sides[k], level_at(sides[k], noise), far), larger_of(sides))
 
 
 def away_from_both(sides: tuple[Side, Side], test: Tested) -> Masks:
