@@ -28,8 +28,8 @@ METHOD = {
     "surface": 27,
     "mesh": 9,
     "quality": 3,
-    "comparison": 61,
-    "series": 18,
+    "comparison": 62,
+    "series": 19,
 }
 
 

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from monitor.blocks import blocks
 from monitor.comparison.distances.quantile import median
-from monitor.comparison.distances.stars import first_sides, free_edges
-from projects.model import Bools, Floats
+from monitor.comparison.distances.stars import Survey, first_sides, free_edges, make_mesh, survey_vertices
+from projects.model import Bools, Floats, Surface
 
 FAR_EDGES = 40.0  # a free edge farther than this many edges has no influence
 MOST_CELLS = 100  # of the coarse grid that tells which points have a free edge near, along its longest side
@@ -24,6 +24,28 @@ class Rim(NamedTuple):
     shift: Floats
     tree: cKDTree
     farthest: float
+
+
+class Ends(NamedTuple):
+    """Where a surface ends: its `rim`, None where it is closed, which of its vertices (n,) lie on it, and the area
+    (n,) [m2] each stands for; of those that rest on nothing, what they would."""
+
+    rim: Rim | None
+    is_border: Bools
+    areas: Floats
+
+
+def ends_of(surface: Surface, mesh: Any, survey: Survey, limit: float) -> Ends:
+    """Return where what was measured of a surface ends; `mesh` and `survey` are of all its faces.
+
+    At a hole that invented faces close it ends as at one that is open. See `outline` for `limit` [m].
+    """
+    if surface.face_invented is None:
+        return Ends(outline(mesh, survey.is_border, limit), survey.is_border, survey.areas)
+    measured = make_mesh(mesh.vertices, surface.faces[~surface.face_invented], mesh.shift)
+    own = survey_vertices(measured)
+    areas = np.where(own.n_neighbours > 0, own.areas, survey.areas)
+    return Ends(outline(measured, own.is_border, limit), own.is_border, areas)
 
 
 def outline(mesh: Any, is_border: Bools, limit: float) -> Rim | None:

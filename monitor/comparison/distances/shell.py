@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from monitor.comparison.distances.discord import sigma_of_discord
 from monitor.comparison.distances.mesh_tree import MeshTree, grow_tree, require_faces
-from monitor.comparison.distances.rim import Rim, outline
+from monitor.comparison.distances.rim import Rim, ends_of
 from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.stars import Neighbours, gather_neighbours, make_mesh, survey_vertices
 from monitor.morton import Cells, cells_of, face_order
@@ -22,7 +22,7 @@ FACES_PER_TREE = 4_000_000  # some 0.3 GiB
 @dataclass(frozen=True)
 class Shell:
     """A surface, and of its n vertices `normals` (n, 3), angle-weighted, `areas` [m2], `is_border`, `neighbours` and
-    `discord` [m]; its `rim`, None where it is closed.
+    `discord` [m]; its `rim`, None where it is closed; areas and rim are of what was measured (`ends_of`).
 
     `shift` (3,) [m] is what its tree's coordinates are less, `cells` those that its faces are ordered by, `limits` the
     search limit [m] and the largest angle [rad] between normals. `tree` is None where the surface has more than
@@ -63,5 +63,6 @@ def make_shell(
     starts, near = gather_neighbours(mesh, survey.n_neighbours)
     neighbours = Neighbours(keep_on_disk(starts), keep_on_disk(near))
     discord = keep_on_disk(sigma_of_discord(surface, neighbours))
-    return Shell(surface, shift, limits, cells, survey.normals, survey.areas, survey.is_border, neighbours, discord,
-                 outline(mesh, survey.is_border, limits[0]), tree, faces_per_tree)  # fmt: skip
+    ends = ends_of(surface, mesh, survey, limits[0])
+    return Shell(surface, shift, limits, cells, survey.normals, ends.areas, ends.is_border, neighbours, discord,
+                 ends.rim, tree, faces_per_tree)  # fmt: skip

@@ -209,17 +209,19 @@ def spacing_of(areas: Floats) -> float:
 
 
 def fringe_of(surface: Surface, to_own_rim: Floats, areas: Floats) -> Bools:
-    """Return where a surface goes on beyond its samples (n,): away from these, next to its own free edges, which are
-    `to_own_rim` (n,) [m] away; nowhere on a surface that does not state how far its samples are, as a finished mesh,
-    which ends where its maker let it end.
+    """Return where a surface goes on beyond its samples (n,): where it rests on nothing, and away from samples, next
+    to its own free edges, which are `to_own_rim` (n,) [m] away; there not on a surface that does not state how far its
+    samples are, as a finished mesh, which ends where its maker let it end.
 
     A surface ends where nothing was sampled for some cells. Of plates sampled every 2 and 4 mm the whole surface is 2.2
     to 3.0 spacings of the points wider than the plate on each side, less its fringe -0.1 to 0.5 (`test_fringe`).
     """
-    if surface.sample_distance is None or not len(to_own_rim):
-        return np.zeros(len(areas), dtype=np.bool_)
-    spacing = spacing_of(areas)
-    return np.asarray((to_own_rim < EXTRAPOLATED * spacing) & (surface.sample_distance > OFF_SAMPLES * spacing))
+    out = np.zeros(len(areas), dtype=np.bool_)
+    if surface.sample_distance is not None and len(to_own_rim):
+        spacing = spacing_of(areas)
+        out = (to_own_rim < EXTRAPOLATED * spacing) & (surface.sample_distance > OFF_SAMPLES * spacing)
+    on_nothing = _rests_on_nothing(surface)
+    return np.asarray(out | on_nothing if len(on_nothing) else out)
 
 
 def thirds_of(points: Floats, centre: Floats, is_assessed: Bools, noise: Floats) -> Ints:

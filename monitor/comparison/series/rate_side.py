@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.comparison.distances.perpendicular import unit_normals
-from monitor.comparison.distances.rim import distance_to_rim, outline
+from monitor.comparison.distances.rim import distance_to_rim, ends_of
 from monitor.comparison.distances.side import Side, expected_change, fringe_of
 from monitor.comparison.distances.stars import gather_neighbours, make_mesh, survey_vertices
 from monitor.comparison.series.epoch_change import EpochChange
@@ -98,11 +98,12 @@ def lay_bare(surface: Surface, motion: Registration) -> Side:
     normals = unit_normals(surface, survey.normals)
     n, nothing = len(normals), np.zeros(len(normals))
     no_foot, one_class = np.full(n, -1, dtype=np.int32), np.zeros(n, dtype=np.uint8)
-    to_rim = distance_to_rim(outline(mesh, survey.is_border, 0.0), surface.vertices)
+    ends = ends_of(surface, mesh, survey, 0.0)
+    to_rim = distance_to_rim(ends.rim, surface.vertices)
     sigma = propagate(motion.covariance, motion.centre, surface.vertices, normals)
     return Side(
-        surface, surface, no_foot, no_foot, normals, gather_neighbours(mesh, survey.n_neighbours), survey.areas,
-        fringe_of(surface, to_rim, survey.areas), nothing, to_rim, nothing, nothing, nothing, sigma, nothing > 0.0,
+        surface, surface, no_foot, no_foot, normals, gather_neighbours(mesh, survey.n_neighbours), ends.areas,
+        fringe_of(surface, to_rim, ends.areas), nothing, to_rim, nothing, nothing, nothing, sigma, nothing > 0.0,
         one_class, nothing, sigma, one_class, one_class, one_class, one_class,
     )  # fmt: skip
 
