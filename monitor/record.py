@@ -25,7 +25,7 @@ METHOD = {
     "targets": 2,
     "network": 17,
     "filtered": 11,
-    "surface": 27,
+    "surface": 28,
     "mesh": 9,
     "quality": 3,
     "comparison": 62,

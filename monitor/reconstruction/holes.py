@@ -17,6 +17,7 @@ from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.distance import pdist
 
+from monitor.reconstruction.alongside import lies_along
 from monitor.reconstruction.faces import area_vector, length_of
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
@@ -51,7 +52,7 @@ def close_holes(vertices: Floats, faces: Ints, widest: float, longest_edge: floa
 
     The free edge around the whole of an open surface is a hole too, if a wide one. Holes are closed in the order of
     their lowest vertex; one whose faces would meet others, refined or not, is tried again without the faces of its rim
-    that are met, then stays open and is counted.
+    that are met, then stays open and is counted. So does one whose faces would lie along a measured sheet.
     """
     mesh = Closed(vertices, faces, len(faces))
     for loop in free_loops(faces):
@@ -108,7 +109,10 @@ def _try(mesh: Closed, loop: Ints, longest_edge: float) -> Attempt:
         patch = _span(corners, is_taken, normals)
         if patch is None:
             continue
-        for places, span in (_refine(corners, patch, longest_edge), (corners, patch)):
+        fine = _refine(corners, patch, longest_edge)
+        if lies_along(fine[0], len(loop), vertices, faces[: mesh.n_measured], longest_edge):
+            return Attempt(None, met)
+        for places, span in (fine, (corners, patch)):
             names = np.r_[loop, len(vertices) + np.arange(len(places) - len(loop))]
             more = np.r_[vertices, places[len(loop) :]]
             joined = np.r_[faces, names[span].astype(faces.dtype)]

@@ -10,7 +10,7 @@ from monitor.comparison import compare
 from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction.holes import close_holes, free_loops
 from monitor.reconstruction.intersections import find_intersections
-from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
+from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals, untie
 from projects.formats import read_mesh, write_ply_mesh
 from projects.model import Assessment, PointCloud, Registration
 
@@ -132,3 +132,31 @@ def test_watertight_surface_is_closed_and_its_invented_parts_are_not_assessed(rn
     rests[surface.faces[~surface.face_invented]] = True
     assert (side.assessment[~rests] == Assessment.NOT_ASSESSABLE).all()
     assert (side.assessment[rests] == Assessment.UNCHANGED).mean() > 0.95
+
+
+def bowl(bend, is_open, n=61, step=1.0):
+    """Return a sheet z = -bend r^2 of a square grid, without the faces whose middle lies where `is_open` (r)."""
+    axis = step * (np.arange(n) - n // 2)
+    x, y = (values.ravel() for values in np.meshgrid(axis, axis))
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.r_[np.c_[corner, corner + 1, corner + n], np.c_[corner + 1, corner + n + 1, corner + n]]
+    away = np.hypot(x, y)
+    return np.c_[x, y, -bend * away**2], untie(faces[~is_open(away[faces].mean(axis=1))])
+
+
+@pytest.mark.parametrize("bend", [0.001, 0.003])
+def test_hole_with_a_piece_in_its_midst_is_not_closed_beneath_that_piece(bend):
+    """Both were closed, a tenth to half of an edge under the piece and over it, at the cost of faces of the piece."""
+    vertices, faces = bowl(bend, lambda r: (r > 6.0) & (r < 14.0))
+    closed = close_holes(vertices, faces, 40.0, 1.5)
+    assert (closed.n_closed, closed.n_left_open) == (0, 2)
+    assert np.array_equal(closed.faces, faces)
+    empty = close_holes(*bowl(bend, lambda r: r < 14.0), 40.0, 1.5)
+    assert (empty.n_closed, empty.n_left_open) == (1, 0)
+
+
+def test_sheet_that_is_hardly_bent_gets_no_back_of_its_own_and_a_shallow_bowl_a_floor():
+    flat, shallow = (close_holes(*bowl(bend, lambda r: r > 16.0, 41), np.inf, 1.5) for bend in (0.0003, 0.008))
+    assert (flat.n_closed, flat.n_left_open) == (0, 1)
+    assert (shallow.n_closed, shallow.n_left_open) == (1, 0)
+    assert is_closed(shallow.faces)
