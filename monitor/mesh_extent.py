@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.reconstruction.mesh import compact, face_areas_and_normals
 from projects.extent import inside
-from projects.model import Ints, Surface
+from projects.model import Bools, Surface
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,15 @@ def cut_to_extent(mesh: Surface, extent: Mapping[str, Any] | None) -> CutMesh:
     if not keep.any():
         return CutMesh(mesh, 0, 1.0)
     areas = face_areas_and_normals(mesh.vertices, mesh.faces)[0]
-    used, faces = compact(len(mesh.vertices), mesh.faces[keep])
     share = float(areas[~keep].sum() / max(areas.sum(), 1e-300))
-    return CutMesh(take_vertices(mesh, used, faces), int((~keep).sum()), share)
+    return CutMesh(take_faces(mesh, keep), int((~keep).sum()), share)
 
 
-def take_vertices(mesh: Surface, used: Ints, faces: Ints) -> Surface:
-    """Return a mesh of the vertices `used` (k,) alone, with what is known of them, and of `faces` (m, 3)."""
+def take_faces(mesh: Surface, keep: Bools) -> Surface:
+    """Return a mesh of the faces to keep (m,) and their corners alone, with what is known of them."""
+    used, faces = compact(len(mesh.vertices), mesh.faces[keep])
     n = len(mesh.vertices)
     fields = {name: value for name, value in vars(mesh).items() if isinstance(value, np.ndarray) and len(value) == n}
     taken = {name: value[used] for name, value in fields.items() if name not in ("faces", "face_invented")}
-    return replace(mesh, **taken, faces=faces, face_invented=None)
+    invented = None if mesh.face_invented is None else mesh.face_invented[keep]
+    return replace(mesh, **taken, faces=faces, face_invented=invented)

@@ -92,11 +92,11 @@ def _send_scan(reader: Any, path: str, header: ScanHeader, out: BinaryIO, renew_
 
 
 def _send_mesh(mesh: Columns, out: BinaryIO, renew_time: Callable[[], None]) -> None:
-    """Send a whole mesh in pieces: vertices with what is known of each, then faces."""
-    faces = mesh.pop("faces")
+    """Send a whole mesh in pieces: vertices with what is known of each, then faces, and which of them are invented."""
+    faces = {name: mesh.pop(name) for name in ("faces", "invented") if name in mesh}
     for start in range(0, len(mesh["points"]), CHUNK):
         write_frame(out, {"kind": "vertices"}, {name: v[start : start + CHUNK] for name, v in mesh.items()})
         renew_time()
-    for start in range(0, len(faces), CHUNK):
-        write_frame(out, {"kind": "faces"}, {"faces": faces[start : start + CHUNK]})
+    for start in range(0, len(faces["faces"]), CHUNK):
+        write_frame(out, {"kind": "faces"}, {name: v[start : start + CHUNK] for name, v in faces.items()})
         renew_time()

@@ -60,17 +60,17 @@ def read_counted_mesh(path: Path, *, unit: float = 1.0, limits: ReadLimits | Non
         raise FormatError(f"{path}: {format_name.upper()} holds no mesh; PLY, OBJ, STL or GLB is needed")
     pieces: list[Columns] = [columns for _, columns in ask_child(path, {"format": format_name, "job": "mesh"}, limits)]
     vertices = _joined([piece for piece in pieces if "points" in piece])
-    faces = _joined([piece for piece in pieces if "faces" in piece]).get("faces", np.empty((0, 3), np.int64))
-    n_vertices, n_faces = len(vertices.get("points", ())), len(faces)
+    faces = {"faces": np.empty((0, 3), np.int64)} | _joined([piece for piece in pieces if "faces" in piece])
+    n_vertices, n_faces = len(vertices.get("points", ())), len(faces["faces"])
     faces = _true_triangles(path, faces, n_vertices)
-    vertices, faces = _only_corners(vertices, faces)
+    vertices, faces["faces"] = _only_corners(vertices, faces["faces"])
     n_alone = n_vertices - len(vertices["points"])
     _require_places(path, vertices["points"])
     require_precision(vertices["points"], unit, str(path))
     for join in (_joined_at_seams, _joined_where_parted):
-        vertices, faces = join(vertices, faces)
+        vertices, faces["faces"] = join(vertices, faces["faces"])
         faces = _true_triangles(path, faces, len(vertices["points"]))
-    dropped = {"vertices_of_no_triangle": n_alone, "triangles_without_three_corners": n_faces - len(faces)}
+    dropped = {"vertices_of_no_triangle": n_alone, "triangles_without_three_corners": n_faces - len(faces["faces"])}
     return MeshFile(_surface(vertices, faces, unit), {what: n for what, n in dropped.items() if n})
 
 
@@ -80,17 +80,18 @@ def _joined(pieces: list[Columns]) -> Columns:
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in names}
 
 
-def _true_triangles(path: Path, faces: np.ndarray, n_vertices: int) -> np.ndarray:
+def _true_triangles(path: Path, faces: Columns, n_vertices: int) -> Columns:
     """Return the faces with three different corners; raise where one names a vertex that is not there."""
-    if len(faces) and (faces.min() < 0 or faces.max() >= n_vertices):
+    corners = faces["faces"]
+    if len(corners) and (corners.min() < 0 or corners.max() >= n_vertices):
         raise FormatError(
-            f"{path}: its faces name vertices {faces.min()} to {faces.max()}; it has 0 to {n_vertices - 1}"
+            f"{path}: its faces name vertices {corners.min()} to {corners.max()}; it has 0 to {n_vertices - 1}"
         )
-    a, b, c = faces.T
-    kept = faces[(a != b) & (b != c) & (c != a)]
-    if not len(kept):
+    a, b, c = corners.T
+    is_true = (a != b) & (b != c) & (c != a)
+    if not is_true.any():
         raise FormatError(f"{path}: holds no faces with three different corners")
-    return kept
+    return {name: values[is_true] for name, values in faces.items()}
 
 
 def _only_corners(vertices: Columns, faces: np.ndarray) -> tuple[Columns, np.ndarray]:
@@ -150,7 +151,9 @@ def _joined_as(vertices: Columns, faces: np.ndarray, first: np.ndarray) -> tuple
     return joined, place[faces]
 
 
-def _surface(vertices: Columns, faces: np.ndarray, unit: float) -> Surface:
+def _surface(vertices: Columns, faces: Columns, unit: float) -> Surface:
     """Return the surface in metres."""
     known = {name: vertices[name] for name in ("normals", "intensity", "colors") if name in vertices}
-    return Surface(vertices=vertices["points"] * unit, faces=faces, **known)
+    if faces.get("invented", np.zeros(0)).any():
+        known["face_invented"] = faces["invented"] != 0
+    return Surface(vertices=vertices["points"] * unit, faces=faces["faces"], **known)

@@ -113,7 +113,7 @@ def _role(name: str) -> str:
 
 
 def read_mesh(path: str) -> Columns:
-    """Return the vertices and triangles; polygons are cut into fans."""
+    """Return the vertices and triangles, and which are invented, as our own files say; polygons are cut into fans."""
     layout = read_layout(path)
     blocks = [block for block in read_scan(path, ScanHeader()) if "surplus" not in block]
     faces = next((e for e in layout.elements if e.name == "face" and e.n), None)
@@ -124,7 +124,12 @@ def read_mesh(path: str) -> Columns:
     if not indices:
         raise FormatError("its faces have no list vertex_indices")
     place = _begin(path, layout, faces)
-    return mesh | {"faces": fan(_lists(path, layout, faces, place).read(indices[0]))}
+    lists = _lists(path, layout, faces, place)
+    polygons = lists.read(indices[0])
+    marks = [k for k, p in enumerate(faces.properties) if p[0] == "invented" and p[1][0] in "iu" and not p[2]]
+    if marks and all(table.shape[1] == 3 for table in polygons):
+        mesh["invented"] = (lists.read(marks[0])[0][:, 0] != 0).astype(np.uint8)
+    return mesh | {"faces": fan(polygons)}
 
 
 def read_layout(path: str) -> Layout:

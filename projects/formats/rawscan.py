@@ -25,6 +25,7 @@ KINDS = {
     "rows": ("<i4", 0),
     "columns": ("<i4", 0),
     "faces": ("<i8", 3),
+    "invented": ("|u1", 0),
 }
 
 

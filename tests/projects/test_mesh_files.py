@@ -263,3 +263,27 @@ def test_what_is_one_place_in_space_has_the_mean_normal_of_its_sides(tmp_path):
     assert found.faces.tolist() == [[0, 2, 1], [0, 1, 3]]
     half = np.sqrt(0.5)
     np.testing.assert_allclose(found.normals, [[half, 0, half], [half, 0, half], [0, 0, 1], [1, 0, 0]], atol=1e-6)
+
+
+@pytest.mark.parametrize("program", ["ours", "binary that adds a quality", "text"])
+def test_which_faces_are_invented_comes_back(tmp_path, program):
+    """They came back as measured, and an underside that nobody saw was compared."""
+    path, box = tmp_path / "closed.ply", trimesh.creation.box()
+    invented = np.asarray(box.triangles_center)[:, 2] < -0.4
+    write_ply_mesh(path, Surface(np.array(box.vertices), np.array(box.faces), face_invented=invented))
+    if program != "ours":
+        is_text = program == "text"
+        kinds = "property list uchar int vertex_indices\nproperty float quality\nproperty uchar invented\n"
+        header = f"ply\nformat {'ascii' if is_text else 'binary_little_endian'} 1.0\nelement vertex 8\n"
+        header += "".join(f"property double {axis}\n" for axis in "xyz") + f"element face 13\n{kinds}end_header\n"
+        faces = np.zeros(13, [("n", "u1"), ("corners", "<i4", 3), ("quality", "<f4"), ("invented", "u1")])
+        faces["n"], faces["quality"] = 3, 0.5
+        faces["corners"][1:], faces["invented"][1:] = box.faces, invented  # the first has no area
+        lines = [" ".join(map(str, row)) for row in box.vertices.tolist()]
+        lines += [f"3 {' '.join(map(str, f['corners']))} {f['quality']} {f['invented']}" for f in faces]
+        body = ("\n".join(lines) + "\n").encode() if is_text else np.array(box.vertices).tobytes() + faces.tobytes()
+        path.write_bytes(header.encode() + body)
+    read = read_mesh(path)
+    assert np.array_equal(read.faces, box.faces)
+    assert read.face_invented is not None
+    assert np.array_equal(read.face_invented, invented)
