@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from projects.model import Floats, Ints, Surface
+from projects.model import Bools, Floats, Ints, Surface
 
 
 def area_vectors(corners: Floats) -> Floats:
@@ -52,3 +52,12 @@ def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
     normals = np.column_stack([share_among_vertices(around[:, k], faces, len(vertices)) for k in range(3)])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
+
+
+def rest_on_nothing(surface: Surface) -> Bools:
+    """Return which vertices (n,) of a surface with invented faces have no other face: nobody measured them."""
+    out = np.zeros(len(surface.vertices), dtype=np.bool_)
+    if surface.face_invented is not None:
+        out[:] = True
+        out[surface.faces[~surface.face_invented]] = False
+    return out

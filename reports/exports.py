@@ -29,6 +29,7 @@ from projects.formats import (
 )
 from projects.formats.complete_file import complete_file
 from projects.model import ComparedSurface, Comparison, NotAssessed, PointCloud, Scan, Series, Step, Surface
+from projects.triangles import rest_on_nothing
 from reports.colours import choose_limit, vertex_colours
 from reports.followed import find_footprints
 from reports.motions import steady_motion_table
@@ -222,11 +223,20 @@ def _write_formats(
             raise ParameterError(f"format {name!r}: allowed are {', '.join(FORMATS)}")
         if name == "stl":  # before others are written
             require_stl_holds(stem.parent / f"{stem.name}.stl", surface)
+    points = _measured_vertices(surface, properties) if surface.face_invented is not None else (surface, properties)
     for name in formats:
         path = stem.parent / f"{stem.name}.{name}"
-        _WRITERS[name](path, surface, properties, crs)
+        _WRITERS[name](path, *(points if name in OF_POINTS else (surface, properties)), crs)
         written.append(path)
     return written
+
+
+def _measured_vertices(surface: Surface, properties: Properties) -> tuple[Surface, Properties]:
+    """Return the vertices that rest on measured faces, for formats that hold no faces and could not tell the others."""
+    kept = np.flatnonzero(~rest_on_nothing(surface))
+    known = {name: values[kept] for name in ("intensity", "colors") if (values := getattr(surface, name)) is not None}
+    points = Surface(surface.vertices[kept], np.empty((0, 3), dtype=np.int32), **known)
+    return points, {name: values[kept] for name, values in properties.items()}
 
 
 def _write_ply(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
@@ -268,7 +278,7 @@ def _write_laz(path: Path, surface: Surface, properties: Properties, crs: str) -
 
 
 def _write_csv(path: Path, surface: Surface, properties: Properties, crs: str) -> None:
-    """Write a row for each vertex."""
+    """Write a row for each vertex that was measured."""
     places = {axis: surface.vertices[:, k] for k, axis in enumerate("xyz")}
     write_csv(path, pd.DataFrame({**places, **properties}))
 
@@ -294,3 +304,4 @@ _WRITERS: dict[str, Writer] = {
     "csv": _write_csv,
 }
 FORMATS = tuple(_WRITERS)
+OF_POINTS = ("laz", "e57", "csv")

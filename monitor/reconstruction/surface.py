@@ -41,6 +41,7 @@ from monitor.reconstruction.surface_settings import SurfaceSettings
 from monitor.reconstruction.usable import take_usable
 from projects.errors import ReconstructionError
 from projects.model import Floats, Ints, PointCloud, Surface, require_noun
+from projects.triangles import rest_on_nothing
 
 LEAST_SHOWN = 0.1  # of the noise stated: points that scatter less tell nothing of it, as those in one plane by rounding
 OF_FIT = 4.8  # variance in the middle of a quadratic fit of weights 1 - t^2, times its points over that of one
@@ -209,14 +210,20 @@ def finish(projection: Projection, faces: Ints, samples: cKDTree, cloud: PointCl
 
 
 def mark(surface: Surface, settled: Settled, n_invented: int) -> Surface:
-    """Return the surface with what holds of some vertices, and of the last `n_invented` faces; None where of none."""
+    """Return the surface with what holds of some vertices, and of the last `n_invented` faces; None where of none.
+
+    What rests on these alone sent no light back: its intensity is not known.
+    """
     n_faces = len(surface.faces)
-    return replace(
+    marked = replace(
         surface,
         is_unresolved=settled.beside if settled.beside.any() else None,
         is_crest=settled.is_crest if settled.is_crest.any() else None,
         face_invented=np.arange(n_faces) >= n_faces - n_invented if n_invented else None,
     )
+    if marked.intensity is None or not n_invented:
+        return marked
+    return replace(marked, intensity=np.where(rest_on_nothing(marked), np.nan, marked.intensity))
 
 
 def vertex_sigma(projection: Projection, cloud: PointCloud, index: Ints) -> Floats:

@@ -12,7 +12,7 @@ from report_examples import example_comparison
 from small_comparison import make_comparison
 
 from projects.errors import FormatError
-from projects.formats import read_scans
+from projects.formats import read_mesh, read_scans
 from projects.model import Step, Surface
 from reports.colours import choose_limit
 from reports.exports import SUMMARY_KEYS, export_comparison, export_surface, summarize
@@ -45,6 +45,18 @@ def test_all_that_a_surface_knows_is_exported_under_its_name(tmp_path):
     properties = trimesh.load(ply, process=False).metadata["_ply_raw"]["vertex"]["data"]
     assert properties["crest"].tolist() == [0, 1, 1, 0]
     assert properties["unresolved"].tolist() == [1, 0, 0, 0]
+
+
+def test_vertices_that_nobody_measured_are_no_points(tmp_path):
+    """A hole's invented vertices were points like others in E57 and LAZ, where nothing could tell them."""
+    surface = tetrahedron(**KNOWN, face_invented=[False, True, True, True])  # the fourth vertex is the invented top
+    paths = export_surface(tmp_path, "vase", "e1", surface, ("csv", "e57", "laz", "ply"))
+    assert len(pd.read_csv(paths[0])) == 3
+    for path in paths[1:3]:
+        (stream,) = read_scans(path)
+        places = np.concatenate([chunk.cloud.points for chunk in stream.chunks()])
+        np.testing.assert_allclose(places, surface.vertices[:3], atol=1e-4)
+    assert len(read_mesh(paths[3]).vertices) == 4
 
 
 def test_the_summary_says_where_the_colours_of_the_models_end():

@@ -26,7 +26,7 @@ from monitor.robust import MAD_TO_SIGMA
 from monitor.threads import map_threads, run_tasks
 from projects.model import Bools, Floats, Ints, NotAssessed, Registration, Surface
 from projects.transforms import apply, invert, rotate
-from projects.triangles import area_vectors
+from projects.triangles import area_vectors, rest_on_nothing
 
 Made = TypeVar("Made")
 
@@ -181,7 +181,7 @@ def measure_side(shell: Shell, other_shell: Shell, sign: float, registration: Re
     own_rim = NOTHING if shell.rim is None else distance_to_rim(shell.rim, surface.vertices)
     least_to_rim = EXTRAPOLATED * spacing_of(shell.areas)
     judged = judge_vertices(feet, np.asarray(other.faces), stated, bow_at(other, feet.faces, feet.weights), own_rim,
-                            _rests_on_nothing(surface), sign, least_to_rim)  # fmt: skip
+                            _unmeasured(surface), sign, least_to_rim)  # fmt: skip
     sigma, reasons, corners = judged.sigma, judged.reasons, judged.corners
     motion = keep_on_disk(_motion_sigma(registration, surface.vertices, normals))
     is_stable = np.zeros(len(normals), dtype=np.bool_)
@@ -220,8 +220,7 @@ def fringe_of(surface: Surface, to_own_rim: Floats, areas: Floats) -> Bools:
     if surface.sample_distance is not None and len(to_own_rim):
         spacing = spacing_of(areas)
         out = (to_own_rim < EXTRAPOLATED * spacing) & (surface.sample_distance > OFF_SAMPLES * spacing)
-    on_nothing = _rests_on_nothing(surface)
-    return np.asarray(out | on_nothing if len(on_nothing) else out)
+    return np.asarray(out if surface.face_invented is None else out | rest_on_nothing(surface))
 
 
 def thirds_of(points: Floats, centre: Floats, is_assessed: Bools, noise: Floats) -> Ints:
@@ -304,10 +303,6 @@ def cosine_to_foot(side: Side, vertices: Ints) -> Floats:
     return np.clip(np.einsum("ij,ij->i", normal, side.normals[vertices]) / length, 0.0, 1.0)
 
 
-def _rests_on_nothing(surface: Surface) -> Bools:
-    """Whether all faces around a vertex close a hole where nothing was measured; empty where none does."""
-    if surface.face_invented is None:
-        return np.zeros(0, dtype=np.bool_)
-    measured = np.zeros(len(surface.vertices), dtype=np.bool_)
-    measured[surface.faces[~surface.face_invented]] = True
-    return ~measured
+def _unmeasured(surface: Surface) -> Bools:
+    """Return which vertices (n,) nobody measured; empty where no face is invented."""
+    return np.zeros(0, dtype=np.bool_) if surface.face_invented is None else rest_on_nothing(surface)

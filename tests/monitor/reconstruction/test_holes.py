@@ -101,6 +101,7 @@ def test_jagged_rims_of_a_tube_are_closed_at_the_cost_of_a_few_of_their_faces(se
 
 def test_small_holes_are_closed_and_marked_and_wide_ones_stay(rng):
     cloud = sphere_without_caps(rng)
+    cloud = dataclasses.replace(cloud, intensity=np.full(len(cloud), 0.5))
     open_ = reconstruct_with_record(cloud)
     assert open_.surface.face_invented is None
     result = reconstruct_with_record(cloud, SurfaceSettings(close_holes=0.04))
@@ -113,6 +114,8 @@ def test_small_holes_are_closed_and_marked_and_wide_ones_stay(rng):
     new = np.arange(len(surface.vertices)) >= len(open_.surface.vertices)
     assert np.isnan(surface.sigma[new]).all()
     assert (surface.n_support[new] == 0).all()
+    assert np.isnan(surface.intensity[new]).all()  # that of the nearest points, up to the hole's radius away
+    np.testing.assert_allclose(surface.intensity[~new], 0.5)
     assert surface.vertices[new, 2].min() > 0.95 * RADIUS
 
 
