@@ -60,6 +60,7 @@ def settle(
     `near` returns the faces that end near enough to the samples, which vertices may leave on their way.
     """
     faces = weld(vertices, faces, SLIVER * cell)
+    require_faces(faces, cell)
     used, faces = compact(len(vertices), faces)
     vertices = vertices.take(used, axis=0)
     projection, roofs = fit_vertices(vertices, faces, measured, cell, settings, automatic)
@@ -153,16 +154,21 @@ def hold_back(raw: Floats, projection: Projection, faces: Ints, counts: dict[str
     return projection._replace(vertices=vertices, sigma=np.hypot(projection.sigma, short)), doubtful
 
 
-def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Ints:
-    """Return faces that make a two-manifold with boundary, without slivers and crumbs."""
-    faces = weld(vertices, faces, SLIVER * cell)
-    faces = keep_faces(faces, ~is_degenerate(vertices, faces, SLIVER**2 * cell))
-    faces = untie(faces)
+def require_faces(faces: Ints, cell: float) -> None:
+    """Raise `ReconstructionError` where there are no faces."""
     if not len(faces):
         raise ReconstructionError(
             f"no surface came of cells of {cell:.4g} m: the points lie on no surface at that spacing (on one line, or "
             "rounded to coarse steps); give points that do, or another cell_size"
         )
+
+
+def clean(vertices: Floats, faces: Ints, cell: float, crumb_cells: float) -> Ints:
+    """Return faces that make a two-manifold with boundary, without slivers and crumbs."""
+    faces = weld(vertices, faces, SLIVER * cell)
+    faces = keep_faces(faces, ~is_degenerate(vertices, faces, SLIVER**2 * cell))
+    faces = untie(faces)
+    require_faces(faces, cell)
     areas = piece_areas(vertices, faces)
     faces = keep_faces(faces, areas >= np.pi * (crumb_cells * cell) ** 2)
     if not len(faces):

@@ -180,6 +180,9 @@ def test_settings_that_leave_no_surface_are_refused_with_what_to_do(rng):
         ReconstructionError, match=r"crumb_cells = 1000 .* 1\.5\d+ m radius .* set crumb_cells below 1\d,"
     ):
         reconstruct(cloud, SurfaceSettings(crumb_cells=1000))
+    ways = even_directions(4000)
+    with pytest.raises(ReconstructionError, match=r"no surface came of cells of 10 m: .* or another cell_size"):
+        reconstruct(PointCloud(0.05 * ways, normals=ways), SurfaceSettings(cell_size=10))
     with pytest.raises(ParameterError, match="narrowest_fit_cells = 20 exceeds widest_fit_cells = 12"):
         SurfaceSettings(narrowest_fit_cells=20, widest_fit_cells=12)
 
