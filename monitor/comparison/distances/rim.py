@@ -28,7 +28,7 @@ class Rim(NamedTuple):
 
 class Ends(NamedTuple):
     """Where a surface ends: its `rim`, None where it is closed, which of its vertices (n,) lie on it, and the area
-    (n,) [m2] each stands for; of those that rest on nothing, what they would."""
+    (n,) [m2] each stands for; of those that rest on nothing the median, so that they say nothing of the spacing."""
 
     rim: Rim | None
     is_border: Bools
@@ -44,7 +44,8 @@ def ends_of(surface: Surface, mesh: Any, survey: Survey, limit: float) -> Ends:
         return Ends(outline(mesh, survey.is_border, limit), survey.is_border, survey.areas)
     measured = make_mesh(mesh.vertices, surface.faces[~surface.face_invented], mesh.shift)
     own = survey_vertices(measured)
-    areas = np.where(own.n_neighbours > 0, own.areas, survey.areas)
+    is_measured = own.n_neighbours > 0
+    areas = np.where(is_measured, own.areas, median(own.areas[is_measured])) if is_measured.any() else survey.areas
     return Ends(outline(measured, own.is_border, limit), own.is_border, areas)
 
 

@@ -70,6 +70,7 @@ def test_area_of_a_followed_surface_is_what_was_measured(rng) -> None:
     bare = [lay_bare(s, STILL) for s in (surface, closed(surface))]
     rim = np.concatenate(free_loops(surface.faces))
     assert np.array_equal(bare[1].to_rim[rim] < 1e-9, bare[0].to_rim[rim] < 1e-9)
+    assert bare[1].spacing == bare[0].spacing  # invented vertices lie as densely as their span has them
     areas = [float(side.measured_areas.sum()) for side in bare]
     assert areas[1] == pytest.approx(areas[0], rel=1e-9)
 
