@@ -15,6 +15,7 @@ from monitor.registration.motion.propagation import propagate
 from monitor.robust import nmad
 from projects.model import Assessment, Comparison, Floats, Ints, NotAssessed, PointCloud
 from projects.transforms import apply
+from projects.triangles import measured_faces
 
 MOST_CORES = 5000  # core points, evenly drawn: shares are known to 1 %
 PER_CYLINDER = 30.0  # points of the sparser cloud: fewer, and a level of detection is not to be trusted (Lague et al.)
@@ -34,7 +35,7 @@ def ask_m3c2(comparison: Comparison, reference: PointCloud, compared: PointCloud
     if not len(cores) or side.surface.normals is None:
         return {"n_core_points": 0}
     fewest = min(len(reference), len(compared))
-    area = float(vertex_areas(make_mesh(side.surface.vertices, side.surface.faces)).sum())
+    area = float(vertex_areas(make_mesh(side.surface.vertices, measured_faces(side.surface))).sum())
     radius = float(np.sqrt(PER_CYLINDER * area / max(fewest, 1) / np.pi))
     points, normals = side.surface.vertices[cores], side.surface.normals[cores]
     motion = propagate(registration.covariance, registration.centre, points, normals)

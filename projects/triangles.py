@@ -54,10 +54,15 @@ def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
     return np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
 
 
+def measured_faces(surface: Surface) -> Ints:
+    """Return the faces (k, 3) of a surface that are not invented."""
+    return surface.faces if surface.face_invented is None else surface.faces[~surface.face_invented]
+
+
 def rest_on_nothing(surface: Surface) -> Bools:
     """Return which vertices (n,) of a surface with invented faces have no other face: nobody measured them."""
     out = np.zeros(len(surface.vertices), dtype=np.bool_)
     if surface.face_invented is not None:
         out[:] = True
-        out[surface.faces[~surface.face_invented]] = False
+        out[measured_faces(surface)] = False
     return out

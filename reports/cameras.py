@@ -20,7 +20,7 @@ from scipy.spatial import ConvexHull
 
 from projects.model import Bools, Floats, Ints, Surface
 from projects.open3d_library import load_open3d
-from projects.triangles import face_normals
+from projects.triangles import face_normals, measured_faces
 
 VIEW_NAMES = {"front": "Front", "right": "Right side", "back": "Back", "left": "Left side", "top": "Top",
               "below": "From below"}  # fmt: skip
@@ -172,8 +172,7 @@ def front_in_plan(surface: Surface) -> Floats:
 
 def outline_of_plan(surface: Surface) -> Floats:
     """Return the corners (k, 2) of the convex hull of the measured surface seen from above, in order."""
-    measured = surface.faces if surface.face_invented is None else surface.faces[~surface.face_invented]
-    plan = surface.vertices[np.unique(measured), :2]
+    plan = surface.vertices[np.unique(measured_faces(surface)), :2]
     outline: Floats = plan[ConvexHull(plan - plan.mean(axis=0)).vertices]
     return outline
 

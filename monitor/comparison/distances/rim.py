@@ -11,6 +11,7 @@ from monitor.blocks import blocks
 from monitor.comparison.distances.quantile import median
 from monitor.comparison.distances.stars import Survey, first_sides, free_edges, make_mesh, survey_vertices
 from projects.model import Bools, Floats, Surface
+from projects.triangles import measured_faces
 
 FAR_EDGES = 40.0  # a free edge farther than this many edges has no influence
 MOST_CELLS = 100  # of the coarse grid that tells which points have a free edge near, along its longest side
@@ -42,7 +43,7 @@ def ends_of(surface: Surface, mesh: Any, survey: Survey, limit: float) -> Ends:
     """
     if surface.face_invented is None:
         return Ends(outline(mesh, survey.is_border, limit), survey.is_border, survey.areas)
-    measured = make_mesh(mesh.vertices, surface.faces[~surface.face_invented], mesh.shift)
+    measured = make_mesh(mesh.vertices, measured_faces(surface), mesh.shift)
     own = survey_vertices(measured)
     is_measured = own.n_neighbours > 0
     areas = np.where(is_measured, own.areas, median(own.areas[is_measured])) if is_measured.any() else survey.areas

@@ -12,7 +12,9 @@ import trimesh
 from monitor.comparison import compare
 from monitor.comparison.series.rate_side import lay_bare
 from monitor.reconstruction.holes import close_holes, free_loops
-from projects.model import Assessment, Comparison, Registration, Surface
+from monitor.reconstruction.mesh import normals_by_angle
+from monitor.second_opinion import ask_m3c2
+from projects.model import Assessment, Comparison, PointCloud, Registration, Surface
 
 NOISE = 1e-4  # m
 STILL = Registration(np.eye(4), np.eye(6) * 1e-12, np.zeros(3), True)
@@ -26,7 +28,8 @@ def open_body(rng: np.random.Generator, lowest: float) -> Surface:
     vertices = np.array(ball.vertices)
     normals = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
     sigma = np.full(len(vertices), NOISE)
-    return Surface(vertices + rng.normal(0.0, NOISE, (len(vertices), 1)) * normals, np.array(ball.faces), sigma=sigma)
+    places = vertices + rng.normal(0.0, NOISE, (len(vertices), 1)) * normals
+    return Surface(places, np.array(ball.faces), normals=normals, sigma=sigma)
 
 
 def closed(surface: Surface) -> Surface:
@@ -36,7 +39,8 @@ def closed(surface: Surface) -> Surface:
     sigma = np.full(len(mesh.vertices), np.nan)
     sigma[: len(surface.vertices)] = surface.sigma
     invented = np.arange(len(mesh.faces)) >= mesh.n_measured
-    return Surface(mesh.vertices, mesh.faces, sigma=sigma, face_invented=invented)
+    normals = np.vstack([surface.normals, normals_by_angle(mesh.vertices, mesh.faces)[len(surface.vertices) :]])
+    return Surface(mesh.vertices, mesh.faces, normals=normals, sigma=sigma, face_invented=invented)
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +66,13 @@ def test_share_of_the_area_assessed_is_of_what_was_measured(pairs) -> None:
     open_, shut = (pair.statistics for pair in pairs)
     for share in ("assessed_area_share", "assessed_area_share_reference"):
         assert shut[share] == pytest.approx(open_[share], rel=1e-9)
+
+
+def test_cylinders_of_m3c2_are_as_wide_as_the_points_of_what_was_measured_ask_for(pairs) -> None:
+    """They are to hold 30 points, and held 36: by the area of invented faces, where there are none."""
+    cloud = PointCloud(pairs[0].on_compared.surface.vertices)
+    open_, shut = (ask_m3c2(pair, cloud, cloud)["cylinder_radius_m"] for pair in pairs)
+    assert shut == pytest.approx(open_, rel=1e-9)
 
 
 def test_area_of_a_followed_surface_is_what_was_measured(rng) -> None:
