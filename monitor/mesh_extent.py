@@ -34,7 +34,7 @@ def cut_to_extent(mesh: Surface, extent: Mapping[str, Any] | None) -> CutMesh:
     """
     if extent is None:
         return CutMesh(mesh, 0, 0.0)
-    keep = inside(extent, mesh.vertices)[mesh.faces].all(axis=1)
+    keep = np.asarray(inside(extent, mesh.vertices)[mesh.faces].all(axis=1))
     if keep.all():
         return CutMesh(mesh, 0, 0.0)
     if not keep.any():

@@ -153,7 +153,9 @@ def _joined_as(vertices: Columns, faces: np.ndarray, first: np.ndarray) -> tuple
 
 def _surface(vertices: Columns, faces: Columns, unit: float) -> Surface:
     """Return the surface in metres."""
-    known = {name: vertices[name] for name in ("normals", "intensity", "colors") if name in vertices}
+    known: dict[str, np.ndarray] = {
+        name: vertices[name] for name in ("normals", "intensity", "colors") if name in vertices
+    }
     if faces.get("invented", np.zeros(0)).any():
         known["face_invented"] = faces["invented"] != 0
     return Surface(vertices=vertices["points"] * unit, faces=faces["faces"], **known)
