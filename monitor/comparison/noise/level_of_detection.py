@@ -17,6 +17,7 @@ from scipy.stats import norm
 
 from monitor.boxes import box_of
 from monitor.comparison.distances.quantile import between, quantile
+from projects.errors import ParameterError
 from projects.model import Z95, Floats, Ints
 
 N_FLOOR = 200_000  # stable vertices that a floor is estimated from, at even steps
@@ -31,12 +32,24 @@ def lague_lod95(spread_reference: Floats, n_reference: Floats | Ints, spread_com
                 n_compared: Floats | Ints, registration_error: float) -> Floats:  # fmt: skip
     """Return Lague's level of detection [m], the registration error added linearly, as other programs have it.
 
+    Raises `ParameterError` where a spread [m], a number of points or the error [m] is negative; NaN is unknown.
+
     References
     ----------
     Lague, Brodu and Leroux (2013), Eq. (1): 1.96 (sqrt(s1^2 / n1 + s2^2 / n2) + reg).
     """
+    _require_none_negative(spread_reference=spread_reference, n_reference=n_reference, spread_compared=spread_compared,
+                           n_compared=n_compared, registration_error=registration_error)  # fmt: skip
     sampling2 = np.square(spread_reference) / n_reference + np.square(spread_compared) / n_compared
     return 1.96 * (np.sqrt(sampling2) + registration_error)
+
+
+def _require_none_negative(**given: Floats | Ints | float) -> None:
+    """Raise `ParameterError` for values of which any is negative."""
+    for name, values in given.items():
+        least = float(np.nanmin(values, initial=0.0))
+        if least < 0.0:
+            raise ParameterError(f"{name} = {least:.6g}: 0 or more is allowed, NaN where it is not known")
 
 
 def far_levels(n_vertices: int, level: float) -> float:

@@ -20,6 +20,7 @@ from monitor.comparison.noise.level_of_detection import estimate_floor
 from monitor.comparison.noise.scan_errors import AS_STATED, ScanErrors
 from monitor.comparison.regions.borders import sigma_of_area
 from monitor.comparison.regions.figures import RegionView, find_extreme, name_kind, settle_kind, stands_out
+from projects.errors import ParameterError
 from projects.model import Z95, Registration, Surface
 
 
@@ -203,6 +204,14 @@ def test_level_of_detection_is_the_root_of_the_squares() -> None:
 def test_lague_adds_the_registration_linearly() -> None:
     lod = lague_lod95(np.array([0.03]), np.array([9]), np.array([0.04]), np.array([16]), 0.005)
     assert lod[0] == pytest.approx(1.96 * (np.sqrt(1e-4 + 1e-4) + 0.005), rel=1e-12)
+
+
+def test_a_negative_spread_number_or_error_has_no_level_of_detection() -> None:
+    """A negative spread passed for its size, -5 points for NaN, and an error of -1 cm made the level smaller."""
+    for wrong in ((-0.03, 9, 0.04, 16, 0.005), (0.03, -5, 0.04, 16, 0.005), (0.03, 9, 0.04, 16, -0.01)):
+        with pytest.raises(ParameterError, match="0 or more is allowed, NaN where it is not known"):
+            lague_lod95(*wrong)  # type: ignore[arg-type]
+    assert np.isnan(lague_lod95(np.array([np.nan]), np.array([9]), np.array([0.04]), np.array([16]), 0.005)).all()
 
 
 def test_floor_is_what_is_missing_to_the_spread(rng: np.random.Generator) -> None:
