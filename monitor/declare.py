@@ -6,6 +6,7 @@ Used by the settings of every step; `monitor.settings` gathers them and turns th
 from __future__ import annotations
 
 import dataclasses
+import math
 import numbers
 from typing import Any, TypeVar
 
@@ -72,6 +73,8 @@ def _check_value(told: str, value: Any, field: dataclasses.Field[Any]) -> None:
     number = numbers.Integral if "int" in kinds else numbers.Real
     if not isinstance(value, number) or isinstance(value, bool):
         raise ParameterError(f"{told}: a {'whole ' if number is numbers.Integral else ''}number is needed")
+    if value in (math.inf, -math.inf):
+        raise ParameterError(f"{told}: a finite number is needed")
     if not (low is None or value >= low) or not (high is None or value <= high):  # NaN is in no range
         unit = f" {meta['unit']}" if meta["unit"] else ""
         span = f"at least {low}" if high is None else f"at most {high}" if low is None else f"{low} to {high}"

@@ -57,6 +57,7 @@ def test_a_changed_setting_changes_only_itself(tmp_path: Path) -> None:
             "[filter.thinning]\ntarget_spacing = '4 mm'\n",
             r"toml: \[filter\]: \[thinning\]: .*target_spacing = '4 mm': a number",
         ),
+        ("[compare]\nsearch_limit = inf\n", "search_limit = inf: a finite number is needed$"),
         ("[filter.thinning]\ntarget_spacing = nan\n", "target_spacing = nan m: allowed is 1e-06 to 10.0"),
         ("[compare]\nsearch_limit = -1\n", "search_limit = -1 m: allowed is at least 1e-06$"),
         ("[compare]\nlargest_lod95 = 0\n", "largest_lod95 = 0 m: allowed is at least 1e-06$"),
