@@ -6,6 +6,7 @@ In come what `compare` was given; what cannot be compared is refused with what w
 from __future__ import annotations
 
 import math
+import numbers
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from projects.transforms import require_rigid
 
 MODES = ("relative", "absolute")
 MOST_BOTH_WAYS = 0.5  # of the faces: with more, vertices have no normal, and distances no sign
+ROUNDED = 1e-6  # of a covariance, as a correlation: what rounding alone makes of its two halves
 MOSTLY = 0.5  # share of the samples with a partner, from which on epochs that failed to register do lie near each other
 
 
@@ -89,8 +91,25 @@ def require_masks(apart: tuple[Bools, Bools] | None, sizes: tuple[int, int]) -> 
         )
 
 
+def require_given_areas(registration: Registration | None, n_vertices: int) -> None:
+    """Raise `ParameterError` where the stable areas that someone gave are not told of the compared surface's vertices.
+
+    Without them all would be judged as if nobody knew where nothing changed.
+    """
+    is_stable = None if registration is None else registration.is_stable
+    if registration is None or (is_stable is not None and len(is_stable) != n_vertices):
+        told = "no registration is given" if is_stable is None else f"the registration's is_stable has {len(is_stable)}"
+        raise ParameterError(
+            f"stable_is_given, but {told}: give the registration of the compared surface within these areas, whose "
+            f"is_stable has a value for each of its {n_vertices} vertices"
+        )
+
+
 def require_covariance(given: Floats | None, what: str = "frames") -> None:
-    """Raise `ParameterError` where what is given, of a motion or of how far frames may differ, is no covariance."""
+    """Raise `ParameterError` where what is given, of a motion or of how far frames may differ, is no covariance.
+
+    Of one that is not symmetric each formula would read another half.
+    """
     if given is None:
         return
     try:
@@ -103,13 +122,22 @@ def require_covariance(given: Floats | None, what: str = "frames") -> None:
             f"{what} has shape {values.shape}: a covariance (6, 6) of rotation [rad] and shift [m] is needed, finite "
             "and without negative variances"
         )
+    sigmas = np.sqrt(np.maximum(np.diag(values), 0.0))
+    apart = np.abs(values - values.T) > ROUNDED * np.outer(sigmas, sigmas)
+    if apart.any():
+        i, j = np.argwhere(apart)[0]
+        raise ParameterError(
+            f"{what} is not symmetric: {values[i, j]:.6g} in row {i + 1}, column {j + 1} and {values[j, i]:.6g} in row "
+            f"{j + 1}, column {i + 1}; a covariance (6, 6) of rotation [rad] and shift [m] is needed"
+        )
 
 
 def require_tolerance(tolerance: float | None) -> None:
     """Raise `ParameterError` where a client's tolerance is no length."""
     if tolerance is None:
         return
-    if not isinstance(tolerance, int | float | np.number) or not 0.0 < tolerance < math.inf:
+    is_number = isinstance(tolerance, numbers.Real) and not isinstance(tolerance, bool)
+    if not is_number or not 0.0 < tolerance < math.inf:
         raise ParameterError(f"tolerance {tolerance!r}: a length above 0 m is needed, or None")
 
 
@@ -141,7 +169,8 @@ def require_settled(registration: Registration) -> Registration:
     if not registration.converged:
         overlaps = registration.overlap > MOSTLY  # what is seen to overlap is not asked for
         asked = "" if overlaps else "; do they overlap? check their poses and units"
-        raise RegistrationError(f"the epochs could not be registered: {registration.reason}{asked}")
+        reason = registration.reason or "it did not converge"
+        raise RegistrationError(f"the epochs could not be registered: {reason}{asked}")
     require_rigid(registration.T_target_source, "the registration")
     require_covariance(registration.covariance, "the registration's covariance")
     if not np.isfinite(registration.centre).all():

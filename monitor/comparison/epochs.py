@@ -12,7 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.comparison.between import Between, stand_between
-from monitor.comparison.comparable import require_common, require_comparable, settle_motion
+from monitor.comparison.comparable import (
+    require_common,
+    require_comparable,
+    require_given_areas,
+    settle_motion,
+)
 from monitor.comparison.detection.detect import detect
 from monitor.comparison.detection.needed import by_width, patches_needed
 from monitor.comparison.detection.tested import Detected
@@ -115,7 +120,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     ----------
     reference, compared : the earlier and the later surface, m, each with `sigma` where it is known. A face that is
         there twice counts once.
-    registration : of the compared surface onto the reference; estimated where left out.
+    registration : of the compared surface onto the reference; estimated where left out. What it holds stable counts
+        where that is told of the compared surface's vertices, and not of the points of a cloud.
     settings : see `CompareSettings`; the default needs no thought.
     mode : "relative" removes the motion between the epochs, "absolute" leaves it in the differences (its uncertainty
         counts in both).
@@ -149,7 +155,7 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     ------
     ParameterError
         Where the mode is neither, the tolerance no length, `frames` no covariance, what should be a surface or
-        registration is none, or `apart` is not of the vertices.
+        registration is none, or `apart` or the stable areas given are not of the vertices.
     ComparisonError
         Where a surface is not sound, the epochs do not overlap, or are one and the same.
     RegistrationError
@@ -157,6 +163,8 @@ def compare(reference: Surface, compared: Surface, registration: Registration | 
     """
     settings = given_or_default(settings, CompareSettings)
     require_comparable(reference, compared, registration, mode, tolerance, apart, frames)
+    if stable_is_given:
+        require_given_areas(registration, len(compared.vertices))
     reference, compared = without_copied_faces(reference), without_copied_faces(compared)
     limits = (settings.search_limit or search_limit(reference, compared, 0.05), settings.max_normal_angle)
     between = stand_between(settle_motion(reference, compared, registration, limits[0]), frames, mode)

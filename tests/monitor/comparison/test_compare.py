@@ -226,6 +226,8 @@ def test_a_registration_that_did_not_converge_is_refused_with_its_reason(rng: np
     failed = dataclasses.replace(known_motion(sheet), converged=False, reason="a plane slides")
     with pytest.raises(RegistrationError, match="a plane slides"):
         compare(sheet, sheet, failed)
+    with pytest.raises(RegistrationError, match="could not be registered: it did not converge; do they overlap"):
+        compare(sheet, sheet, dataclasses.replace(failed, reason=""))
 
 
 def test_epochs_that_do_not_overlap_are_refused(rng: np.random.Generator) -> None:
@@ -254,7 +256,7 @@ def test_what_is_no_surface_no_length_or_no_rigid_motion_is_refused_by_name(rng:
         compare(holed, other)
     with pytest.raises(ComparisonError, match="the compared surface has no faces"):
         compare(sheet, Surface(sheet.vertices, np.zeros((0, 3), dtype=int)))
-    for tolerance in (-0.001, 0.0, float("nan"), float("inf"), "2"):
+    for tolerance in (-0.001, 0.0, float("nan"), float("inf"), "2", True):
         with pytest.raises(ParameterError, match="a length above 0 m is needed"):
             compare(sheet, other, known_motion(other), tolerance=tolerance)  # type: ignore[arg-type]
     doubled = dataclasses.replace(known_motion(other), T_target_source=np.diag([2.0, 2.0, 2.0, 1.0]))
@@ -267,6 +269,27 @@ def test_how_far_frames_may_differ_is_a_covariance_or_refused(rng: np.random.Gen
     sheet, other = make_sheet(rng, 20), make_sheet(rng, 20)
     with pytest.raises(ParameterError, match=r"frames has shape .*a covariance \(6, 6\)"):
         compare(sheet, other, known_motion(other), frames=frames)
+
+
+def test_of_a_covariance_that_is_not_symmetric_no_half_is_taken(rng: np.random.Generator) -> None:
+    """Its lower half was judged, and all of it used: a rotation and a shift correlated by 5 went through."""
+    sheet, other = make_sheet(rng, 20), make_sheet(rng, 20)
+    frames = np.eye(6) * 1e-8
+    frames[0, 3] = 5e-8
+    with pytest.raises(
+        ParameterError, match="frames is not symmetric: 5e-08 in row 1, column 4 and 0 in row 4, column"
+    ):
+        compare(sheet, other, known_motion(other), frames=frames)
+
+
+def test_given_stable_areas_are_of_the_compared_surface(rng: np.random.Generator) -> None:
+    """Of another number of vertices they were passed over: all was judged as if nobody knew what is stable."""
+    sheet, other = make_sheet(rng, 20), make_sheet(rng, 20)
+    of_others = dataclasses.replace(known_motion(other), is_stable=np.ones(7, dtype=bool))
+    with pytest.raises(ParameterError, match=r"the registration's is_stable has 7: give .* each of its 400 vertices"):
+        compare(sheet, other, of_others, stable_is_given=True)
+    with pytest.raises(ParameterError, match="no registration is given"):
+        compare(sheet, other, stable_is_given=True)
 
 
 def test_what_is_no_pair_of_masks_and_no_covariance_of_the_motion_is_refused(rng: np.random.Generator) -> None:
