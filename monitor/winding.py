@@ -12,11 +12,13 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from monitor.blocks import blocks
 from monitor.copied_faces import without_copied_faces
 from projects.model import Bools, Floats, Ints, Surface
 from projects.triangles import area_vectors
 
 ENCLOSES = 0.25  # of a mesh's area: the sum of its faces' areas as vectors is 0 of a closed body, all of it of a sheet
+N_ASKED = 200_000  # about so many faces or edges of a large mesh tell how it is wound
 NARROWEST_ROOM = 1.2  # m: twice the shortest range of the instruments of this field; nobody scans a narrower one inside
 
 
@@ -40,7 +42,7 @@ def wind_outward(mesh: Surface) -> Wound:
     turned = find_against_neighbours(mesh)
     faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
     inward = encloses_inward(mesh.vertices, faces)
-    is_room = inward and float(np.ptp(mesh.vertices[np.unique(faces)], axis=0).min()) >= NARROWEST_ROOM
+    is_room = inward and _is_wide_as_room(mesh.vertices, faces)
     if inward and not is_room:
         turned, faces = ~turned, faces[:, ::-1]
     n_turned = int(turned.sum())
@@ -67,16 +69,47 @@ def find_against_neighbours(mesh: Surface) -> Bools:
     return np.asarray(weight[label[:n_faces]] < weight[label[n_faces:]])
 
 
+def is_inside_out(mesh: Surface) -> bool:
+    """Return whether a mesh encloses something, looks into it, and is too narrow to be a room, as some faces all over a
+    large one show."""
+    faces = mesh.faces[:: max(len(mesh.faces) // N_ASKED, 1)]
+    return encloses_inward(mesh.vertices, faces) and not _is_wide_as_room(mesh.vertices, faces)
+
+
+def share_against(mesh: Surface) -> float:
+    """Return of the edges of two faces each, of some all over a large mesh, the share, 0 to 1, along which one of both
+    looks against the other; as large as twice that of the faces where these are few."""
+    step, some = max(3 * len(mesh.faces) // (2 * N_ASKED), 1), []
+    for block in blocks(len(mesh.faces)):
+        for corners in ((0, 1), (1, 2), (2, 0)):
+            ends = mesh.faces[block][:, corners]
+            some.append(ends[ends.min(axis=1) % step == 0])
+    ends = np.concatenate(some) if some else np.empty((0, 2), dtype=np.int32)
+    one, other = _pair_edges(ends)
+    return float(np.mean(ends[one, 0] == ends[other, 0])) if len(one) else 0.0
+
+
+def _is_wide_as_room(vertices: Floats, faces: Ints) -> bool:
+    """Return whether somebody may have scanned from within what faces enclose."""
+    return float(np.ptp(vertices[np.unique(faces)], axis=0).min()) >= NARROWEST_ROOM
+
+
 def _neighbours(faces: Ints) -> tuple[Ints, Ints, Bools]:
     """Return the pairs of faces (k,), (k,) that alone share an edge, and whether they look the same way (k,)."""
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     owner, runs_up = np.repeat(np.arange(len(faces)), 3), ends[:, 0] < ends[:, 1]
+    one, other = _pair_edges(ends)
+    return owner[one], owner[other], runs_up[one] != runs_up[other]
+
+
+def _pair_edges(ends: Ints) -> tuple[Ints, Ints]:
+    """Return which (k,) and which other (k,) of the edges of faces, from and to vertices (e, 2), are one and the same,
+    of those that no third face has."""
     ends = np.sort(ends, axis=1)
     order = np.lexsort(ends.T)
     starts = np.flatnonzero(np.append(True, (ends[order[1:]] != ends[order[:-1]]).any(axis=1)))
     paired = starts[np.diff(np.append(starts, len(order))) == 2]
-    one, other = order[paired], order[paired + 1]
-    return owner[one], owner[other], runs_up[one] != runs_up[other]
+    return order[paired], order[paired + 1]
 
 
 def encloses_inward(vertices: Floats, faces: Ints) -> bool:

@@ -13,12 +13,15 @@ import numpy as np
 from monitor.comparison.distances.side import Side
 from monitor.comparison.summary import count_reasons
 from monitor.copied_faces import share_both_ways, without_copied_faces
+from monitor.winding import is_inside_out, share_against
 from projects.errors import ComparisonError, ParameterError, RegistrationError
 from projects.model import Bools, Floats, Registration, Surface, require_noun
 from projects.transforms import require_rigid
 
 MODES = ("relative", "absolute")
 MOST_BOTH_WAYS = 0.5  # of the faces: with more, vertices have no normal, and distances no sign
+MOST_AGAINST = 0.1  # of the edges, as of one face in twenty: below, few vertices cannot be assessed, and no figure errs
+TURN = "turn them, as monitor.winding.wind_outward(surface).surface does"
 ROUNDED = 1e-6  # of a covariance, as a correlation: what rounding alone makes of its two halves
 MOSTLY = 0.5  # share of the samples with a partner, from which on epochs that failed to register do lie near each other
 
@@ -59,7 +62,11 @@ def register_epochs(reference: Surface, compared: Surface) -> Registration:
 
 
 def require_sound(reference: Surface, compared: Surface) -> None:
-    """Raise `ComparisonError` where a surface has no faces or vertices that are not finite."""
+    """Raise `ComparisonError` where a surface has no faces, vertices that are not finite, or no outer side.
+
+    A finished mesh, of which nobody says how far its samples are, may have been written inside out; one that was made
+    of points looks to where they were seen from.
+    """
     for surface, name in ((reference, "reference"), (compared, "compared")):
         require_noun(surface, f"the {name} surface", Surface)
         if not len(surface.faces):
@@ -75,6 +82,17 @@ def require_sound(reference: Surface, compared: Surface) -> None:
             raise ComparisonError(
                 f"{100.0 * share:.0f} % of the faces of the {name} surface are there in both directions, and have no "
                 "outer side: what is gained or lost is not known; leave out the inner one of each two"
+            )
+        share = share_against(surface)
+        if share > MOST_AGAINST:
+            raise ComparisonError(
+                f"along {100.0 * share:.0f} % of the edges of the {name} surface its faces look opposite ways: its "
+                f"outer side, and what is gained or lost there, is not known; {TURN}"
+            )
+        if surface.sample_distance is None and is_inside_out(surface):
+            raise ComparisonError(
+                f"the {name} surface is inside out: its faces look into the body that they enclose, and what was lost "
+                f"would be told as added; {TURN}"
             )
 
 

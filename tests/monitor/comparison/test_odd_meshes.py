@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from monitor.comparison import compare
-from monitor.winding import wind_outward
+from monitor.winding import is_inside_out, share_against, wind_outward
 from projects.errors import ComparisonError
 from projects.model import Bools, Comparison, Floats, Ints, Registration, Surface
 
@@ -67,6 +67,52 @@ def test_faces_in_both_directions_have_no_outer_side() -> None:
         ComparisonError, match="100 % of the faces of the compared surface are there in both directions"
     ):
         compared(np.random.default_rng(1), faces[:, ::-1])
+
+
+def test_meshes_inside_out_have_no_sign_of_change() -> None:
+    """Both inside out, the dent was told as gained; of a surface made of points these say where it was seen from."""
+    rng = np.random.default_rng(1)
+    before, after = (dataclasses.replace(b, faces=b.faces[:, ::-1]) for b in (dented_ball(rng), dented_ball(rng, DENT)))
+    still = Registration(np.eye(4), np.eye(6) * 1e-12, np.zeros(3), True)
+    with pytest.raises(ComparisonError, match=r"the reference surface is inside out: .* turn them, as"):
+        compare(before, after, still)
+    with pytest.raises(ComparisonError, match="the compared surface is inside out"):
+        compare(wind_outward(before).surface, after, still)
+    told = compare(wind_outward(before).surface, wind_outward(after).surface, still).regions.iloc[0]
+    assert (told.kind, told.mean_m < 0.0) == ("cleaned", True)
+    scanned = [
+        dataclasses.replace(b, sample_distance=np.zeros(len(b.vertices))) for b in (before, after)
+    ]  # from within
+    assert compare(scanned[0], scanned[1], still).regions.iloc[0].mean_m > 0.0
+    room = dataclasses.replace(before, vertices=3.0 * before.vertices)
+    assert not is_inside_out(room)
+
+
+def test_meshes_whose_faces_look_either_way_are_refused() -> None:
+    """A fifth of a body could not be assessed, and its dent was told with three quarters of its area."""
+    rng = np.random.default_rng(1)
+    before, after = dented_ball(rng), dented_ball(rng, DENT)
+    still = Registration(np.eye(4), np.eye(6) * 1e-12, np.zeros(3), True)
+
+    def mixed(share: float) -> Surface:
+        """Return the later ball with this share of its faces turned."""
+        which = rng.random(len(after.faces)) < share
+        return dataclasses.replace(after, faces=np.where(which[:, None], after.faces[:, ::-1], after.faces))
+
+    with pytest.raises(
+        ComparisonError, match=r"along 4\d % of the edges of the compared surface its faces look opposite"
+    ):
+        compare(before, mixed(0.3), still)
+    assert len(compare(before, wind_outward(mixed(0.3)).surface, still).regions) == 1
+    assert len(compare(before, mixed(0.01), still).regions) == 1
+
+
+def test_of_a_large_mesh_some_edges_tell_how_many_faces_look_against_the_others(rng: np.random.Generator) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=7, radius=0.5)
+    faces = np.array(ball.faces)
+    turned = np.where(rng.random(len(faces))[:, None] < 0.1, faces[:, ::-1], faces)
+    assert share_against(Surface(np.array(ball.vertices), faces)) == 0.0
+    assert share_against(Surface(np.array(ball.vertices), turned)) == pytest.approx(2 * 0.1 * 0.9, abs=0.005)
 
 
 def test_of_a_finished_mesh_with_either_side_the_outer_one_is_taken() -> None:
