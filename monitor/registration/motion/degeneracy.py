@@ -49,7 +49,19 @@ def find_free_motions(matches: Matches, centre: Floats, patch: Ints, by_sign: bo
         free.append(scale * vector)
     if not free:
         return None
-    return FreeMotions(np.stack(free, axis=1), centre, lever, " and ".join(describe(m, lever) for m in free))
+    directions = np.stack(free, axis=1)
+    return FreeMotions(directions, centre, lever, say_free(directions, lever))
+
+
+def say_free(motions: Floats, lever: float) -> str:
+    """Return free motions (6, k) [rad, m] in words: with as few turns as all mixtures of them allow.
+
+    A plate slides along two directions and turns about its normal. Any three mixtures of these are as free, and may
+    each look like a slide: three slides in one plane.
+    """
+    scaled = motions / np.repeat([1.0 / lever, 1.0], 3)[:, None]
+    _, _, mixing = np.linalg.svd(scaled[:3], full_matrices=True)
+    return " and ".join(describe(m, lever) for m in (motions @ mixing.T).T[::-1])
 
 
 def cap_largest(sums: Floats) -> Floats:
