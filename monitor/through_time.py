@@ -35,13 +35,14 @@ Notify = Callable[[str], None]
 def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | None:
     """Follow change over all epochs compared with the first (step 13 of the chain) and keep it with the last of them.
 
-    None where fewer than two are, or where two of one date leave no order.
+    None where fewer than two are, where two of one date leave no order, or where some are compared in absolute and
+    some in relative mode.
     """
     first, *later = project.epochs(object_id)
     found = [(e, kept_comparison(project, object_id, first, e)) for e in later]
     epochs = [e for e, step in found if step is not None]
     direct = [step for _, step in found if step is not None]
-    if len(epochs) < 2 or epochs_of_one_date(project, object_id):
+    if len(epochs) < 2 or epochs_of_one_date(project, object_id) or len({s.parameters.get("mode") for s in direct}) > 1:
         return None
     steps = [kept_comparison(project, object_id, a, b) for a, b in pairwise(epochs)]
     between = [(k, step) for k, step in enumerate(steps) if step is not None]

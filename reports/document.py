@@ -39,7 +39,7 @@ from reports.history import (
     tell_uncovered,
     versions_table,
 )
-from reports.kept import require_comparison, series_resting_on, tell_no_order
+from reports.kept import require_comparison, series_resting_on, tell_no_series
 from reports.opinion import opinion_tables
 from reports.quantities import MM, Measures, choose_measures, day, estimate, estimate_size, listed, percent
 from reports.ranging import gather_calibrations
@@ -73,7 +73,7 @@ def gather_facts(project: Project, object_id: str, reference_id: str, compared_i
     facts = replace(facts, calibrations=tuple(calibrations))
     followed = series_resting_on(project, object_id, (reference_id, compared_id), step)
     if followed is None:
-        return replace(facts, remarks=(*facts.remarks, *tell_no_order(project, object_id)))
+        return replace(facts, remarks=(*facts.remarks, *tell_no_series(project, object_id)))
     series = project.get(object_id, compared_id, followed.product, followed.step_id)
     return replace(facts, series=place_courses(tell_series(series), comparison, record.front))
 

@@ -80,12 +80,14 @@ def outdated_epochs(project: Project, object_id: str, pair: tuple[str, str], ste
 
 def series_resting_on(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> Step | None:
     """Return the series that the compared epoch ends, where there is one that rests on the comparison of `step`, and
-    all others that it rests on are the present ones, too."""
+    all others that it rests on are the present ones, too, and of one mode."""
     followed = project.latest(object_id, pair[1], series_product(pair[0]))
     if followed is None or step.step_id not in followed.inputs:
         return None
-    present = {s.step_id for e in project.epochs(object_id) for s in project.steps(object_id, e.epoch_id)}
-    return followed if present.issuperset(followed.inputs) else None
+    present = {s.step_id: s for e in project.epochs(object_id) for s in project.steps(object_id, e.epoch_id)}
+    rests_on = [present[i] for i in followed.inputs if i in present]
+    modes = {s.parameters.get("mode") for s in rests_on if s.product == step.product}  # older versions mixed them
+    return followed if len(rests_on) == len(followed.inputs) and len(modes) == 1 else None
 
 
 def tell_old_series(project: Project, object_id: str, pair: tuple[str, str], step: Step) -> str:
@@ -108,9 +110,33 @@ def end_of_longest_series(project: Project, object_id: str, reference_id: str) -
     return None
 
 
-def tell_no_order(project: Project, object_id: str) -> tuple[str, ...]:
-    """Return in words that no change is followed over more than two epochs, where two are of one date; none else."""
+def compared_by_mode(project: Project, object_id: str) -> dict[str, list[str]]:
+    """Return which epochs are compared with the first in each mode."""
+    first, *later = project.epochs(object_id)
+    found: dict[str, list[str]] = {}
+    for epoch in later:
+        step = project.latest(object_id, epoch.epoch_id, comparison_product(first.epoch_id))
+        if step is not None:
+            found.setdefault(str(step.parameters.get("mode")), []).append(epoch.epoch_id)
+    return found
+
+
+def say_modes(by_mode: dict[str, list[str]]) -> str:
+    """Return in words which epochs are compared in which mode, "" where all are in one."""
+    told = " and ".join(f"{listed(epochs)} in {mode} mode" for mode, epochs in by_mode.items())
+    return f"compared with the first are {told}" if len(by_mode) > 1 else ""
+
+
+def tell_no_series(project: Project, object_id: str) -> tuple[str, ...]:
+    """Return in words that no change is followed over more than two epochs, where two are of one date, or not all are
+    compared in one mode; none else."""
     epochs = project.epochs(object_id)
+    modes = say_modes(compared_by_mode(project, object_id)) if epochs else ""
+    if modes:
+        return (
+            f"How changes go on over the {len(epochs)} epochs of this object is not told: {modes}, and only absolute "
+            "differences hold a motion of the whole.",
+        )
     dates = Counter(e.date for e in epochs)
     alike = [e.epoch_id for e in epochs if dates[e.date] > 1]
     if len(epochs) < 3 or not alike:

@@ -26,6 +26,7 @@ from projects.model import Comparison, Step
 from projects.store import Project
 from reports.answer import differs_as_a_whole, shares_not_assessed
 from reports.history import tell_alone, tell_open_holes, tell_outside, tell_turned, tell_uncovered
+from reports.kept import compared_by_mode, say_modes
 from reports.quantities import NBSP, millimetres, percent, square
 from reports.smallest import is_beside_layer, told_by_width
 from reports.wholemotion import knows_motion
@@ -155,6 +156,9 @@ def compare_object(
         alike = epochs_of_one_date(project, object_id) if whole and len(pairs) > 1 else []
     if facts and followed is None and alike:
         facts[-1]["answer"] += f"; no series: {' and '.join(alike)} are of one date, and leave no order"
+    elif facts and followed is None and whole:
+        modes = say_modes(compared_by_mode(project, object_id))
+        facts[-1]["answer"] += f"; no series: {modes}; --mode relative compares all alike" if modes else ""
     if facts and followed is not None:
         n = int(followed.counts["regions"])
         alone = int(followed.counts.get("regions_by_trend", 0))

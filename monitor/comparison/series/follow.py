@@ -60,7 +60,7 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     Raises
     ------
     ComparisonError
-        For fewer than two epochs, equal dates, or comparisons that do not share their reference surface.
+        For fewer than two epochs, equal dates, or comparisons that do not share their reference surface or their mode.
     """
     changes = sorted(changes, key=lambda c: c.date)
     require_series(changes, reference_date)
@@ -119,6 +119,13 @@ def require_series(changes: Sequence[EpochChange], reference_date: datetime.date
         raise ComparisonError(
             f"dates {', '.join(d.isoformat() for d in dates)}: a series needs a different one for each epoch, "
             "the reference's first"
+        )
+    modes = [c.comparison.mode for c in changes]
+    if len(set(modes)) > 1:
+        told = ", ".join(f"{c.epoch_id} {mode}" for c, mode in zip(changes, modes, strict=True))
+        raise ComparisonError(
+            f"modes {told}: a series needs one for all, since only absolute differences hold a motion of the whole; "
+            "compare them all in relative, or all in absolute mode"
         )
     first = changes[0].side.surface
     for c in changes[1:]:

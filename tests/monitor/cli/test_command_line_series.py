@@ -229,6 +229,22 @@ def test_epochs_of_one_date_leave_no_order_and_that_is_said(
     assert "told backwards in time, the reference is the later epoch" in capsys.readouterr().out
 
 
+def test_comparisons_of_both_modes_make_no_series_and_that_is_said(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One is absolute by default where control holds both epochs, others are not: they were followed as one course."""
+    path = made / "mixed"
+    shutil.copytree(made / "project", path)
+    monkeypatch.setattr("monitor.chain.default_mode", lambda *ids: "absolute" if ids[-1] == "e2023" else "relative")
+    capsys.readouterr()
+    assert run(["compare", str(path), "relief"]) == 0
+    told = "compared with the first are e2022 and e2025 in relative mode and e2023 in absolute mode"
+    assert capsys.readouterr().out.strip().endswith(f"no series: {told}; --mode relative compares all alike")
+    facts = gather_facts(Project.open(path), "relief", "e2021", "e2025")
+    assert facts.series is None
+    assert told in " ".join(facts.remarks)
+
+
 def test_the_drawing_is_the_same_every_time(made: Path) -> None:
     series = Project.open(made / "project").get("relief", "e2025", "series-e2021")
     drawing = draw_courses(series)

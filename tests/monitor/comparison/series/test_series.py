@@ -221,6 +221,15 @@ def test_series_of_other_reference_surfaces_or_equal_dates_are_refused(worn_seri
         follow(changes[:1], "y0", start)
 
 
+def test_a_series_of_both_modes_is_refused(worn_series) -> None:
+    """A body that stood 0.5 mm higher in all epochs came and went with the mode: 0.43 mm, "irregular"."""
+    changes, start = worn_series[1], worn_series[2]
+    absolute = dataclasses.replace(changes[1].comparison, mode="absolute")
+    mixed = [changes[0], dataclasses.replace(changes[1], comparison=absolute), *changes[2:]]
+    with pytest.raises(ComparisonError, match=r"modes y1 absolute, y2 relative, .* a series needs one for all"):
+        follow(mixed, "y0", start)
+
+
 def test_tables_have_their_columns(worn_series) -> None:
     series, _, _ = worn_series
     assert isinstance(series.regions, pd.DataFrame)
