@@ -195,7 +195,7 @@ def figures_of(on_both: tuple[ComparedSurface, ComparedSurface], told: Told, fou
                tolerance: float | None, knows_frames: bool) -> dict[str, Any]:  # fmt: skip
     """Return the figures of a comparison as a whole, beside those of its regions; lengths in metres."""
     stated, held = asked.between.stated, asked.between.held.covariance
-    figures = summarize(on_both[1], told.sides, found, stated, tolerance, held=held, knows_frames=knows_frames)
+    figures = summarize(on_both, told.sides, found, stated, tolerance, held=held, knows_frames=knows_frames)
     figures |= coarse_figures(on_both[1], told.sides[1].areas, tolerance)
     return figures | area_figures(on_both, told.sides, asked.sights, found.test.size)
 

@@ -19,8 +19,9 @@ from monitor.robust import MAD_TO_SIGMA
 from projects.model import Assessment, Bools, ComparedSurface, Floats, Ints, NotAssessed, Registration
 
 
-def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Detected, registration: Registration,
-              tolerance: float | None, *, held: Floats, knows_frames: bool) -> dict[str, Any]:  # fmt: skip
+def summarize(on_both: tuple[ComparedSurface, ComparedSurface], sides: tuple[Side, Side], found: Detected,
+              registration: Registration, tolerance: float | None, *, held: Floats,
+              knows_frames: bool) -> dict[str, Any]:  # fmt: skip
     """Return the statistics of `Comparison`, over the vertices of the compared surface; lengths in metres.
 
     Bias, NMAD and RMSE are of the unchanged vertices; shares are of the assessable ones, by vertices above their level
@@ -29,18 +30,19 @@ def summarize(on_compared: ComparedSurface, sides: tuple[Side, Side], found: Det
     motion that the differences are measured at; `knows_frames`: that of `registration` holds how far the frames of both
     epochs may differ.
     """
-    side = sides[1]
+    on_compared, side = on_both[1], sides[1]
     state, areas = on_compared.assessment, side.areas
     differences = _figures_of_differences(on_compared)
-    offset = measure_offset(side, state == Assessment.UNCHANGED, found.test.units[1],
-                            found.noise.correlation, held, differences["lod95_median_m"])  # fmt: skip
+    back, offset = (measure_offset(s, told.assessment == Assessment.UNCHANGED, units, found.noise.correlation, held,
+                                   differences["lod95_median_m"])
+                    for s, told, units in zip(sides, on_both, found.test.units, strict=True))  # fmt: skip
     return {
         "stable_share": float(registration.stable_share),
         **differences,
         **tell_motion(registration, knows_frames),
         "offset_m": offset.mean,
         "sigma_offset_m": offset.sigma,
-        "offset_is_told": offset.is_told and not math.isfinite(registration.scale),  # it is of the scale
+        "offset_is_told": offset.borne_out(back) and not math.isfinite(registration.scale),  # it is of the scale
         "assessed_area_share": _share_of_area(side.measured_areas, state != Assessment.NOT_ASSESSABLE),
         "assessed_area_share_reference": _share_of_area(sides[0].measured_areas, sides[0].is_assessed),
         "changed_area_m2": float(areas[state == Assessment.CHANGED].sum()),

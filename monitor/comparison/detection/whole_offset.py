@@ -4,6 +4,7 @@ In: a measured side, what is unchanged of it, its units, how errors agree. Out: 
 all over cannot be told from errors that are: no region stands out of it, and it raises the level of detection. A
 registration takes a shift off, but no closed shape can be shifted into a smaller one; the mean is left and can be told.
 In absolute mode a motion of the whole stays in the differences, and in the mean of them: it is of what a reader sees.
+A mesh whose corners lie on a body and whose faces cut through it lies off from one side only, and that is no offset.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from monitor.registration.motion.propagation import motion_variance
 from projects.model import Bools, Floats
 
 SURE = 3.0  # sigmas
+BACK = 0.5  # of the larger of the means on both surfaces, that the other one's must be at least
 TELLING = 0.25  # of the median level of detection: less is no large part of what the level holds
 FEWEST = 4.0  # independent parts of the surface, whose scatter tells how sure their mean is
 
@@ -32,6 +34,12 @@ class WholeOffset:
     mean: float
     sigma: float
     is_told: bool
+
+    def borne_out(self, back: WholeOffset) -> bool:
+        """Return whether it is told, and that of the other surface does not contradict it (`back`, NaN where it is not
+        known)."""
+        less, more = sorted((abs(self.mean), back.mean * float(np.sign(self.mean))))
+        return self.is_told and not less < BACK * more
 
 
 def measure_offset(side: Side, unchanged: Bools, units: Units, correlation: Correlation, covariance: Floats,

@@ -69,6 +69,19 @@ def test_faces_in_both_directions_have_no_outer_side() -> None:
         compared(np.random.default_rng(1), faces[:, ::-1])
 
 
+@pytest.mark.parametrize(("layer", "is_told"), [(0.0, False), (0.005, True), (-0.005, True)])
+def test_faces_that_cut_through_a_body_put_nothing_outside_of_it(layer: float, is_told: bool) -> None:
+    """A ball of 642 corners, all on it, and one of 10 242: the whole was said to lie 1.3 mm further out."""
+    rng = np.random.default_rng(1)
+    meshes = [trimesh.creation.icosphere(subdivisions=k, radius=r) for k, r in ((3, 0.5), (5, 0.5 + layer))]
+    before, after = (
+        Surface(np.array(m.vertices) * (1.0 + rng.normal(0.0, NOISE, (len(m.vertices), 1))), np.array(m.faces))
+        for m in meshes
+    )
+    figures = compare(before, after, Registration(np.eye(4), np.eye(6) * 1e-12, np.zeros(3), True)).statistics
+    assert figures["offset_is_told"] is is_told
+
+
 def test_meshes_inside_out_have_no_sign_of_change() -> None:
     """Both inside out, the dent was told as gained; of a surface made of points these say where it was seen from."""
     rng = np.random.default_rng(1)
