@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import numbers
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +24,7 @@ from monitor.comparison.series.identity import Followed, follow_rates, follow_re
 from monitor.comparison.series.rate_regions import RateRegions, find_rate_regions
 from monitor.comparison.series.rate_side import Fits, make_rate_side
 from monitor.comparison.series.trend import Course, fit_polynomial, predict
-from projects.errors import ComparisonError
+from projects.errors import ComparisonError, ParameterError
 from projects.model import (
     FORECAST_COLUMNS,
     HISTORY_COLUMNS,
@@ -34,9 +35,11 @@ from projects.model import (
     Floats,
     Series,
     Surface,
+    require_noun,
 )
 
 LEAST_PART, MOST_PART = 0.1, 0.9  # of the variance of a difference, that the reference surface brings into it
+MOST_LEVEL = 0.5  # as of a comparison's false discovery rate
 LEVEL = 0.05  # expected share of false ones among the patches whose rate is called significant
 DAYS_PER_YEAR = 365.25
 AHEAD, N_FORECAST = 0.25, 21  # of the time so far; steps of the forecast
@@ -49,8 +52,9 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     Parameters
     ----------
     changes : two or more, each compared with the same reference surface; in any order.
-    reference_id, reference_date : the earliest epoch.
-    level : expected share of false ones among the patches whose rate is called significant, as of a comparison.
+    reference_id, reference_date : the earliest epoch; a date, without the time of day.
+    level : expected share of false ones among the patches whose rate is called significant, as of a comparison; above 0
+        and up to a half.
 
     Returns
     -------
@@ -59,11 +63,15 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
 
     Raises
     ------
+    ParameterError
+        Where `changes` are no `EpochChange`, dates no dates, or the level or the seed is none.
     ComparisonError
-        For fewer than two epochs, equal dates, or comparisons that do not share their reference surface or their mode.
+        For fewer than two epochs, ids that are there twice, equal dates, or comparisons that do not share their
+        reference surface or their mode.
     """
+    require_kinds(changes, reference_date, level, seed)
     changes = sorted(changes, key=lambda c: c.date)
-    require_series(changes, reference_date)
+    require_series(changes, reference_id, reference_date)
     years = np.array([(c.date - reference_date).days for c in changes]) / DAYS_PER_YEAR
     distances = np.stack([c.side.distances for c in changes])
     sigmas = np.stack([c.side.lod95 for c in changes]) / Z95
@@ -110,7 +118,21 @@ def how_small(going: RateRegions, areas: Floats, years: float) -> dict[str, Any]
     return {"rate_assessment": going.assessment, "rate_told_from": told_from.astype(np.float32), "statistics": figures}
 
 
-def require_series(changes: Sequence[EpochChange], reference_date: datetime.date) -> None:
+def require_kinds(changes: Sequence[EpochChange], reference_date: datetime.date, level: float, seed: int) -> None:
+    """Raise `ParameterError` where something given to `follow` is none of what it stands for."""
+    for k, change in enumerate(changes):
+        require_noun(change, f"change {k + 1} of a series", EpochChange)
+    for date in (reference_date, *(c.date for c in changes)):
+        if type(date) is not datetime.date:
+            raise ParameterError(f"date {date!r}: a datetime.date is needed, without the time of day")
+    is_number = isinstance(level, numbers.Real) and not isinstance(level, bool)
+    if not is_number or not 0.0 < level <= MOST_LEVEL:
+        raise ParameterError(f"level {level!r}: a share above 0 and up to {MOST_LEVEL} is needed")
+    if not isinstance(seed, numbers.Integral) or seed < 0:
+        raise ParameterError(f"seed {seed!r}: a whole number of at least 0 is needed")
+
+
+def require_series(changes: Sequence[EpochChange], reference_id: str, reference_date: datetime.date) -> None:
     """Raise `ComparisonError` where the comparisons do not make a series."""
     if len(changes) < 2:
         raise ComparisonError(f"{len(changes)} comparison with the reference epoch; a series needs two or more")
@@ -120,6 +142,9 @@ def require_series(changes: Sequence[EpochChange], reference_date: datetime.date
             f"dates {', '.join(d.isoformat() for d in dates)}: a series needs a different one for each epoch, "
             "the reference's first"
         )
+    ids = [reference_id, *(c.epoch_id for c in changes)]
+    if len(set(ids)) < len(ids):
+        raise ComparisonError(f"epochs {', '.join(ids)}: a series needs a different id for each, the reference's first")
     modes = [c.comparison.mode for c in changes]
     if len(set(modes)) > 1:
         told = ", ".join(f"{c.epoch_id} {mode}" for c, mode in zip(changes, modes, strict=True))

@@ -221,6 +221,23 @@ def test_series_of_other_reference_surfaces_or_equal_dates_are_refused(worn_seri
         follow(changes[:1], "y0", start)
 
 
+def test_what_makes_no_series_is_refused_by_name(worn_series) -> None:
+    """A level of 2 or NaN went through, and two epochs of one id were one in the table; dates ended in a TypeError."""
+    _, changes, start = worn_series
+    for level in (0.0, 2.0, float("nan"), True):
+        with pytest.raises(ParameterError, match=r"level .* a share above 0 and up to 0.5"):
+            follow(changes, "y0", start, level=level)
+    with pytest.raises(ParameterError, match="seed -1"):
+        follow(changes, "y0", start, seed=-1)
+    with pytest.raises(ParameterError, match="change 1 of a series is a Comparison; a EpochChange is needed"):
+        follow([c.comparison for c in changes], "y0", start)  # type: ignore[misc]
+    for date in (datetime.datetime(2019, 1, 1), "2019-01-01"):
+        with pytest.raises(ParameterError, match=r"a datetime\.date is needed"):
+            follow(changes, "y0", date)  # type: ignore[arg-type]
+    with pytest.raises(ComparisonError, match="a different id for each"):
+        follow([changes[0], dataclasses.replace(changes[1], epoch_id=changes[0].epoch_id)], "y0", start)
+
+
 def test_a_series_of_both_modes_is_refused(worn_series) -> None:
     """A body that stood 0.5 mm higher in all epochs came and went with the mode: 0.43 mm, "irregular"."""
     changes, start = worn_series[1], worn_series[2]
