@@ -20,13 +20,13 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 6,
-    "scan": 10,
-    "averaged": 12,  # repeated scans; until 10 a "scan" like others
+    "scan": 11,
+    "averaged": 13,  # repeated scans; until 10 a "scan" like others
     "targets": 2,
     "network": 17,
     "filtered": 11,
     "surface": 28,
-    "mesh": 9,
+    "mesh": 10,
     "quality": 3,
     "comparison": 62,
     "series": 19,

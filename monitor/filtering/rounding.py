@@ -56,8 +56,9 @@ def _common_measure(gaps: Floats) -> float:
 
 
 def _is_grid(points: Floats, step: float) -> bool:
-    """Return whether the points are those of a grid whose spacing is the step."""
-    codes = cell_codes(points, step)
+    """Return whether the points are those of a grid whose spacing is the step, wherever that begins: counted from 0,
+    two that lie on halves of the step may get one number."""
+    codes = cell_codes(points - points[0], step)
     if len(np.unique(codes)) < len(codes):
         return False
     some = codes[:: max(len(codes) // N_TOLD, 1)]

@@ -44,6 +44,16 @@ def test_a_grid_of_its_own_spacing_is_not_rounded():
     assert find_step(np.c_[x, y, np.sin(40 * x)]) == 0.0
 
 
+@pytest.mark.parametrize("begin", [0.5, 0.3, -30.5])
+def test_a_grid_is_one_wherever_it_begins(begin):
+    """Of the middles of voxels, and of an even number of places about 0, two had one number: a grid passed for rounded,
+    its points were moved by up to half its spacing, and a third of that was the sigma of an exact plane."""
+    x, y = (a.ravel() for a in np.meshgrid(*2 * [(np.arange(60) + begin) * 1e-3]))
+    assert find_step(np.c_[x, y, 0.0 * x]) == 0.0
+    assert find_step(np.c_[x, y, (np.floor(2e2 * x) + begin) * 1e-3]) == 0.0
+    assert filtered(np.c_[x, y, 0.0 * x]).automatic["noise_before"] < 1e-6
+
+
 @pytest.mark.parametrize(("slope", "noise"), [((0.0, 0.0), 5e-4), ((0.03, 0.05), 3e-4), ((0.1, 0.1), 0.0)])
 def test_noise_and_sigma_of_rounded_coordinates_are_true_and_nothing_is_lost(rng, slope, noise):
     """A plane on one or two whole millimetres once had 0.00001 mm of noise told, and lost a third of its points."""
