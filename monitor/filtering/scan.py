@@ -249,8 +249,8 @@ def thin_cloud(
     targets = target_spacings(planes.spacing, planes.noise, roughness, settings)
     before = describe(planes, roughness, targets, keep)
     merged = np.ones(len(cloud), dtype=np.int32) if cloud.n_merged is None else cloud.n_merged
-    if settings.method == "voxel_median":
-        size, kept = float(np.median(targets[keep])) if keep.any() else 1.0, np.flatnonzero(keep)
+    if settings.method == "voxel_median" and keep.any():  # of nothing, either method makes nothing
+        size, kept = float(np.median(targets[keep])), np.flatnonzero(keep)
         thinned = take_medians(cloud.points[kept], planes.normals[kept], planes.noise[kept], merged[kept], size)
         thinned = dataclasses.replace(thinned, nearest=kept[thinned.nearest], members=kept[thinned.members])
     else:

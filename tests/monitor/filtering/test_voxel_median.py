@@ -88,6 +88,15 @@ def test_the_chain_takes_it_by_a_setting_and_accounts_for_what_it_rejected(rng):
     assert result.cloud.n_merged.sum() == counts["merged"] + counts["out"]
 
 
+def test_a_scan_of_which_every_point_is_dropped_leaves_nothing_and_accounts_for_it(rng):
+    """Points on one line have no face to the scanner: all go as grazing, and the voxels of none ended in an error."""
+    line = np.c_[np.linspace(-1.0, 1.0, 300), np.zeros(300), rng.normal(4.0, NOISE, 300)]
+    settings = FilterSettings(thinning=ThinningSettings(method="voxel_median"))
+    result = filter_scan_with_record(Scan("a", PointCloud(line), np.eye(4)), settings)
+    assert len(result.cloud) == result.counts["out"] == 0
+    assert result.counts["grazing"] == result.counts["in"] == 300
+
+
 def test_voxels_too_small_to_be_numbered_are_refused(rng):
     cloud = wall(rng, n_points=100)
     far = dataclasses.replace(cloud, points=cloud.points * 1e7)
