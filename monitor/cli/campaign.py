@@ -1,12 +1,16 @@
 """The command run: a whole campaign as its file declares it, through the commands that a user has.
 
 What the project holds already stays, so that the same command goes on where it was interrupted, and a file that grew by
-an epoch adds only that. An object that fails does not keep the others from it.
+an epoch adds only that. An object that fails does not keep the others from it, nor an epoch or a comparison the others
+of its object.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -42,48 +46,65 @@ def run_campaign(path: Path, settings_file: Path | None = None, where: Where = H
     if campaign.archive is not None and not failed:
         _archive(campaign, campaign.archive)
     if failed:
-        others = "none is done" if len(failed) == len(campaign.objects) else "the others are done"
+        others = "" if len(failed) == len(campaign.objects) else "the others are done, "
+        them = failed[0] if len(failed) == 1 else "them"
         raise StoreError(
             f"{len(failed)} of {len(campaign.objects)} objects failed ({', '.join(failed)}), for what is said above; "
-            f"{others}, and the same command goes on"
+            f"{others}what else could be done of {them} is, and the same command goes on"
         )
 
 
 def _try_object(campaign: Campaign, wanted: ObjectRequest, settings: Path | None, where: Where) -> bool:
-    """Do one object; say what kept it from being done, and return whether it was."""
+    """Do one object, each piece of the work whatever became of the others; return whether all of it was done."""
+    object_id, done = wanted.record.object_id, [True]
+
+    def try_pieces() -> None:
+        """Do each piece of the work."""
+        done.extend(_try(object_id, piece) for piece in _work_on(campaign, wanted, settings, where))
+
+    return _try(object_id, try_pieces) and all(done)
+
+
+def _try(object_id: str, piece: Callable[[], object]) -> bool:
+    """Do a piece of the work on an object; say what kept it from being done, and return whether it was."""
     try:
-        _run_object(campaign, wanted, settings, where)
+        piece()
     except MonitorError as error:
-        typer.echo(f"monitor: {wanted.record.object_id}: {error}", err=True)
+        typer.echo(f"monitor: {object_id}: {error}", err=True)
         return False
     return True
 
 
-def _run_object(campaign: Campaign, wanted: ObjectRequest, settings: Path | None, where: Where) -> None:
-    """Add what is missing of one object, process, compare, and write what is to be handed out."""
+def _work_on(
+    campaign: Campaign, wanted: ObjectRequest, settings: Path | None, where: Where
+) -> Iterator[Callable[[], object]]:
+    """Give one by one, each chosen by what those before have done: add what is missing of one object, process, compare,
+    and write what is to be handed out. What an epoch that could not be added would bring is not asked for."""
     path, object_id = campaign.project, wanted.record.object_id
     project = Project.open(path)
     if object_id not in {record.object_id for record in project.objects()}:
         project.add_object(wanted.record)
         typer.echo(f"object {object_id} added to {path}")
-    turn_to_front(project, wanted.record.object_id, wanted.record.front)
+    yield partial(turn_to_front, project, object_id, wanted.record.front)
     kept = {e.epoch_id for e in project.epochs(object_id)}
     for request in wanted.epochs:
         if request.epoch_id not in kept:
-            add_epoch_to_project(path, request, False)
-    process_project(path, object_id, settings_file=settings, where=where)
-    if wanted.pairs:
-        for pair in wanted.pairs:
-            compare_object(
-                path, object_id, (pair.reference, pair.compared), mode=pair.mode, stable_file=pair.stable,
-                settings_file=settings, where=where,
-            )  # fmt: skip
-    elif len(project.epochs(object_id)) > 1:
-        compare_object(path, object_id, (None, None), settings_file=settings, where=where)
+            yield partial(add_epoch_to_project, path, request, False)
+    kept = {e.epoch_id for e in project.epochs(object_id)}
+    if not kept and wanted.epochs:
+        return
+    given: dict[str, Any] = {"settings_file": settings, "where": where}
+    yield partial(process_project, path, object_id, **given)
+    for pair in wanted.pairs:
+        if {pair.reference, pair.compared} <= kept:
+            named = pair.reference, pair.compared
+            yield partial(compare_object, path, object_id, named, mode=pair.mode, stable_file=pair.stable, **given)
+    if not wanted.pairs and len(kept) > 1:
+        yield partial(compare_object, path, object_id, (None, None), **given)
     if campaign.report is not None and kept_comparisons(project, object_id):
-        update_reports(path, object_id, campaign.report)
+        yield partial(update_reports, path, object_id, campaign.report)
     if campaign.export is not None:
-        export_results(path, object_id, (None, None), campaign.export, campaign.formats)
+        yield partial(export_results, path, object_id, (None, None), campaign.export, campaign.formats)
 
 
 def _archive(campaign: Campaign, out: Path) -> None:

@@ -181,6 +181,31 @@ def test_an_object_that_fails_is_named_and_the_others_are_done(
     assert (tmp_path / "out" / "reports" / "minerva_before_after_report.pdf").exists()
 
 
+@pytest.mark.parametrize("pairs", ["", pair("lost", "last") + pair("first", "last")])
+def test_an_epoch_that_cannot_be_read_does_not_keep_the_others_of_its_object_from_it(
+    survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], pairs: str
+) -> None:
+    """The epochs after it were not added, and those before it neither processed nor compared."""
+    for path in survey.glob("*.ply"):
+        shutil.copy(path, tmp_path)
+    (tmp_path / "lost.ply").write_bytes(b"ply\nnot a mesh\n")
+    days = {"first": "before", "lost": "lost", "last": "after"}
+    epochs = "".join(
+        f'[[object.epoch]]\nid = "{name}"\ndate = {2020 + k}-01-01\nmesh = true\nfiles = ["{file}.ply"]\n'
+        for k, (name, file) in enumerate(days.items())
+    )
+    (tmp_path / "campaign.toml").write_text(f'project = "project"\n[[object]]\nid = "juno"\n{epochs}{pairs}')
+    assert run(["run", str(tmp_path / "campaign.toml")]) == 2
+    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("monitor: ")]
+    assert len(told) == 2
+    assert told[0].startswith("monitor: juno: ")
+    assert "lost.ply: its header" in told[0]
+    assert "1 of 1 objects failed (juno), for what is said above; what else could be done of juno is, and" in told[1]
+    project = Project.open(tmp_path / "project")
+    assert [e.epoch_id for e in project.epochs("juno")] == ["first", "last"]
+    assert project.latest("juno", "last", "comparison-first") is not None
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
