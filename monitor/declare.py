@@ -73,9 +73,11 @@ def _check_value(told: str, value: Any, field: dataclasses.Field[Any]) -> None:
     number = numbers.Integral if "int" in kinds else numbers.Real
     if not isinstance(value, number) or isinstance(value, bool):
         raise ParameterError(f"{told}: a {'whole ' if number is numbers.Integral else ''}number is needed")
-    if value in (math.inf, -math.inf):
+    is_finite = abs(value) != math.inf
+    if not is_finite and low is None and high is None:
         raise ParameterError(f"{told}: a finite number is needed")
-    if not (low is None or value >= low) or not (high is None or value <= high):  # NaN is in no range
+    if not is_finite or not ((low is None or value >= low) and (high is None or value <= high)):  # NaN is in no range
         unit = f" {meta['unit']}" if meta["unit"] else ""
         span = f"at least {low}" if high is None else f"at most {high}" if low is None else f"{low} to {high}"
-        raise ParameterError(f"{told}{unit}: allowed is {span}")
+        finite = "" if is_finite else ", and finite"
+        raise ParameterError(f"{told}{unit}: allowed is {span}{finite}")

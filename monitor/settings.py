@@ -48,6 +48,8 @@ def read_settings(path: Path | None) -> Settings:
         raise ParameterError(f"--settings {path}: cannot be read ({why})") from error
     except tomllib.TOMLDecodeError as error:
         raise ParameterError(f"--settings {path}: not valid TOML ({error})") from error
+    except RecursionError as error:
+        raise ParameterError(f"--settings {path}: is nested too deeply for settings") from error
     return _overlay(Settings(), table, str(path))
 
 

@@ -57,13 +57,16 @@ def test_a_changed_setting_changes_only_itself(tmp_path: Path) -> None:
             "[filter.thinning]\ntarget_spacing = '4 mm'\n",
             r"toml: \[filter\]: \[thinning\]: .*target_spacing = '4 mm': a number",
         ),
-        ("[compare]\nsearch_limit = inf\n", "search_limit = inf: a finite number is needed$"),
         ("[filter.thinning]\ntarget_spacing = nan\n", "target_spacing = nan m: allowed is 1e-06 to 10.0"),
         ("[compare]\nsearch_limit = -1\n", "search_limit = -1 m: allowed is at least 1e-06$"),
         ("[compare]\nlargest_lod95 = 0\n", "largest_lod95 = 0 m: allowed is at least 1e-06$"),
         ("[compare]\nfalse_discovery_rate = 2\n", "false_discovery_rate = 2.0: allowed is 1e-09 to 0.5"),
         ("[filter.normals]\nn_neighbours = 12.5\n", "n_neighbours = 12.5: a whole number is needed"),
         ("[filter.diffusion]\nn_steps = true\n", "n_steps = True: a whole number is needed"),
+        ("[compare]\nsearch_limit = inf\n", "search_limit = inf m: allowed is at least 1e-06, and finite$"),
+        ("[icp]\nprecision = inf\n", "precision = inf m: allowed is at least 0.0, and finite$"),
+        ("[targets]\nsmallest_board = 0.5\n", "smallest_board = 0.5 exceeds largest_board = 0.4; set a smaller one"),
+        (f"x = {'[' * 5000}{']' * 5000}\n", "wrong.toml: is nested too deeply for settings$"),
     ],
 )
 def test_wrong_lines_are_refused_with_what_to_do(tmp_path: Path, text: str, message: str) -> None:

@@ -13,6 +13,7 @@ from monitor.declare import check_settings, given_or_default, setting
 from monitor.registration.targets.angular_image import make_image
 from monitor.registration.targets.boards import BoardRules, find_boards
 from monitor.registration.targets.spheres import SphereRules, find_spheres
+from projects.errors import ParameterError
 from projects.model import Scan, SurveyTarget
 
 USUAL_RADII = (0.05, 0.06985, 0.0725, 0.0762, 0.1)  # m: 100, 139.7, 145, 152.4 and 200 mm across
@@ -39,6 +40,11 @@ class TargetSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.smallest_board > self.largest_board:
+            raise ParameterError(
+                f"TargetSettings.smallest_board = {self.smallest_board:g} exceeds largest_board = "
+                f"{self.largest_board:g}; set a smaller one, or the other larger"
+            )
 
 
 def find_targets(scan: Scan, settings: TargetSettings | None = None) -> tuple[SurveyTarget, ...]:
