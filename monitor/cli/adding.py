@@ -28,6 +28,7 @@ from projects.formats import (
     read_control,
     read_counted_mesh,
     read_poses,
+    require_known_names,
     sniff_format,
 )
 from projects.identifiers import require_epoch_id
@@ -93,12 +94,14 @@ def _require_new(project: Project, request: EpochRequest) -> None:
 
 def read_request(request: EpochRequest) -> tuple[EpochRecord, Mapping[str, PoseLine]]:
     """Return the record and the pose lines of a request; refuse what is wrong in it whatever the project holds: ids,
-    date, preset, unit, control, poses, and what does not go with a finished mesh."""
+    date, preset, unit, control, poses, also of none of its files, and what does not go with a finished mesh."""
     require_epoch_id(request.epoch_id)
     unit = UnitCheck(metres_per_unit(request.unit or "m"), request.unit is not None)
     if request.mesh:
         _require_mesh_alone(request)
-    return _record(request, unit), _poses(request, unit)
+    lines = _poses(request, unit)
+    require_known_names(lines, request.files)
+    return _record(request, unit), lines
 
 
 def _record(request: EpochRequest, unit: UnitCheck) -> EpochRecord:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from monitor.cli.adding import EpochRequest, read_request
-from monitor.cli.results import parse_formats
+from monitor.cli.results import parse_formats, require_place
 from monitor.cli.units import bearing_from_direction, metres_from_millimetres
 from monitor.comparison.comparable import MODES
 from projects.errors import MonitorError, ParameterError
@@ -104,8 +104,8 @@ def _require_places(campaign: Campaign, path: Path) -> None:
     """Refuse folders to write to of which it is known before work begins that nothing can be written there."""
     places = {"report": campaign.report, "export": campaign.export, "archive": campaign.archive}
     for name, place in places.items():
-        if place is not None and place.exists() and not place.is_dir():
-            raise ParameterError(f"{path}: {name} {place} is a file; a folder is needed")
+        if place is not None and not place.is_dir():  # what is there already may stay as it is
+            require_place(place, f"{path}: {name}")
     for name, place in places.items():
         is_within = place is not None and place.resolve().is_relative_to(campaign.project.resolve())
         if is_within and name != "archive":
@@ -225,7 +225,10 @@ class _Table:
     def number(self, key: str) -> float | None:
         """Return a number."""
         value = self._take(key, (int, float), "a number")
-        return None if value is None else float(value)
+        try:
+            return None if value is None else float(value)
+        except OverflowError as error:
+            raise ParameterError(f"{self.at(key)} is too large for a number") from error
 
     def direction(self, key: str) -> str | float | None:
         """Return the name of a side, or degrees."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from monitor.cli.results import make_folder
+from monitor.cli.results import make_folder, require_place
 from monitor.cli.units import metres_from_millimetres
 from monitor.simulation.instruments import INSTRUMENTS, Instrument
 from monitor.simulation.planning import Visibility
@@ -57,7 +56,7 @@ def plan_for_mesh(request: PlanRequest, as_json: bool) -> None:
     """Plan, write stations and surface, and say where to stand, at which resolution, and what is not seen."""
     if request.scanner not in INSTRUMENTS:
         raise ParameterError(f"--scanner {request.scanner}: known presets are {', '.join(sorted(INSTRUMENTS))}")
-    _require_place(request.out)
+    require_place(request.out, "--out")
     instrument = INSTRUMENTS[request.scanner]
     distances, heights = _numbers(request.distances, "--distances"), _numbers(request.heights, "--heights")
     if not SMALLEST_TURN <= request.every <= 360.0:  # NaN too
@@ -92,13 +91,6 @@ def plan_for_mesh(request: PlanRequest, as_json: bool) -> None:
         typer.echo(json.dumps(_as_mapping(request, instrument, plans, best, table), indent=2))
     else:
         _say(request, instrument, plans, best, table)
-
-
-def _require_place(out: Path) -> None:
-    """Refuse a folder that cannot be made or written, before any work; it is made when there is something for it."""
-    there = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
-    if not there.is_dir() or not os.access(there, os.W_OK):
-        raise ParameterError(f"--out {out}: {there} {'may not be written' if there.is_dir() else 'is a file'}")
 
 
 def _read(path: Path, unit: str | None) -> Surface:

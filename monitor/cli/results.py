@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import typer
@@ -219,6 +220,14 @@ def _make_folder_outside(project: Project, out: Path) -> None:
     if out.resolve().is_relative_to(project.path.resolve()):
         raise ParameterError(f"--out {out}: lies within the project; give a folder outside of {project.path}")
     make_folder(out)
+
+
+def require_place(out: Path, what: str) -> None:
+    """Refuse a folder that cannot be made or written, before any work; it is made when there is something for it."""
+    there = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        why = "may not be written" if there.is_dir() else "is a file"
+        raise ParameterError(f"{what} {out}: {there} {why}; another folder is needed")
 
 
 def make_folder(out: Path) -> None:

@@ -174,4 +174,4 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_mesh_is_read(tmp_
     (tmp_path / "file").touch()
     code, _, complaint = ask(capsys, tmp_path / "none.ply", "--out", tmp_path / "file" / "out")
     assert code == 2
-    assert complaint == f"monitor: --out {tmp_path}/file/out: {tmp_path}/file is a file\n"
+    assert complaint == f"monitor: --out {tmp_path}/file/out: {tmp_path}/file is a file; another folder is needed\n"

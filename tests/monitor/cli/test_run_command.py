@@ -84,6 +84,9 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "box.json").write_text('{"box": {"min": [-1, -1, -1], "max": [1, 1, 1]}}')
     for name, dent in (("before", 0.0), ("after", 0.003), ("juno", 0.001)):
         write_ply_mesh(folder / f"{name}.ply", relief(dent))
+    (folder / "two.poses").write_text(
+        "".join(f"{name}.ply 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n" for name in ("juno", "jun"))
+    )
     (folder / "campaign.toml").write_text(CAMPAIGN)
     return folder
 
@@ -241,12 +244,15 @@ def test_an_epoch_that_cannot_be_read_does_not_keep_the_others_of_its_object_fro
             f"{JUNO}{pair('frist', 'second')}",
             "object juno is to be compared at epoch frist, which there is not; is",
         ),
-        ('report = "out/reports"', 'report = "box.json"', "box.json is a file; a folder is needed"),
+        ('report = "out/reports"', 'report = "box.json"', "box.json is a file; another folder is needed"),
         ('name = "Attic"', 'name = "Attic\\u202e"', "the name of the project, 'Attic\\u202e', holds U+202E"),
         ('name = "Minerva"', 'name = "Mi\\u200bnerva"', "the name of object minerva, 'Mi\\u200bnerva', holds U+200B"),
         ("after the restoration", "after\\nthe", "the label of epoch after, 'after\\nthe', holds U+000A"),
-        ('archive = "out/archive"', 'archive = "juno.ply"', "juno.ply is a file; a folder is needed"),
+        ('archive = "out/archive"', 'archive = "juno.ply"', "juno.ply is a file; another folder is needed"),
         ('archive = "out/archive"', 'archive = "project/archive"', "lie within each other"),
+        ('export = "out/files"', 'export = "juno.ply/files"', "juno.ply is a file; another folder is needed"),
+        ("tolerance = 2", f"tolerance = 2{'0' * 400}", "object minerva.tolerance is too large for a number"),
+        (f"mesh = true\n{JUNO}", f'poses = "two.poses"\n{JUNO}', "epoch first: poses: jun.ply is none of the files"),
         ('report = "out/reports"', 'report = "project/reports"', "project/reports lies within the project"),
         ('archive = "out/archive"', 'archive = "out"', "reports and archive"),
         ('archive = "out/archive"', 'archive = "."', "lie within each other"),
