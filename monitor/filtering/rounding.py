@@ -69,8 +69,11 @@ def _is_grid(points: Floats, step: float) -> bool:
 
 
 def cell_codes(points: Floats, step: float) -> Ints:
-    """Return one number for the cell of edge `step` [m] of each point (n, 3), of which `AXES` lead to the next."""
-    return np.asarray(np.rint(points / step).astype(np.int64) @ AXES)
+    """Return one number for the cell of edge `step` [m] of each point (n, 3), of which `AXES` lead to the next.
+
+    Coordinates are whole steps, or whole and a half where a file counts from there: neither lies on a cell's border.
+    """
+    return np.asarray(np.floor(points / step + 0.25).astype(np.int64) @ AXES)
 
 
 def find_repeats(points: Floats) -> Bools:

@@ -6,7 +6,7 @@ import pytest
 from monitor.filtering import filter_scan_with_record
 from monitor.filtering.copies import find_copies
 from monitor.filtering.nearest import canonical_order
-from monitor.filtering.rounding import error_of_rounding, find_step, spread_rounded
+from monitor.filtering.rounding import cell_codes, error_of_rounding, find_step, spread_rounded
 from projects.model import PointCloud, Scan
 
 AT = np.array([0.0, 0.0, 2.0])
@@ -52,6 +52,16 @@ def test_a_grid_is_one_wherever_it_begins(begin):
     assert find_step(np.c_[x, y, 0.0 * x]) == 0.0
     assert find_step(np.c_[x, y, (np.floor(2e2 * x) + begin) * 1e-3]) == 0.0
     assert filtered(np.c_[x, y, 0.0 * x]).automatic["noise_before"] < 1e-6
+
+
+@pytest.mark.parametrize("begin", [0.0, 5e-4])
+def test_no_two_places_have_one_cell_whether_steps_are_counted_from_0_or_a_half(rng, begin):
+    """On halves a third of the places had the cell of a neighbour, and were spread just as that was."""
+    points = np.round(plane(rng, (0.03, 0.05), 3e-4, n=5000), 3) + begin
+    places = np.unique(points, axis=0)
+    assert len(np.unique(cell_codes(points, 1e-3))) == len(places)
+    spread = spread_rounded(places[canonical_order(places)], 1e-3) - places[canonical_order(places)]
+    assert len(np.unique(np.round(spread, 9), axis=0)) == len(places)
 
 
 @pytest.mark.parametrize(("slope", "noise"), [((0.0, 0.0), 5e-4), ((0.03, 0.05), 3e-4), ((0.1, 0.1), 0.0)])
