@@ -74,8 +74,6 @@ def _check_value(told: str, value: Any, field: dataclasses.Field[Any]) -> None:
     if not isinstance(value, number) or isinstance(value, bool):
         raise ParameterError(f"{told}: a {'whole ' if number is numbers.Integral else ''}number is needed")
     is_finite = abs(value) != math.inf
-    if not is_finite and low is None and high is None:
-        raise ParameterError(f"{told}: a finite number is needed")
     if not is_finite or not ((low is None or value >= low) and (high is None or value <= high)):  # NaN is in no range
         unit = f" {meta['unit']}" if meta["unit"] else ""
         span = f"at least {low}" if high is None else f"at most {high}" if low is None else f"{low} to {high}"
