@@ -36,6 +36,7 @@ from monitor.registration.network.overlaps import (
     Steepest,
     describe_pairs,
     first_radius,
+    lie_near,
     match_overlaps,
     misfit_of,
 )
@@ -191,7 +192,7 @@ def adjust_scans(
     if not (is_tied or before or match_overlaps(network.overlaps, unmoved, network.radius, fine=False)):
         return Adjustment(unmoved, (), False, "no two scans overlap", float("nan"), float("nan"), 0)
     network = replace(network, lies_near=network.lies_near and len(before) > 0)
-    state = _iterate(network, settings.max_iterations)
+    state = _settle(network, before, settings.max_iterations)
     after = match_overlaps(network.overlaps, state.motions, network.finest_radius, fine=True)
     pairs = describe_pairs(before, after)
     sigma_before, sigma_after = misfit_of(before), misfit_of(after)
@@ -278,6 +279,24 @@ def _prepare(clouds: Iterable[PointCloud], settings: AdjustmentSettings, ties: T
     return _Network(overlaps, radius, finest, shift, ties.shifted(shift), lies_near)
 
 
+def _settle(network: _Network, before: Pairs, max_iterations: int) -> _State:
+    """Return where the iteration ends, begun as far and wide as scans seem to lie apart.
+
+    Scans that see little of each other seem to lie far apart, most of their points having no partner; what is then
+    taken for one draws them to and fro. Where that does not settle, and scans lie on each other as given, it begins by
+    matching finely.
+    """
+    state = _iterate(network, max_iterations)
+    if not state.reason or network.lies_near:
+        return state
+    unmoved = [np.eye(4) for _ in network.overlaps.sides]
+    wide = match_overlaps(network.overlaps, unmoved, network.radius, fine=False)
+    if not lie_near(before, wide, len(unmoved), network.overlaps.spacing):
+        return state
+    again = _iterate(replace(network, lies_near=True), max_iterations)
+    return state if again.reason else again
+
+
 def _iterate(network: _Network, max_iterations: int) -> _State:
     """Return where the iteration ends: first by targets alone, then with surfaces, without blunders."""
     n = len(network.overlaps.sides)
@@ -285,9 +304,12 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
     ties, components, radius = network.ties, TieScales(), network.radius
     prior, fine, pace, last = np.full(2, np.nan), network.lies_near, 1.0, np.zeros((n, 6))
     steepest: Steepest = {}
+    state: _State | None = None
     least = LEAST_MISFIT * network.lever
     for step in range(1, max_iterations + 1):
         matches = match_overlaps(network.overlaps, motions, radius, fine=fine, steepest=steepest)
+        if not matches and state is not None and not len(ties):
+            return replace(state, reason="their overlaps, small as they are, were lost on the way")
         sigma = max(misfit_of(matches) if matches else _tie_sigma(network.ties), least)
         prior = np.full(2, max(sigma, _given_misfit(network))) if step == 1 else prior
         scales = replace(_scales(network, matches, sigma, prior, fine, motions), in_control=_in_control(ties, matches))
@@ -310,6 +332,7 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
         shrunk = radius <= network.finest_radius
         radius = max(SHRINK * radius, network.finest_radius)
         fine = fine or not matches or (shrunk and length < 0.3 * sigma)
+    assert state is not None  # at least one step is allowed
     if length < NEARLY_SETTLED * sigma:
         return state
     return replace(state, reason=f"still moving by {1e6 * length:.0f} micrometres after {max_iterations} iterations")

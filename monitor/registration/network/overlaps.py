@@ -20,6 +20,7 @@ from projects.transforms import invert
 
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
 STEEP = np.radians(60.0)  # beyond this incidence part of the spot may miss a bent surface; so in `spheres`
+NEAR_SHARE = 1.0 / 3.0
 SEARCH_MEDIANS, SEARCH_SHARE = 4.0, 0.1  # of the distances between scans as given; of the smallest scan's diagonal
 CLOSURE_HELD = 0.1  # of the best held motion: what a pair by itself hardly holds is not asked of it
 
@@ -121,6 +122,17 @@ def _steepest(cosines: Floats) -> float:
 def misfit_of(matches: Pairs) -> float:
     """Return the robust sigma [m] of all residuals about zero, each pair of scans counting by its points."""
     return robust_scale(np.concatenate([m.residuals for m in matches.values()])) if matches else float("nan")
+
+
+def lie_near(fine: Pairs, wide: Pairs, n_scans: int, spacing: float) -> bool:
+    """Return whether every scan lies on others: they miss it by less than a `spacing` [m] of the points, in as many
+    places, matched finely, as a third (`NEAR_SHARE`) of those that find partners far and wide."""
+    for k in range(n_scans):
+        own = {key: matches for key, matches in fine.items() if k in key}
+        n_fine, n_wide = (sum(len(m) for key, m in of.items() if k in key) for of in (fine, wide))
+        if not own or n_fine < NEAR_SHARE * n_wide or misfit_of(own) > spacing:
+            return False
+    return True
 
 
 def describe_pairs(before: Pairs, after: Pairs) -> tuple[PairFit, ...]:
