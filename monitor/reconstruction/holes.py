@@ -13,20 +13,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import jit
-from scipy.sparse import coo_matrix, diags
-from scipy.sparse.linalg import spsolve
 from scipy.spatial.distance import pdist
 
 from monitor.reconstruction.alongside import lies_along
 from monitor.reconstruction.faces import area_vector, length_of
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
+from monitor.reconstruction.spans import refine
 from projects.model import Floats, Ints
 
 MOST_CORNERS = 400  # of a loop spanned at once: least area takes time with the cube; a longer one is cut into bays
 COS_FOLDS = -0.7  # between normals: beyond it a face lies back over the one beside it
 MOST_STEPS = 8  # of a rim, each back from the faces that a span meets
-MOST_ROUNDS = 16  # of refinement, each of which halves the long edges
 
 
 class Closed(NamedTuple):
@@ -109,7 +107,7 @@ def _try(mesh: Closed, loop: Ints, longest_edge: float) -> Attempt:
         patch = _span(corners, is_taken, normals)
         if patch is None:
             continue
-        fine = _refine(corners, patch, longest_edge)
+        fine = refine(corners, patch, is_taken, longest_edge)
         if lies_along(fine[0], len(loop), vertices, faces[: mesh.n_measured], longest_edge):
             return Attempt(None, met)
         for places, span in (fine, (corners, patch)):
@@ -238,55 +236,3 @@ def _folds_back(corners: Floats, i: int, m: int, k: int, beyond: Floats) -> bool
 def _area(corners: Floats, i: int, m: int, k: int) -> float:
     """Area of the triangle of three corners."""
     return 0.5 * length_of(area_vector(corners, i, m, k))
-
-
-def _refine(corners: Floats, patch: Ints, longest: float) -> tuple[Floats, Ints]:
-    """Return a patch with its inner edges below `longest` (m), its inner vertices amid their neighbours."""
-    n_fixed, places = len(corners), corners
-    for _ in range(MOST_ROUNDS):
-        edges, edge_of, n_faces = edge_table(patch)
-        is_long = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1) > longest
-        is_long &= n_faces == 2
-        if not is_long.any():
-            break
-        patch = _split(patch, edge_of.reshape(-1, 3), is_long, len(places))
-        places = np.r_[places, places[edges[is_long]].mean(axis=1)]
-        places = _relax(places, patch, n_fixed)
-    return places, patch
-
-
-def _split(patch: Ints, edge_of: Ints, is_split: Any, n_vertices: int) -> Ints:
-    """Return the faces with the marked edges cut in two, by the vertices numbered from `n_vertices` on."""
-    middle = np.where(is_split, n_vertices + np.cumsum(is_split) - 1, -1)
-    out: list[tuple[int, int, int]] = []
-    for (a, b, c), (x, y, z) in zip(patch.tolist(), middle[edge_of].tolist(), strict=True):
-        out += _cut((a, b, c), (x, y, z))
-    return np.array(out)
-
-
-def _cut(corners: tuple[int, int, int], middles: tuple[int, int, int]) -> list[tuple[int, int, int]]:
-    """Return the triangles of one whose edges ab, bc, ca have a vertex in the middle where that is not -1."""
-    n_cut = sum(m >= 0 for m in middles)
-    for _ in range(3):  # turn until the pattern is: none, ab, ab and bc, all
-        x, y, z = middles
-        if n_cut in (0, 3) or (n_cut == 1 and x >= 0) or (n_cut == 2 and z < 0):
-            break
-        corners, middles = (corners[1], corners[2], corners[0]), (y, z, x)
-    (a, b, c), (x, y, z) = corners, middles
-    if n_cut == 0:
-        return [corners]
-    if n_cut == 1:
-        return [(a, x, c), (x, b, c)]
-    if n_cut == 2:
-        return [(x, b, y), (a, x, y), (a, y, c)]
-    return [(a, x, z), (x, b, y), (z, y, c), (x, y, z)]
-
-
-def _relax(places: Floats, patch: Ints, n_fixed: int) -> Floats:
-    """Return the places with each but the first `n_fixed` in the middle of its neighbours."""
-    edges, n = edge_table(patch)[0], len(places)
-    both = np.r_[edges, edges[:, ::-1]]
-    links = coo_matrix((np.ones(len(both)), both.T), shape=(n, n)).tocsr()
-    system = (diags(np.asarray(links.sum(axis=1)).ravel()) - links).tocsr()[n_fixed:]
-    inner = spsolve(system[:, n_fixed:].tocsc(), -(system[:, :n_fixed] @ places[:n_fixed]))
-    return np.r_[places[:n_fixed], np.asarray(inner).reshape(-1, 3)]
