@@ -16,11 +16,12 @@ from numba import jit
 from scipy.spatial.distance import pdist
 
 from monitor.reconstruction.alongside import lies_along
+from monitor.reconstruction.edges import faces_together
 from monitor.reconstruction.faces import area_vector, length_of
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals
 from monitor.reconstruction.spans import refine
-from projects.model import Floats, Ints
+from projects.model import Bools, Floats, Ints
 
 MOST_CORNERS = 400  # of a loop spanned at once: least area takes time with the cube; a longer one is cut into bays
 COS_FOLDS = -0.7  # between normals: beyond it a face lies back over the one beside it
@@ -86,39 +87,52 @@ def width(corners: Floats) -> float:
 
 
 def _close(mesh: Closed, loop: Ints, longest_edge: float) -> Closed | None:
-    """Return the mesh with one hole closed; None where that cannot be done without faces that meet."""
+    """Return the mesh with one hole closed; None where that cannot be done without faces that meet.
+
+    Rims step back until a fine span meets nothing. Where they cannot, the hole as it was gets a coarse one.
+    """
+    stepped: tuple[Closed, Ints] | None = (mesh, loop)
     for _ in range(MOST_STEPS):
-        attempt = _try(mesh, loop, longest_edge)
-        if attempt.mesh is not None:
+        attempt = _try(*stepped, longest_edge)
+        if attempt.mesh is not None or not len(attempt.met):
             return attempt.mesh
-        stepped = _step_back(mesh, loop, attempt.met)
+        stepped = _step_back(*stepped, attempt.met)
         if stepped is None:
-            return None
-        mesh, loop = stepped
-    return None
+            break
+    return _try(mesh, loop, np.inf).mesh
 
 
 def _try(mesh: Closed, loop: Ints, longest_edge: float) -> Attempt:
-    """Close one hole by a span of least area, or by one that nowhere folds back, refined or not."""
-    vertices, faces = mesh.vertices, mesh.faces
-    corners, met = np.ascontiguousarray(vertices[loop]), np.empty(0, np.int64)
-    is_taken, beyond = _edges_across(faces, loop), _normals_beyond(vertices, faces, loop)
+    """Close one hole by a span of least area, or by one that nowhere folds back over the rim.
+
+    Where both meet faces of the mesh, those are told that the one meets which meets fewer; none where a span lies
+    along a measured sheet.
+    """
+    corners, met = np.ascontiguousarray(mesh.vertices[loop]), None
+    is_taken, beyond = _edges_across(mesh.faces, loop), _normals_beyond(mesh.vertices, mesh.faces, loop)
     for normals in (np.zeros_like(beyond), beyond):
         patch = _span(corners, is_taken, normals)
         if patch is None:
             continue
-        fine = refine(corners, patch, is_taken, longest_edge)
-        if lies_along(fine[0], len(loop), vertices, faces[: mesh.n_measured], longest_edge):
-            return Attempt(None, met)
-        for places, span in (fine, (corners, patch)):
-            names = np.r_[loop, len(vertices) + np.arange(len(places) - len(loop))]
-            more = np.r_[vertices, places[len(loop) :]]
-            joined = np.r_[faces, names[span].astype(faces.dtype)]
-            pairs = find_intersections(more, joined, np.arange(len(joined)) >= len(faces))
-            if not len(pairs):
-                return Attempt(mesh._replace(vertices=more, faces=joined), met)
-        met = np.unique(pairs[pairs < len(faces)])
-    return Attempt(None, met)
+        places, span = refine(corners, patch, is_taken, longest_edge)
+        if lies_along(places, len(loop), mesh.vertices, mesh.faces[: mesh.n_measured], longest_edge):
+            return Attempt(None, np.empty(0, np.int64))
+        joined, pairs = _join(mesh, loop, places, span)
+        if not len(pairs):
+            return Attempt(joined, np.empty(0, np.int64))
+        these = np.unique(pairs[pairs < len(mesh.faces)])
+        met = these if met is None or len(these) < len(met) else met
+    return Attempt(None, np.empty(0, np.int64) if met is None else met)
+
+
+def _join(mesh: Closed, loop: Ints, places: Floats, span: Ints) -> tuple[Closed, Ints]:
+    """Return the mesh with a span of a loop, its `places` those of the loop first, and pairs of faces that meet."""
+    names = np.r_[loop, len(mesh.vertices) + np.arange(len(places) - len(loop))]
+    vertices = np.r_[mesh.vertices, places[len(loop) :]]
+    faces = np.r_[mesh.faces, names[span].astype(mesh.faces.dtype)]
+    return mesh._replace(vertices=vertices, faces=faces), find_intersections(
+        vertices, faces, np.arange(len(faces)) >= len(mesh.faces)
+    )
 
 
 def _step_back(mesh: Closed, loop: Ints, met: Ints) -> tuple[Closed, Ints] | None:
@@ -132,6 +146,7 @@ def _step_back(mesh: Closed, loop: Ints, met: Ints) -> tuple[Closed, Ints] | Non
     keep[met[at_rim]] = False
     while (ties := bow_ties(mesh.faces[keep])).any():
         keep[np.flatnonzero(keep)[ties]] = False
+    keep[keep] = ~_broken_off(mesh.faces, keep)
     n_lost = int(np.count_nonzero(~keep))
     if not 0 < n_lost <= len(loop) or not keep[mesh.n_measured :].all():
         return None
@@ -141,6 +156,22 @@ def _step_back(mesh: Closed, loop: Ints, met: Ints) -> tuple[Closed, Ints] | Non
     if not others <= after or len(after - others) != 1:
         return None
     return fewer, np.array((after - others).pop(), np.int64)
+
+
+def _broken_off(faces: Ints, keep: Bools) -> Bools:
+    """Return which of the faces to keep lie in a piece that hung together with a larger one by those that are lost."""
+    before, after = _pieces(faces)[keep], _pieces(faces[keep])
+    size = np.bincount(after)[after]
+    largest = np.zeros(len(faces), np.int64)
+    np.maximum.at(largest, before, size)
+    out: Bools = size < largest[before]
+    return out
+
+
+def _pieces(faces: Ints) -> Ints:
+    """Return the number of the piece of each face (m,); faces hang together by edges."""
+    _, edge_of, n_faces = edge_table(faces)
+    return faces_together(edge_of, len(n_faces))
 
 
 def _normals_beyond(vertices: Floats, faces: Ints, loop: Ints) -> Floats:

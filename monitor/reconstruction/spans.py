@@ -75,7 +75,7 @@ def _longest_inner(places: Floats, patch: Ints) -> float:
 
 def _cut_long_edges(places: Floats, patch: Ints, is_taken: Bools, at_most: float) -> tuple[Floats, Ints]:
     """Return places and triangles with edges turned, and those inner ones cut that are longer than `at_most` (m)."""
-    edges, edge_of, n_faces = edge_table(patch)
+    edges, edge_of, _ = edge_table(patch)
     length = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1).sum()
     area = face_areas_and_normals(places, patch)[0].sum()
     room = int(CROWDED * (area / at_most**2 + length / at_most)) + 64
