@@ -22,6 +22,7 @@ from projects.model import Bools, Floats, Ints
 
 MOST_ROUNDS = 24  # of refinement, each to edges half as long until they are as long as asked
 CROWDED = 16.0  # vertices on a square of the longest edge: never so many, whatever a span folded over itself does
+CLEARLY = 1.0 - 1e-9  # of a cotangent, by which an angle is wider than by rounding
 MOST_TURNS = 64  # of edges beside one that is cut
 COS_SHARP = 0.5  # between the normals of two triangles: an edge turned makes no fold sharper than this, or than it was
 
@@ -38,7 +39,8 @@ class Web(NamedTuple):
 
 
 def refine(corners: Floats, patch: Ints, is_taken: Bools, longest: float) -> tuple[Floats, Ints]:
-    """Return places (k, 3) m, the `corners` (n, 3) of the rim first, and triangles with inner edges below `longest` m.
+    """Return places (k, 3) m, the `corners` (n, 3) of the rim first, and triangles with inner edges below `longest` m,
+    but for those beside longer ones of the rim.
 
     No edge is put between corners of which `is_taken` (n, n) says that an edge joins them already.
     """
@@ -145,11 +147,12 @@ def _length(web: Web, h: int) -> float:
 
 @jit(nopython=True, cache=True)
 def _is_longest_beside(web: Web, h: int, length: float) -> bool:
-    """Whether no other inner edge of the two triangles of an edge is longer than that."""
+    """Whether no other edge of the two triangles of an edge is longer than that; beside a long one of the rim, which
+    stays, cuts would pile up at its thirds."""
     for side in (h, web.beyond[h]):
         after = _following(side)
         for other in (after, _following(after)):
-            if web.beyond[other] >= 0 and _length(web, other) > length:
+            if _length(web, other) > length:
                 return False
     return True
 
@@ -216,15 +219,28 @@ def _turn(web: Web, pending: Ints, n_pending: int, at_most: int) -> None:
 
 @jit(nopython=True, cache=True)
 def _is_better_turned(web: Web, h: int) -> bool:
-    """Whether the angles opposite to an edge are wider together than two right ones, and its other diagonal may be."""
+    """Whether an edge's other diagonal may be, and makes the smallest angle beside it wider.
+
+    In a plane that is so where the two angles opposite to it are wider together than two right ones. In space that
+    alone may go round in circles, while an edge turned here never comes again: smallest angles only grow.
+    """
     o = web.beyond[h]
     a, b = _start(web, h), _start(web, o)
     c, d = _start(web, _following(_following(h))), _start(web, _following(_following(o)))
-    if not _cotangent(web.places, c, a, b) + _cotangent(web.places, d, b, a) < -1e-9 or _are_joined(web, c, d):
+    if not _cotangent(web.places, c, a, b) + _cotangent(web.places, d, b, a) < 0.0 or _are_joined(web, c, d):
+        return False
+    sharpest = max(_sharpest(web.places, a, b, c), _sharpest(web.places, b, a, d))
+    if not max(_sharpest(web.places, a, d, c), _sharpest(web.places, d, b, c)) < CLEARLY * sharpest:
         return False
     before = _cosine(area_vector(web.places, a, b, c), area_vector(web.places, b, a, d))
     after = _cosine(area_vector(web.places, a, d, c), area_vector(web.places, d, b, c))
     return after >= min(before, COS_SHARP)
+
+
+@jit(nopython=True, cache=True)
+def _sharpest(places: Floats, i: int, j: int, k: int) -> float:
+    """Cotangent of the smallest angle of a triangle; infinite where it has no area."""
+    return max(_cotangent(places, i, j, k), _cotangent(places, j, k, i), _cotangent(places, k, i, j))
 
 
 @jit(nopython=True, cache=True)
