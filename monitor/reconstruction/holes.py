@@ -120,9 +120,19 @@ def _try(mesh: Closed, loop: Ints, longest_edge: float) -> Attempt:
         joined, pairs = _join(mesh, loop, places, span)
         if not len(pairs):
             return Attempt(joined, np.empty(0, np.int64))
-        these = np.unique(pairs[pairs < len(mesh.faces)])
+        these = _met(joined.faces, len(mesh.faces), pairs)
         met = these if met is None or len(these) < len(met) else met
     return Attempt(None, np.empty(0, np.int64) if met is None else met)
+
+
+def _met(faces: Ints, n_before: int, pairs: Ints) -> Ints:
+    """Return those of the first `n_before` faces that a span, the others, meets, and those with an edge on one of its
+    faces that meet each other."""
+    of_span = faces[np.unique(pairs[(pairs >= n_before).all(axis=1)])]
+    is_theirs = np.zeros(int(faces.max()) + 1, bool)
+    is_theirs[of_span] = True
+    beside = np.flatnonzero(is_theirs[faces[:n_before]].sum(axis=1) > 1)
+    return np.union1d(pairs[pairs < n_before], beside)
 
 
 def _join(mesh: Closed, loop: Ints, places: Floats, span: Ints) -> tuple[Closed, Ints]:
