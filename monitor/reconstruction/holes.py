@@ -25,7 +25,7 @@ from projects.model import Bools, Floats, Ints
 
 MOST_CORNERS = 400  # of a loop spanned at once: least area takes time with the cube; a longer one is cut into bays
 COS_FOLDS = -0.7  # between normals: beyond it a face lies back over the one beside it
-MOST_STEPS = 8  # of a rim, each back from the faces that a span meets
+MOST_STEPS = 12  # of a rim, each back from the faces that a span meets
 
 
 class Closed(NamedTuple):

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 from scipy.sparse import coo_matrix, diags
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import splu
 
 from monitor.reconstruction.faces import area_vector, length_of, way
 from monitor.reconstruction.mesh import edge_table, face_areas_and_normals
 from projects.model import Bools, Floats, Ints
 
 MOST_ROUNDS = 24  # of refinement, each to edges half as long until they are as long as asked
-CROWDED = 16.0  # vertices on a square of the longest edge: never so many, whatever a span folded over itself does
+CROWDED = 8.0  # vertices on a square of the longest edge: never so many, whatever a span folded over itself does
 CLEARLY = 1.0 - 1e-9  # of a cotangent, by which an angle is wider than by rounding
 MOST_TURNS = 64  # of edges beside one that is cut
 COS_SHARP = 0.5  # between the normals of two triangles: an edge turned makes no fold sharper than this, or than it was
@@ -60,12 +60,17 @@ def refine(corners: Floats, patch: Ints, is_taken: Bools, longest: float) -> tup
 
 def relax(places: Floats, patch: Ints, n_fixed: int) -> Floats:
     """Return the places with each but the first `n_fixed` in the middle of its neighbours."""
+    if len(places) == n_fixed:
+        return places
     edges, n = edge_table(patch)[0], len(places)
     both = np.r_[edges, edges[:, ::-1]]
     links = coo_matrix((np.ones(len(both)), both.T), shape=(n, n)).tocsr()
     system = (diags(np.asarray(links.sum(axis=1)).ravel()) - links).tocsr()[n_fixed:]
-    inner = spsolve(system[:, n_fixed:].tocsc(), -(system[:, :n_fixed] @ places[:n_fixed]))
-    return np.r_[places[:n_fixed], np.asarray(inner).reshape(-1, 3)]
+    amid = -(system[:, :n_fixed] @ places[:n_fixed])
+    factors = splu(system[:, n_fixed:].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                   options={"SymmetricMode": True})  # fmt: skip
+    inner = factors.solve(amid)
+    return np.r_[places[:n_fixed], np.asarray(inner)]
 
 
 def _longest_inner(places: Floats, patch: Ints) -> float:
@@ -78,9 +83,9 @@ def _longest_inner(places: Floats, patch: Ints) -> float:
 def _cut_long_edges(places: Floats, patch: Ints, is_taken: Bools, at_most: float) -> tuple[Floats, Ints]:
     """Return places and triangles with edges turned, and those inner ones cut that are longer than `at_most` (m)."""
     edges, edge_of, _ = edge_table(patch)
-    length = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1).sum()
     area = face_areas_and_normals(places, patch)[0].sum()
-    room = int(CROWDED * (area / at_most**2 + length / at_most)) + 64
+    rim = np.linalg.norm(np.diff(places[: len(is_taken)], axis=0), axis=1).sum()
+    room = int(CROWDED * (area / at_most**2 + rim / at_most)) + 64
     more, faces = np.empty((len(places) + room, 3)), np.empty((len(patch) + 2 * room, 3), np.int64)
     more[: len(places)], faces[: len(patch)] = places, patch
     beyond = np.full(3 * len(faces), -1)

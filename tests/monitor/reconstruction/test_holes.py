@@ -11,6 +11,7 @@ from monitor.reconstruction import SurfaceSettings, reconstruct_with_record
 from monitor.reconstruction.holes import close_holes, free_loops
 from monitor.reconstruction.intersections import find_intersections
 from monitor.reconstruction.mesh import bow_ties, edge_table, face_areas_and_normals, untie
+from monitor.reconstruction.spans import refine
 from projects.formats import read_mesh, write_ply_mesh
 from projects.model import Assessment, PointCloud, Registration
 
@@ -63,6 +64,61 @@ def test_both_ends_of_a_tube_are_closed_flat_however_long_their_loops():
     assert volume == pytest.approx(0.03 * 250 * np.sin(2 * np.pi / 500), rel=1e-6)
 
 
+def smallest_angles(vertices, faces):
+    """Return the smallest angle of each face, degrees."""
+    corner, angles = vertices[faces], []
+    for k in range(3):
+        e, g = corner[:, (k + 1) % 3] - corner[:, k], corner[:, (k + 2) % 3] - corner[:, k]
+        angles.append(np.arctan2(np.linalg.norm(np.cross(e, g), axis=1), np.einsum("ij,ij->i", e, g)))
+    return np.degrees(np.min(angles, axis=0))
+
+
+def inner_edges(vertices, faces):
+    edges, _, n_faces = edge_table(faces)
+    return np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)[n_faces == 2]
+
+
+@pytest.mark.parametrize(("n_around", "longest"), [(200, 0.05), (60, 0.15), (500, 0.03)])
+def test_span_is_as_dense_as_asked_and_of_wide_angles(n_around, longest):
+    """Fans were halved as they were: 10 to 30 times as many faces, half of them with an angle below 2 degrees."""
+    vertices, faces = open_cylinder(n_around)
+    closed = close_holes(vertices, faces, np.inf, longest)
+    assert is_closed(closed.faces)
+    np.testing.assert_array_equal(closed.vertices[: len(vertices)], vertices)
+    np.testing.assert_array_equal(closed.faces[: len(faces)], faces)
+    new = closed.faces[len(faces) :]
+    assert inner_edges(closed.vertices, new).max() <= longest
+    n_even = 2.0 * np.pi / (np.sqrt(3.0) / 4.0 * longest**2)  # all edges the longest; of 3/4 of it 1.8 times as many
+    assert n_even < len(new) < 3.0 * n_even
+    angles = smallest_angles(closed.vertices, new)
+    assert angles.min() > 8.0
+    assert np.percentile(angles, 5) > 30.0
+
+
+def test_cuts_do_not_pile_up_beside_an_edge_of_the_rim_that_is_longer_than_asked():
+    """An edge of 1.6 times the longest of the span had 5000 vertices at its thirds, most of them on one another."""
+    turn = np.linspace(0.0, 2.0 * np.pi - 0.4, 30)  # the last edge is twice as long as the others
+    corners = np.c_[np.cos(turn), np.sin(turn), 0.05 * np.cos(3.0 * turn)]
+    fan = np.c_[np.zeros(28, int), np.arange(1, 29), np.arange(2, 30)]
+    rim = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    for longest in rim.max() / np.array([1.2, 1.6, 2.5]):
+        places, faces = refine(corners, fan, np.eye(30, dtype=bool), longest)
+        assert len(faces) < 3.0 * np.pi / (np.sqrt(3.0) / 4.0 * longest**2)
+        assert inner_edges(places, faces).min() > longest / 4.0
+        assert inner_edges(places, faces).max() < rim.max()
+
+
+def test_span_of_a_saddle_is_the_least_surface_that_its_rim_leaves():
+    """Of z = a r^2 cos 2 t, which is one to 4 a^2 of its slopes, between a circle of corners on it."""
+    turn = 2.0 * np.pi * np.arange(120) / 120
+    corners = np.c_[np.cos(turn), np.sin(turn), 0.1 * np.cos(2.0 * turn)]
+    fan = np.c_[np.zeros(118, int), np.arange(1, 119), np.arange(2, 120)]
+    places, faces = refine(corners, fan, np.eye(120, dtype=bool), 0.1)
+    x, y, z = places.T
+    assert np.abs(z - 0.1 * (x**2 - y**2)).max() < 0.003  # of 0.1; of the fan 0.09
+    assert len(find_intersections(places, faces)) == 0
+
+
 def test_hole_whose_closing_would_cut_the_mesh_stays_open_and_is_counted():
     vertices, faces = open_cylinder(24)
     spike = np.array([[0.0, 0.1, -0.485], [0.1, -0.1, -0.485], [0.0, 0.0, 0.515]])
@@ -90,6 +146,10 @@ def test_jagged_rims_of_a_tube_are_closed_at_the_cost_of_a_few_of_their_faces(se
     lost = result.counts["faces_given_up_at_holes"]
     assert lost == len(open_.faces) - (len(surface.faces) - n_new) < 0.02 * len(open_.faces)
     assert surface.face_invented.sum() == surface.face_invented[-n_new:].sum() == n_new
+    angles = smallest_angles(surface.vertices, surface.faces[-n_new:])
+    assert np.percentile(angles, 5) > 30.0  # 0.5 where fans were halved, or left as they were
+    area = face_areas_and_normals(surface.vertices, surface.faces[-n_new:])[0].sum()
+    assert 3.5 < n_new * (1.5 * result.automatic["cell_size_m"]) ** 2 / area < 6.0  # 4.1 of edges of 3/4 of it
     kept = {face.tobytes() for face in surface.vertices[surface.faces[:-n_new]]}
     assert kept <= {face.tobytes() for face in open_.vertices[open_.faces]}
     assert np.unique(surface.faces).tolist() == list(range(len(surface.vertices)))
@@ -97,6 +157,30 @@ def test_jagged_rims_of_a_tube_are_closed_at_the_cost_of_a_few_of_their_faces(se
     volume = np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
     beyond = 2 * 2.5 * result.automatic["cell_size_m"]  # a surface ends so far from its samples at most
     assert 0.08 < volume / (np.pi * 0.03**2) < 0.08 + beyond
+
+
+def pointed_hat(rng, n=3000):
+    """Return the noisy side of a cone without its base, points without order."""
+    turn, from_tip = rng.uniform(0.0, 2.0 * np.pi, n), np.sqrt(rng.uniform(0.0, 1.0, n))
+    normals = np.c_[2.0 * np.cos(turn), 2.0 * np.sin(turn), np.ones(n)] / np.sqrt(5.0)
+    places = np.c_[0.05 * from_tip * np.cos(turn), 0.05 * from_tip * np.sin(turn), 0.1 * (1.0 - from_tip)]
+    return PointCloud(places + 0.0003 * rng.normal(size=n)[:, None] * normals, normals=normals)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_base_of_a_cone_is_closed_though_its_span_meets_the_jagged_rim(seed):
+    """It stayed open: single faces broke off where the rim stepped back, and spans met themselves."""
+    result = reconstruct_with_record(pointed_hat(np.random.default_rng(seed)), SurfaceSettings(watertight=True))
+    surface, counts = result.surface, result.counts
+    assert counts["holes_left_open"] == 0
+    assert is_closed(surface.faces)
+    assert len(find_intersections(surface.vertices, surface.faces)) == 0
+    n_measured = len(surface.faces) - counts["faces_invented"]
+    assert counts["faces_given_up_at_holes"] < 0.01 * n_measured
+    corner = surface.vertices[surface.faces]
+    volume = np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
+    beyond = 2.5 * result.automatic["cell_size_m"] / np.hypot(0.05, 0.1)  # a surface ends so far from its samples at most
+    assert 1.0 < volume / (np.pi * 0.05**2 * 0.1 / 3.0) < (1.0 + beyond) ** 3
 
 
 def test_small_holes_are_closed_and_marked_and_wide_ones_stay(rng):
