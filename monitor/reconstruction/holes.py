@@ -2,9 +2,9 @@
 
 In: a two-manifold with boundary. Out: its faces, and behind them those that close holes. The span is the triangulation
 of least area (Barequet & Sharir 1995, "Filling gaps in the boundary of a polyhedron"), where it must be without faces
-that fold back over the rim (Liepa 2003, "Filling holes in meshes"); its inner vertices, put in until its edges are as
-long as asked, lie in the middle of their neighbours. Faces of a jagged rim that a span meets are given up. A hole that
-cannot be closed so stays open.
+that fold back over the rim (Liepa 2003, "Filling holes in meshes"), made as fine as asked (`spans.py`). Faces of a
+jagged rim that a span meets are given up, with those that it meets itself beside. A hole that cannot be closed so gets
+a span without inner vertices where that meets nothing; else it stays open.
 """
 
 from __future__ import annotations
@@ -91,14 +91,15 @@ def _close(mesh: Closed, loop: Ints, longest_edge: float) -> Closed | None:
 
     Rims step back until a fine span meets nothing. Where they cannot, the hole as it was gets a coarse one.
     """
-    stepped: tuple[Closed, Ints] | None = (mesh, loop)
+    fewer, rim = mesh, loop
     for _ in range(MOST_STEPS):
-        attempt = _try(*stepped, longest_edge)
+        attempt = _try(fewer, rim, longest_edge)
         if attempt.mesh is not None or not len(attempt.met):
             return attempt.mesh
-        stepped = _step_back(*stepped, attempt.met)
+        stepped = _step_back(fewer, rim, attempt.met)
         if stepped is None:
             break
+        fewer, rim = stepped
     return _try(mesh, loop, np.inf).mesh
 
 
