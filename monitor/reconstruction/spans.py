@@ -21,6 +21,7 @@ from monitor.reconstruction.mesh import edge_table, face_areas_and_normals
 from projects.model import Bools, Floats, Ints
 
 MOST_ROUNDS = 24  # of refinement, each to edges half as long until they are as long as asked
+FEW = 0.01  # of the vertices: new ones are not worth a round
 CROWDED = 8.0  # vertices on a square of the longest edge: never so many, whatever a span folded over itself does
 CLEARLY = 1.0 - 1e-9  # of a cotangent, by which an angle is wider than by rounding
 MOST_TURNS = 64  # of edges beside one that is cut
@@ -51,8 +52,8 @@ def refine(corners: Floats, patch: Ints, is_taken: Bools, longest: float) -> tup
     for _ in range(MOST_ROUNDS):
         n_before = len(places)
         places, patch = _cut_long_edges(places, patch, is_taken, at_most)
-        if len(places) == n_before and at_most == longest:
-            break
+        if len(places) - n_before <= FEW * n_before and at_most == longest:
+            break  # they stay in the middle of edges that were cut
         places = relax(places, patch, n_fixed)
         at_most = max(longest, 0.5 * at_most)
     return places, patch
