@@ -63,6 +63,8 @@ def plan_for_mesh(request: PlanRequest, as_json: bool) -> None:
         raise ParameterError(f"--every {request.every:g}: degrees from {SMALLEST_TURN:g} to 360 are needed")
     if not 0.0 <= request.registration < np.inf:
         raise ParameterError(f"--registration {request.registration:g}: millimetres are needed, 0 or more")
+    if not 0.0 < request.reflectance <= 1.0:
+        raise ParameterError(f"--reflectance {request.reflectance:g}: a share of the light is needed, above 0, up to 1")
     task = Task(
         change=metres_from_millimetres(request.change, "--change"),
         extent=metres_from_millimetres(request.width, "--width"),
@@ -70,6 +72,7 @@ def plan_for_mesh(request: PlanRequest, as_json: bool) -> None:
         sigma_registration=request.registration / 1000.0,
     )
     surface = _read(request.mesh, request.unit)
+    _require_smaller(request, surface)
     shift = 0.5 * (surface.vertices.min(axis=0) + surface.vertices.max(axis=0))  # rays are float32
     body = _body(request.mesh, surface, shift)
     beside = [_body(path, _read(path, request.unit), shift) for path in request.beside]
@@ -99,6 +102,16 @@ def _read(path: Path, unit: str | None) -> Surface:
     bounds = np.array([surface.vertices.min(axis=0), surface.vertices.max(axis=0)])
     question_unit(bounds, unit is not None, sniff_format(path), path.name)
     return surface
+
+
+def _require_smaller(request: PlanRequest, surface: Surface) -> None:
+    """Raise `ParameterError` where the change asked for is larger than all that is planned for."""
+    across = 1000.0 * float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    for option, value in (("--change", request.change), ("--width", request.width)):
+        if value > across:
+            raise ParameterError(
+                f"{option} {value:g}: {request.mesh.name} is {across:.4g} mm across; millimetres up to that are needed"
+            )
 
 
 def _body(path: Path, surface: Surface, shift: Floats) -> Body:

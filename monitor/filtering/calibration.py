@@ -145,8 +145,7 @@ def calibrate_range(scan: Scan, settings: CalibrationSettings | None = None) -> 
     found = find_plane_patches(sampled, settings.wavelength or SHORTEST, settings.max_amplitude)
     patches = prepare_patches(found)
     if len(patches) < settings.min_patches:
-        reason = f"{len(patches)} plane patches span the longest wavelength; {settings.min_patches} are needed"
-        return _nothing(reason, settings)
+        return _nothing(_too_few(len(patches), "the longest wavelength", settings), settings)
     given = (settings.wavelength, 1, 0.0) if settings.wavelength else search_wavelength(patches, settings.n_harmonics)
     wavelength, n_tried, step = given
     patches = [p for p in patches if np.ptp(np.quantile(p.ranges, (0.05, 0.95))) >= wavelength]
@@ -177,6 +176,12 @@ def sample_scan(scan: Scan, n_points: int) -> Scan:
     return scan.take(np.sort(draw_order(scan.cloud.points, 0)[:n_points]))
 
 
+def _too_few(n_patches: int, wavelength: str, settings: CalibrationSettings) -> str:
+    """Return in words that fewer plane patches than are needed span a wavelength."""
+    spanning = "1 plane patch spans" if n_patches == 1 else f"{n_patches} plane patches span"
+    return f"{spanning} {wavelength}; {settings.min_patches} {'is' if settings.min_patches == 1 else 'are'} needed"
+
+
 def _nothing(reason: str, settings: CalibrationSettings) -> Calibration:
     """Return the calibration of a scan that says nothing of cyclic errors."""
     n, nan = settings.n_harmonics, math.nan
@@ -194,11 +199,7 @@ def _judge(
     `search` is how many longest wavelengths were tried, and their step [1/m]; 0 of one that was given.
     """
     if len(patches) < settings.min_patches:
-        reason = (
-            f"{len(patches)} plane patches span the longest wavelength, {wavelengths[0]:.3f} m; "
-            f"{settings.min_patches} are needed"
-        )
-        return _nothing(reason, settings)
+        return _nothing(_too_few(len(patches), f"the longest wavelength, {wavelengths[0]:.3f} m", settings), settings)
     adjusted, covariance = _adjusted(patches, wavelengths, search[1])
     c, wavelengths, groups = adjusted.coefficients, adjusted.wavelengths, groups_of(patches)
     freedoms = np.array([int(p.cells[1].max()) + 1 - 6 for p in patches])

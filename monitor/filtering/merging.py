@@ -58,9 +58,10 @@ def merge_scans(
         clouds = [c.take(~s) for c, s in zip(clouds, seen, strict=True)]
         borne_out = [b[~s] for b, s in zip(borne_out, seen, strict=True)]
     merged, left_out = concatenate_clouds(turn_alike(clouds)), _left_out(clouds, settings, slack, had_doubtful)
+    _require_not_thinned_away(n_before, clouds, settings)
     if len(merged) < MIN_POINTS:
         raise ParameterError(
-            f"{n_before} points were given to merge, of which {n_before - len(merged)} lie where another scan looked "
+            f"to merge were given {n_before} points, of which {n_before - len(merged)} lie where another scan looked "
             f"through; at least {MIN_POINTS} must be left: check the poses, and what the extent leaves of the scans"
         )
     n_merged, order = len(merged), canonical_order(merged.points)
@@ -71,6 +72,7 @@ def merge_scans(
     planes = fit_planes(index, towards, settings.normals, towards if towards is merged.normals else None)
     keep = ~planes.is_outlier | is_sure
     cloud, thinned, automatic = thin_cloud(merged, index, planes, keep, settings.thinning)
+    _require_not_thinned_away(len(cloud), [cloud], settings)
     automatic |= left_out
     counts = {
         "in": n_before, **({"borne_out": n_borne_out} if had_doubtful else {}), "seen_through": n_before - n_merged,
@@ -112,6 +114,19 @@ def _require_mergeable(clouds: Sequence[PointCloud], slack: float, doubtful: Seq
         require_finite(cloud.points, f"cloud {i}")
         if cloud.n_merged is not None and (cloud.n_merged < 1).any():
             raise ParameterError(f"cloud {i}: a point stands for {cloud.n_merged.min()} measurements; it is 1 or more")
+
+
+def _require_not_thinned_away(n_left: int, clouds: Sequence[PointCloud], settings: FilterSettings) -> None:
+    """Raise `ParameterError` where so wide a target spacing was asked for that next to none of the measurements of the
+    thinned clouds are left."""
+    spacing = settings.thinning.target_spacing
+    n_measured = sum(len(c) if c.n_merged is None else int(c.n_merged.sum()) for c in clouds)
+    if spacing is None or n_left >= MIN_POINTS or n_measured < MIN_POINTS:
+        return
+    raise ParameterError(
+        f"filter.thinning.target_spacing = {spacing:g} m thins {n_measured} measurements to {n_left}; at least "
+        f"{MIN_POINTS} points must be left: set a smaller one, or leave it out"
+    )
 
 
 def _left_out(

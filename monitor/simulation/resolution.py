@@ -41,8 +41,9 @@ class Task:
                 f"change {self.change} m, extent {self.extent} m, registration {self.sigma_registration} m: the first "
                 "two must lie above 0, the last not below"
             )
-        if not (0.0 < self.reflectance <= 1.0 and 0.0 < self.share <= 1.0):
-            raise ParameterError(f"reflectance {self.reflectance}, share {self.share}: both lie above 0, up to 1")
+        for name in ("reflectance", "share"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise ParameterError(f"{name} {getattr(self, name):g}: a number above 0, up to 1, is needed")
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import pytest
 from scanned_room import FARO, scan_room, uneven_plaster
 
 from monitor.filtering import CalibrationSettings, calibrate_range, correct_range
+from monitor.filtering.calibration import _too_few
 from monitor.filtering.cyclic_adjustment import adjust_waves, prepare_patches
 from monitor.filtering.patches import PlanePatches
 from monitor.simulation.instruments import without_errors
@@ -141,6 +142,12 @@ def test_points_are_moved_along_their_beams_by_the_error_at_the_true_range(rng):
     )  # fmt: skip
     corrected = correct_range(Scan("scan", PointCloud(measured), np.eye(4), origin=origin), found)
     assert np.allclose(corrected.cloud.points, origin + beams * true[:, None], atol=1e-6)
+
+
+def test_how_many_patches_there_were_is_told_in_proper_words():
+    assert _too_few(1, "the longest wavelength", KNOWN).startswith("1 plane patch spans the longest wavelength; 3 are")
+    one = dataclasses.replace(KNOWN, min_patches=1)
+    assert _too_few(0, "it", one) == "0 plane patches span it; 1 is needed"
 
 
 def test_without_planes_or_with_too_small_ones_nothing_is_said(rng):

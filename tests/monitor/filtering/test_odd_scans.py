@@ -6,7 +6,15 @@ import warnings
 import numpy as np
 import pytest
 
-from monitor.filtering import average_scans, calibrate_range, filter_scan_with_record, merge_scans, voxel_median
+from monitor.filtering import (
+    FilterSettings,
+    ThinningSettings,
+    average_scans,
+    calibrate_range,
+    filter_scan_with_record,
+    merge_scans,
+    voxel_median,
+)
 from monitor.filtering.copies import find_copies
 from monitor.filtering.nearest import canonical_order
 from monitor.filtering.seen_through import find_seen_through
@@ -147,8 +155,19 @@ def test_what_cannot_be_merged_is_refused(rng):
         merge_scans([cloud], slack=-1.0)
     with pytest.raises(ParameterError, match="cloud 0: a point stands for 0 measurements"):
         merge_scans([dataclasses.replace(cloud, n_merged=np.zeros(len(cloud)))])
-    with pytest.raises(ParameterError, match=r"3 points were given to merge, .* at least 8 must be left"):
+    with pytest.raises(ParameterError, match=r"to merge were given 3 points, .* at least 8 must be left"):
         merge_scans([cloud.take(np.arange(3))])
+
+
+def test_points_thinned_away_are_laid_to_the_spacing_asked_for(rng):
+    settings = FilterSettings(thinning=ThinningSettings(target_spacing=10.0))
+    cloud = filter_scan_with_record(scan_of(wall(rng)), settings).cloud
+    said = r"target_spacing = 10 m thins \d{4} measurements to 1; at least 8 points must be left: set a smaller one"
+    with pytest.raises(ParameterError, match=said):
+        merge_scans([cloud], settings)
+    fine = filter_scan_with_record(scan_of(wall(rng))).cloud  # enough of them, and none left by the second pass
+    with pytest.raises(ParameterError, match=said):
+        merge_scans([fine], settings)
 
 
 def test_the_noise_of_one_scan_alone_is_not_known(rng):
