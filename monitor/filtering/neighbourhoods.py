@@ -21,6 +21,7 @@ from projects.model import Floats, Ints
 GROUP = 15  # sampled points whose curves are put together before fitting
 N_RANGES = 60
 SIGNIFICANT = 6.6 / GROUP  # chi-square, 1 degree of freedom, 0.99; a curve is the median of GROUP others
+GROWS = 2.0  # times the least size that the largest must be for a growth to be told from chance
 N_POOLED = 40  # sampled points whose normals are put together
 N_APART = 4  # sizes apart, up to which normals are compared: farther ones differ by more than the third order
 LARGEST = 400  # n_o that can be told
@@ -93,11 +94,11 @@ def fit_spherical(n: Ints, lambda3: Floats) -> tuple[Floats, Floats, Floats]:
     steps = np.sqrt(np.append(variances[:-1] - variances[1:], variances[-1]))
     candidates = np.geomspace(n[0], n[-1], N_RANGES)
     sphericals = np.stack([spherical_variogram(n, a) for a in candidates])
-    growing = (n / n[-1]) ** 2
+    growing, is_told = (n / n[-1]) ** 2, bool(n[-1] >= GROWS * n[0])
     floor = 1e-3 * lambda3.max(axis=1, keepdims=True) + 1e-300
     model, rows = np.maximum(lambda3, floor), np.arange(len(lambda3))
     for _ in range(N_ITERATIONS):
-        misfits, sills, growths = _fit_linear(sphericals, growing, lambda3, model, steps)
+        misfits, sills, growths = _fit_linear(sphericals, growing, lambda3, model, steps, is_told)
         best = np.argmin(misfits, axis=1)
         sill, growth = sills[rows, best], growths[rows, best]
         model = np.maximum(sill[:, None] * sphericals[best] + growth[:, None] * growing, floor)
@@ -105,9 +106,12 @@ def fit_spherical(n: Ints, lambda3: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _fit_linear(
-    sphericals: Floats, growing: Floats, lambda3: Floats, model: Floats, steps: Floats
+    sphericals: Floats, growing: Floats, lambda3: Floats, model: Floats, steps: Floats, is_told: bool
 ) -> tuple[Floats, Floats, Floats]:
-    """Return misfit, sill and growth (s, c) of every curve with every candidate range, none of them negative."""
+    """Return misfit, sill and growth (s, c) of every curve with every candidate range, none of them negative.
+
+    Without a growth where sizes do not tell one (`is_told`).
+    """
 
     def whiten(relative: Floats) -> Floats:
         """Return residuals relative to the model as uncorrelated ones of variance 1: increments over their steps."""
@@ -124,7 +128,7 @@ def _fit_linear(
     with np.errstate(invalid="ignore", divide="ignore"):  # two sizes or fewer tell no growth: `better` says so
         both_a, both_b = (bb * ay - ab * by) / det, (aa * by - ab * ay) / det
     both = yy - both_a * ay - both_b * by + SIGNIFICANT
-    better = (both_a >= 0) & (both_b >= 0) & (det > 1e-9 * aa * bb) & (both < misfit)
+    better = is_told & (both_a >= 0) & (both_b >= 0) & (det > 1e-9 * aa * bb) & (both < misfit)
     return np.where(better, both, misfit), np.where(better, both_a, sill), np.where(better, both_b, growth)
 
 

@@ -68,8 +68,12 @@ def reweighted_factor(n: int) -> float:
 
 @njit(cache=True, error_model="numpy")
 def final_factor(n: int) -> float:
-    """Return the same after the second reweighting, for the median of lambda3."""
-    return 1.0 + 9.3 / n + 60.0 / n**2
+    """Return the same after the second reweighting, for the median of lambda3.
+
+    Of an odd number of points the subset of least determinant is a smaller share; from 17 on that is within 8 %.
+    """
+    odd = 1.23 * (9.0 / n) ** 3.5 if n % 2 == 1 and n < 17 else 0.0
+    return (1.0 + 9.3 / n + 60.0 / n**2) * (1.0 + odd)
 
 
 @njit(cache=True, fastmath=ORDER_FREE, error_model="numpy")

@@ -182,7 +182,7 @@ def test_factors_make_the_variance_across_a_flat_disc_consistent(rng, n):
     assert np.isclose(along * raw[:, 1:].mean() / (n / np.pi / 4), 1.0, atol=0.08)
 
 
-@pytest.mark.parametrize("n", [16, 24, 48, 100])
+@pytest.mark.parametrize("n", [9, 11, 13, 15, 16, 24, 48, 100])
 def test_lambda3_of_noise_alone_is_the_noise_variance(rng, n):
     """Noise unknown to the estimator: the median over many neighbourhoods is the true one within 8 %."""
     points = discs(rng, 1500, n=n)

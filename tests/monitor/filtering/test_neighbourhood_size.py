@@ -95,3 +95,11 @@ def test_size_and_error_of_normals_are_near_those_of_the_best_size(rng, kind, le
     for ratio, error in compare_sizes(rng, kind, length, slope, noise):
         assert 1 / 1.5 <= ratio <= 1.5
         assert error <= 1.15
+
+
+def test_few_sizes_tell_the_noise_and_no_growth(rng):
+    """Of 10 to 16 neighbours alone: chance passed for a growth, which took a fifth of the noise with it."""
+    points = np.c_[rng.uniform(0.0, 0.12, (3600, 2)), rng.normal(0.0, 0.2e-3, 3600)]
+    index = build_index(points[canonical_order(points)])
+    told = sample_neighbourhoods(index, NormalSettings(min_neighbours=16, max_neighbours=16)).noise
+    assert np.exp(np.log(told).mean()) == pytest.approx(0.2e-3, rel=0.09)
