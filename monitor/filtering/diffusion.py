@@ -35,7 +35,11 @@ BLOCK = 65_536  # points whose neighbours are found at once; a multiple of the i
 class DiffusionSettings:
     """Anisotropic diffusion of the merged cloud (paper 003, in three dimensions)."""
 
-    enabled: bool = setting(False, unit="", meaning="smooth the merged cloud by anisotropic diffusion, edges kept")
+    enabled: bool = setting(
+        False,
+        unit="",
+        meaning="smooth the merged cloud by anisotropic diffusion, edges kept; the surface gains nothing",
+    )
     edge_height: float | None = setting(
         None, unit="m", meaning="height between neighbours from which on it counts as an edge; auto: of the noise",
         low=1e-9, high=1.0,
