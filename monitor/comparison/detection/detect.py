@@ -162,7 +162,8 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
 
     n_vertices = larger_of(sides)
     (first_units, first), (second_units, second) = map_sides(measure, n_vertices)
-    scans = scans_of_still((first, second), (first_units, second_units)) if scans is None else scans
+    if scans is None:
+        scans = scans_of_still((first, second), (first_units, second_units), sides[0].n_scans)
     both = (replace(first, scans=scans), replace(second, scans=scans))
     errors = errors_of(both)
 
@@ -193,12 +194,12 @@ def learn_errors(learn: LearnErrors, both: Both) -> tuple[PatchErrors, ...]:
     return tuple(learn(of_size[~np.isnan(of_size)], kinds[~np.isnan(of_size)]) for of_size in z.T)
 
 
-def scans_of_still(both: Both, units: tuple[Units, Units]) -> ScanErrors:
-    """Return what the patches of both sides that hold still show of the errors of scans."""
+def scans_of_still(both: Both, units: tuple[Units, Units], n_scans: int) -> ScanErrors:
+    """Return what the patches of both sides that hold still show of the errors of `n_scans` scans, 0 if not known."""
     of_still = [(np.where(p.is_whole & p.is_still, p.means, np.nan), p.own2, p.stated) for p in both]
     means, own2, stated = (np.concatenate(columns) for columns in zip(*of_still, strict=True))
     areas, calm = (np.concatenate(columns) for columns in zip(*((u.areas, u.calm_shares) for u in units), strict=True))
-    return learn_scans(means, own2, stated, float(areas @ calm) / max(float(areas.sum()), 1e-300))
+    return learn_scans(means, own2, stated, float(areas @ calm) / max(float(areas.sum()), 1e-300), n_scans)
 
 
 def _test(patches: Patches, errors: tuple[PatchErrors, ...]) -> Floats:

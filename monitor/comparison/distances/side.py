@@ -56,7 +56,7 @@ class Side:
     them, with one sigma `sigma_expected` [m]; else it is 0, and the sigma that of the motion. `view`, `gap`,
     `stated` and `arm` are classes, 0 the best or not known: how steeply the worse seen epoch saw the place (`views`),
     how far the vertex or its foot, whichever is farther, is from a sample, how much more the surfaces state than of
-    most vertices, and the third of the lever arm.
+    most vertices, and the third of the lever arm. `n_scans` is how many scans the epoch of fewer has; 0: not known.
     """
 
     surface: Surface
@@ -81,6 +81,7 @@ class Side:
     gap: Ints
     stated: Ints
     arm: Ints
+    n_scans: int = 0
 
     @property
     def is_assessed(self) -> Bools:

@@ -25,6 +25,7 @@ ALIKE = 0.05  # of the surface's area, over which what scans disagree by is take
 STEPS = (0.0, 1.5)  # times what is stated of most patches: where more is, it has a scale of its own
 LEAST_USUAL = 1.0 / 16.0  # of the most that is stated: where hardly anything is of most patches, the rest is apart
 FEWEST_PATCHES = 40  # of a size, of both sides, that show a scale
+WAYS = 6  # in which one scan can lie off another
 PER_WITNESS = 4.0  # patches of both sides, which bear the same witness, at least
 FAR = 1e-6  # p value of a patch that is significant among all of a surface
 LEAST_SCALE = 0.25  # what is stated may be off by a factor of two, one sigma; of one place by four
@@ -82,7 +83,7 @@ def stated_over(side: Side, vertices: Ints) -> float:
     return float(np.average(side.sigma_shared[vertices], weights=side.areas[vertices])) if len(vertices) else 0.0
 
 
-def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float) -> ScanErrors:
+def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float, n_scans: int = 0) -> ScanErrors:
     """Return what patches that hold still show of the errors of scans.
 
     A scale is what nine tenths of the means of a size, their other errors taken off, lie within (`INNER`), of the size
@@ -95,13 +96,15 @@ def learn_scans(means: Floats, own2: Floats, stated: Floats, still_share: float)
     means, own2, stated : (p, s), m, m2, m, of each size of patch, smallest first; the variance of all but the scans,
         and what is stated of these. NaN means of patches that do not hold still.
     still_share : of the area, that does.
+    n_scans : of the epoch that has fewer, 0 where it is not known. Scans are rigid: k of them disagree in 6 (k - 1)
+        ways, and no more places bear witness of it.
     """
     is_known = np.isfinite(means)
     of_units = stated[is_known[:, 0], 0]
     if len(of_units) < FEWEST_PATCHES or not of_units.max() > 0.0:
         return AS_STATED
     steps = np.array(STEPS) * max(median(of_units), LEAST_USUAL * float(of_units.max()))
-    most = min(still_share / ALIKE, len(of_units) / PER_WITNESS)
+    most = min(still_share / ALIKE, len(of_units) / PER_WITNESS, WAYS * (n_scans - 1) if n_scans else np.inf)
     scales, witnesses = np.ones(len(steps)), np.full(len(steps), NORMAL)
     for k, step in enumerate(steps):
         least = 1.0 if k else LEAST_SCALE

@@ -26,13 +26,15 @@ def look_from(
     sights: tuple[Stations, Stations],
     T_compared_reference: Floats,
 ) -> tuple[Side, Side]:
-    """Return the sides with the view of each vertex: the worse of its own epoch's and of the other's at its foot."""
+    """Return the sides with the view of each vertex, the worse of its own epoch's and of the other's at its foot, and
+    from how many places the epoch of fewer was seen."""
     if not (sights[0] and sights[1]):
         return sides
     poses = (np.eye(4), T_compared_reference)
     own = [view_of(side, seen, pose) for side, seen, pose in zip(sides, sights, poses, strict=True)]
     worse = [np.maximum(own[k], np.append(own[1 - k], np.uint8(0))[s.foot_vertices]) for k, s in enumerate(sides)]
-    return replace(sides[0], view=worse[0]), replace(sides[1], view=worse[1])
+    n_scans = min(len(sights[0]), len(sights[1]))
+    return replace(sides[0], view=worse[0], n_scans=n_scans), replace(sides[1], view=worse[1], n_scans=n_scans)
 
 
 def view_of(side: Side, sights: Stations, T_sights_side: Floats) -> Ints:

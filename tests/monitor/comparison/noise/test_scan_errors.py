@@ -151,3 +151,16 @@ def test_what_lies_hundreds_of_sigmas_off_still_has_a_sign() -> None:
     scans = ScanErrors(np.zeros(1), np.array([0.2]), np.array([20.0]))
     away = [scans.as_normal(z, 1e-4, 1e-4) for z in (-400.0, -45.0, 45.0, np.inf)]
     assert away == [-37.0, -37.0, 37.0, 37.0]
+
+
+@pytest.mark.parametrize(("n_scans", "n_witnesses"), [(0, 20.0), (5, 20.0), (4, 18.0), (3, 12.0)])
+def test_few_scans_disagree_in_few_ways(rng: np.random.Generator, n_scans: int, n_witnesses: float) -> None:
+    """Of three, which can lie off each other by twelve parameters, not twenty places bear witness."""
+    found = learn_scans(*simulate(rng, 0.0, np.full(N, 1e-4)), 1.0, n_scans)
+    assert found.n_witnesses[0] == pytest.approx(n_witnesses)
+
+
+def test_what_two_scans_err_by_is_as_stated(rng: np.random.Generator) -> None:
+    found = learn_scans(*simulate(rng, 0.1, np.full(N, 1e-4)), 1.0, 2)
+    assert found.scales[0] == 1.0
+    assert found.n_witnesses[0] == NORMAL

@@ -80,10 +80,12 @@ def test_the_epoch_that_saw_worse_counts_on_both_sides() -> None:
     for sights in ((far, near), (near, far)):
         assert all((side.view == 1).all() for side in look_from(sides, sights, np.eye(4)))
     assert all((side.view == 0).all() for side in look_from(sides, (near, near), np.eye(4)))
+    assert [side.n_scans for side in look_from(sides, (near, 3 * near), np.eye(4))] == [len(near)] * 2
 
 
 def test_nothing_is_said_of_views_where_the_stations_of_an_epoch_are_not_known() -> None:
     assert all((side.view == 0).all() for side in look_from(flat_pair(), ([station()], []), np.eye(4)))
+    assert [side.n_scans for side in look_from(flat_pair(), ([station()], []), np.eye(4))] == [0, 0]
 
 
 def test_the_farther_sample_of_vertex_and_foot_tells_the_gap() -> None:
