@@ -123,7 +123,7 @@ def conclude(sides: tuple[Side, Side], noise: Noise, test: Tested, layout: Layou
     it, what is significant by itself. `own` are the sides without the motion of the whole, where one is left."""
     n_vertices, own = larger_of(sides), own or sides
     levels = map_sides(lambda k: level_at(sides[k], noise), n_vertices)
-    deep = map_sides(lambda k: find_deep(sides[k], levels[k], test.far), n_vertices)
+    deep = all_deep(sides, levels, test.far)
     rest = test
     if deep[0].any() or deep[1].any():
         without = lay_out_without(layout, sides, deep, registration)
@@ -220,7 +220,7 @@ def find_rest(sides: tuple[Side, Side], test: Tested, layout: Layout, noise: Noi
     rest = without_plain(away_from_both(sides, test), plain)
     if can_teach(rest, sides, test):
         return rest, None
-    deep = all_deep(sides, noise, test.far)
+    deep = all_deep(sides, map_sides(lambda k: level_at(sides[k], noise), larger_of(sides)), test.far)
     sure = deep if plain is None else (deep[0] | plain[0], deep[1] | plain[1])
     if not (sure[0].any() or sure[1].any()):
         return None, None
@@ -240,9 +240,9 @@ def judge_beside(sure: Masks | None, layout: Layout, sides: tuple[Side, Side], c
     return judge_units(layout, sides, calm, noise, level, lambda _: beside.errors, beside.scans)
 
 
-def all_deep(sides: tuple[Side, Side], noise: Noise, far: float) -> Masks:
+def all_deep(sides: tuple[Side, Side], levels: tuple[Floats, Floats], far: float) -> Masks:
     """Return which vertices (n,) of both sides are so far off zero that they need no patch; see `find_deep`."""
-    return map_sides(lambda k: find_deep(sides[k], level_at(sides[k], noise), far), larger_of(sides))
+    return map_sides(lambda k: find_deep(sides[k], levels[k], far), larger_of(sides))
 
 
 def away_from_both(sides: tuple[Side, Side], test: Tested) -> Masks:

@@ -20,7 +20,7 @@ from projects.transforms import invert
 
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
 STEEP = np.radians(60.0)  # beyond this incidence part of the spot may miss a bent surface; so in `spheres`
-NEAR_SHARE = 1.0 / 3.0
+NEAR_SHARE = 1.0 / 3.0  # of the points with a partner far and wide, that have one near: scans lie on each other
 SEARCH_MEDIANS, SEARCH_SHARE = 4.0, 0.1  # of the distances between scans as given; of the smallest scan's diagonal
 CLOSURE_HELD = 0.1  # of the best held motion: what a pair by itself hardly holds is not asked of it
 
