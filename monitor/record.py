@@ -23,7 +23,7 @@ METHOD = {
     "scan": 11,
     "averaged": 13,  # repeated scans; until 10 a "scan" like others
     "targets": 2,
-    "network": 17,
+    "network": 18,
     "filtered": 11,
     "surface": 28,
     "mesh": 10,

@@ -57,6 +57,8 @@ N_TIE_STEPS = 4  # steps by targets alone, before surfaces are matched
 NEAR = 4.0  # spacings: scans whose first search radius is no larger lie on each other as well as points can tell
 N_TIES_HOLD = 3  # targets of a scan that tell where it is
 LEAST_MISFIT = 1e-7  # of the lever: copies of one scan miss each other by nothing, which no equations can be scaled by
+TOO_LITTLE = "what two scans share is too little, or was seen too steeply, to hold them"
+LOST = "their overlaps, small as they are, were lost on the way"
 TURN_BACK = 0.7  # of the length of steps is kept where a step goes back
 
 
@@ -190,9 +192,12 @@ def adjust_scans(
         given = misfit_of(before)
         return Adjustment(unmoved, describe_pairs(before, before), False, "switched off", given, given, 0)
     if not (is_tied or before or match_overlaps(network.overlaps, unmoved, network.radius, fine=False)):
-        return Adjustment(unmoved, (), False, "no two scans overlap", float("nan"), float("nan"), 0)
+        reason = TOO_LITTLE if _lie_as_given(network) else "no two scans overlap"
+        return Adjustment(unmoved, (), False, reason, float("nan"), float("nan"), 0)
     network = replace(network, lies_near=network.lies_near and len(before) > 0)
     state = _settle(network, before, settings.max_iterations)
+    if state.reason and not before and (state.reason == LOST or _lie_as_given(network)):
+        return Adjustment(unmoved, (), False, TOO_LITTLE, float("nan"), float("nan"), state.n_iterations)
     after = match_overlaps(network.overlaps, state.motions, network.finest_radius, fine=True)
     pairs = describe_pairs(before, after)
     sigma_before, sigma_after = misfit_of(before), misfit_of(after)
@@ -214,6 +219,14 @@ def adjust_scans(
         return found
     moved = tuple(_about(T, network.shift) for T in state.motions)
     return _with_covariances(replace(found, motions=moved, applied=True), replace(state, matches=after), network)
+
+
+def _lie_as_given(network: _Network) -> bool:
+    """Return whether scans lie on each other as given, as near as places tell that were seen at any incidence."""
+    unmoved = [np.eye(4) for _ in network.overlaps.sides]
+    at_any = dict.fromkeys(network.overlaps.pairs, 0.0)
+    near = match_overlaps(network.overlaps, unmoved, network.finest_radius, fine=True, steepest=at_any)
+    return bool(near) and misfit_of(near) < network.overlaps.spacing
 
 
 def _beside_rivals(found: Adjustment, network: _Network, motions: Sequence[Floats]) -> Adjustment:
@@ -309,7 +322,7 @@ def _iterate(network: _Network, max_iterations: int) -> _State:
     for step in range(1, max_iterations + 1):
         matches = match_overlaps(network.overlaps, motions, radius, fine=fine, steepest=steepest)
         if not matches and state is not None and not len(ties):
-            return replace(state, reason="their overlaps, small as they are, were lost on the way")
+            return replace(state, reason=LOST)
         sigma = max(misfit_of(matches) if matches else _tie_sigma(network.ties), least)
         prior = np.full(2, max(sigma, _given_misfit(network))) if step == 1 else prior
         scales = replace(_scales(network, matches, sigma, prior, fine, motions), in_control=_in_control(ties, matches))

@@ -16,10 +16,12 @@ from monitor.registration.motion.sides import Side
 from monitor.registration.network.equations import Pairs
 from monitor.robust import robust_scale
 from projects.model import Floats, Ints
-from projects.transforms import invert
+from projects.transforms import invert, rotate
 
 FEWEST_PAIRS = 100  # points that two scans must share to be held together
-STEEP = np.radians(60.0)  # beyond this incidence part of the spot may miss a bent surface; so in `spheres`
+FEWEST_SEEN = 50  # of these, that both saw well enough
+STEEP = np.radians(70.0)  # beyond this incidence part of the spot may miss a bent surface
+SEEN = np.radians(80.0)  # beyond this what one scan measured there is no place that the other saw
 NEAR_SHARE = 1.0 / 3.0  # of the points with a partner far and wide, that have one near: scans lie on each other
 SEARCH_MEDIANS, SEARCH_SHARE = 4.0, 0.1  # of the distances between scans as given; of the smallest scan's diagonal
 CLOSURE_HELD = 0.1  # of the best held motion: what a pair by itself hardly holds is not asked of it
@@ -95,28 +97,49 @@ def match_overlaps(
 
     Where one scan saw a bent surface steeply or at its limb, part of its spot missed it, and its points lie outside by
     tenths of the spot. The other scan sees that place from the front and would be drawn outwards, each scan of a ring
-    by the next: such pairs count only as far as two scans share too little else, the flattest first. How steep they
-    may be is kept in `steepest` at the first fine matching, so that it swings no iteration.
+    by the next: such pairs do not count. What lies at a limb has a poor normal, so that the other scan's normal has its
+    say in how steeply a place was seen. Of two scans that share too little, the flattest of what is steep counts, but
+    nothing that only one of them saw well: they are not held together by it. How steep pairs may be is kept in
+    `steepest` at the first fine matching, so that it swings no iteration.
     """
     steepest = {} if steepest is None else steepest
     aside = 1.5 * overlaps.spacing if fine else radius
     limits = MatchLimits(radius, aside, np.radians(30.0 if fine else 45.0))
     found = {}
     for i, j in overlaps.pairs:
-        matches, points = overlaps.match((i, j), invert(motions[j]) @ motions[i], limits)
-        if len(matches) >= FEWEST_PAIRS:
-            own = overlaps.sides[i].frontality_of(points)
-            cosines = np.minimum(own, overlaps.sides[j].frontality_of(matches.target))
-            limit = steepest.get((i, j), _steepest(cosines))
-            found[i, j] = matches.take(cosines >= limit)
-            if fine:
-                steepest[i, j] = limit
+        T = invert(motions[j]) @ motions[i]
+        matches, points = overlaps.match((i, j), T, limits)
+        if len(matches) < FEWEST_PAIRS:
+            continue
+        cosines = _least_cosines((overlaps.sides[i], overlaps.sides[j]), points, matches, T)
+        limit = steepest.get((i, j), _steepest(cosines))
+        matches = matches.take(cosines >= limit)
+        if len(matches) < FEWEST_SEEN:
+            continue
+        found[i, j] = matches
+        if fine:
+            steepest[i, j] = limit
     return found
 
 
+def _least_cosines(sides: tuple[Side, Side], points: Ints, matches: Matches, T_second_first: Floats) -> Floats:
+    """Return the cosine (k,) of the steepest incidence at which either of two scans saw a place, by the normals of
+    both; 0 at a rim of what one of them saw."""
+    first, second = sides
+    least = np.minimum(first.frontality_of(points), second.frontality_of(matches.target))
+    if first.views is not None:
+        views = rotate(T_second_first, first.views[points])
+        least = np.minimum(least, np.abs(np.einsum("ij,ij->i", views, matches.normals_target)))
+    if second.views is not None:
+        views = second.views[matches.target]
+        least = np.minimum(least, np.abs(np.einsum("ij,ij->i", views, matches.normals_source)))
+    return least
+
+
 def _steepest(cosines: Floats) -> float:
-    """Return the cosine of the steepest incidence that counts, such that enough pairs do."""
-    return float(min(np.cos(STEEP), np.partition(cosines, -FEWEST_PAIRS)[-FEWEST_PAIRS]))
+    """Return the cosine of the steepest incidence that counts, such that enough pairs do as long as both saw them."""
+    enough = min(np.cos(STEEP), np.partition(cosines, -FEWEST_PAIRS)[-FEWEST_PAIRS])
+    return float(max(enough, np.cos(SEEN)))
 
 
 def misfit_of(matches: Pairs) -> float:
