@@ -71,7 +71,8 @@ WHY_NOT = {
     NotAssessed.NO_ONE_SURFACE: "most of what was measured there lies off any one surface (plants, spray, joints)",
     NotAssessed.MET_NOTHING: "the other epoch’s scans hold nothing in that direction (gone, too dark, or cut out)",
     NotAssessed.UNEXPLAINED: (
-        "what was measured there differs by more than errors do, in spots too small to be told or beside a steep change"
+        "what was measured there differs by more than errors do, but too little, or in too small spots, to be told as a "
+        "region, or beside a steep change"
     ),
 }
 
@@ -262,7 +263,7 @@ def _whole(comparison: Comparison) -> str:
     if not knows_motion(comparison):
         return (
             f"Whether the object as a whole moved is {NOT_ASSESSABLE}: its coordinates differ by {shift}, turned by "
-            f"{turn}, which is {where} the differences, but {AGREEMENT_UNKNOWN} without control points in both."
+            f"{turn}, which is {where} the differences, but {AGREEMENT_UNKNOWN} without control points that hold both."
         )
     if not comparison.statistics.get("motion_is_significant"):
         return f"The object as a whole did not measurably move ({shift}, turned by {turn})."

@@ -14,11 +14,11 @@ from reports.quantities import NBSP, NOT_KNOWN, listed, tell_bearing
 from reports.smallest import dotted_from, is_beside_layer
 
 COURSES = (
-    f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Filled: found as a "
-    "region in that epoch; hollow: measured at the same place where none was found, as in every epoch of a region "
-    "that its trend alone shows. Where the bar of a hollow one does not reach zero, this place taken by itself "
-    "differs in that epoch; to be found, a region must stand out in a search of all of the surface, which asks for "
-    f"more. Line and band, where a trend is significant and does not slow down: the trend, and where 95{NBSP}% of "
+    f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Diamond: the first epoch. "
+    "Filled: found as a region in that epoch; hollow: measured at the same place where none was found, as in every "
+    "epoch of a region that its trend alone shows. Where the bar of a hollow one does not reach zero, this place taken "
+    "by itself differs in that epoch; to be found, a region must stand out in a search of all of the surface, which "
+    f"asks for more. Line and band, where a trend is significant and does not slow down: the trend, and where 95{NBSP}% of "
     "epochs will lie if it goes on."
 )
 COURSE_NUMBERS = (
@@ -207,7 +207,7 @@ def caption_region(region: RegionFacts, facts: ReportFacts) -> str:
         f"Region {region.number}: {region.area.text}, volume {region.volume.text}, extreme {region.extreme.text}. Seen "
         f"straight on, and in section from A to B: the reference is the {facts.before.order} epoch, the compared the "
         f"{facts.after.order}. The dot is the largest change on this section, a single place; the extreme is of "
-        "several places."
+        "several places, anywhere in the region."
     )
 
 

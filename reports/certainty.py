@@ -134,7 +134,11 @@ def detection_table(comparison: Comparison, false_discovery_rate: float) -> Tabl
         rows.append(("the client’s tolerance", tolerance_in_words(statistics["tolerance_m"])))
         differs, changed = (statistics.get(f"share_{n}beyond_tolerance", NAN) for n in ("", "changed_"))
         rows.append(("assessed surface that differs by more, by errors or by change", percent(differs)))
-        rows += [("of that changed (significant)", percent(changed))] if math.isfinite(changed) else []
+        rows += (
+            [("assessed surface that changed by more (significant)", percent(changed))]
+            if math.isfinite(changed)
+            else []
+        )
     note = (
         "Where nothing changed, about 5\u00a0% of single vertices lie beyond their own limit by chance; they are not "
         "called changed. Changed is only what hangs together as a region, is no smaller than the area over which "

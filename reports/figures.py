@@ -315,12 +315,13 @@ def _scale_change(axes: Axes, change: Floats, level: float) -> None:
 
 
 def _name_largest(axes: Axes, along: Floats, change: Floats) -> None:
-    """Write the largest change beside its place."""
+    """Write the largest change beside its place, on white: it may stand over hatching."""
     where = np.unravel_index(np.abs(change).argmax(), change.shape)
     x, y = along[where], change[where]
     axes.plot([x], [y], "o", ms=3, color=INK)
     axes.annotate(say_mm(y / MM, sign=True), (x, y), (0, 5 if y > 0 else -5), textcoords="offset points", ha="center",
-                  va="bottom" if y > 0 else "top", weight="bold")  # fmt: skip
+                  va="bottom" if y > 0 else "top", weight="bold",
+                  bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.6})  # fmt: skip
 
 
 __all__ = ["draw_colour_bar", "draw_histogram", "draw_section", "say_mm"]

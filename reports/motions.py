@@ -39,7 +39,7 @@ def tell_motions(series: Series) -> Table | None:
     note = f"All registrations adjusted together, against epoch {series.reference_id}. {_say_closure(series)}"
     unknown = series.motions["probability_unmoved"].isna()
     if unknown.any():
-        note += f" Of motions that are {NOT_ASSESSABLE}, {AGREEMENT_UNKNOWN}: control points in both would tell."
+        note += f" Of motions that are {NOT_ASSESSABLE}, {AGREEMENT_UNKNOWN}: control points that hold both would tell."
     differ = "coordinates differ by" if unknown.all() else "displaced by"
     return Table("The object as a whole", ("epoch", differ, "turned by", "motion"), tuple(rows), note)
 

@@ -262,7 +262,7 @@ def test_a_tolerance_is_reported_where_one_was_given():
     assert "more than the tolerance of 0.625 mm." in exact
     rows = rows_of(facts_of(example_comparison(**figures)), "What can be seen")
     assert rows["assessed surface that differs by more, by errors or by change"] == ["0.52 %"]
-    assert rows["of that changed (significant)"] == ["0.31 %"]
+    assert rows["assessed surface that changed by more (significant)"] == ["0.31 %"]
 
 
 def test_what_differs_by_error_is_not_told_as_beyond_the_tolerance():

@@ -4,7 +4,7 @@ import dataclasses
 
 from report_examples import DENT, PATCH, example_comparison, facts_of, plain, said_below
 
-from reports.captions import write_captions
+from reports.captions import COURSES, caption_region, write_captions
 
 
 def test_why_a_volume_or_a_margin_is_not_known_stands_below_the_table():
@@ -51,3 +51,13 @@ def test_a_report_printed_in_grey_says_where_loss_and_gain_are_told_apart():
     one = said_below(facts_of(example_comparison(rows=[DENT])))
     assert one.endswith(" Numbers are those of the table of regions.")
     assert "Numbers" not in said_below(facts_of(example_comparison(rows=())))
+
+
+def test_a_section_says_that_the_extreme_may_lie_beside_it():
+    """+5.4 mm at the dot of one section, the extreme of its region +11.2 mm."""
+    facts = facts_of()
+    assert caption_region(facts.regions[0], facts).endswith("the extreme is of several places, anywhere in the region.")
+
+
+def test_every_mark_of_a_course_is_explained():
+    assert all(mark in COURSES for mark in ("Diamond: the first epoch.", "Filled: ", "hollow: ", "Line and band"))

@@ -156,7 +156,7 @@ def test_control_points_that_no_scan_saw_hold_nothing_and_are_told_so():
     before = dataclasses.replace(before, steps=tuple(network if s.product == "network" else s for s in before.steps))
     facts = facts_of(epochs=(before, after))
     assert facts.remarks == ("The control points of epoch e1 hold nothing: none of them was found in its scans.",)
-    assert "agree is not known without control points in both" in said(facts)
+    assert "agree is not known without control points that hold both" in said(facts)
 
 
 def test_control_points_about_which_the_whole_may_turn_are_told_so():
@@ -168,7 +168,7 @@ def test_control_points_about_which_the_whole_may_turn_are_told_so():
         "The control points of epoch e1 do not hold it as a whole: 1 of 1 holds a target of its scans, and it may "
         "still turn about them. That takes three that are not on one line.",
     )
-    assert "agree is not known without control points in both" in said(facts)
+    assert "agree is not known without control points that hold both" in said(facts)
 
 
 def test_unknown_figures_are_said_to_be_not_known():

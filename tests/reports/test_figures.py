@@ -19,6 +19,7 @@ from reports.figures import (
     TALLEST,
     WIDE,
     _add_states,
+    _name_largest,
     _say_beyond,
     draw_colour_bar,
     draw_histogram,
@@ -300,3 +301,13 @@ def test_a_section_of_which_no_change_is_known_is_drawn_without_complaint(compar
         for name, side in (("on_compared", comparison.on_compared), ("on_reference", comparison.on_reference))
     }
     assert "hatched: not assessable" in words(draw_section(dataclasses.replace(comparison, **torn), 1))
+
+
+def test_the_largest_change_is_readable_over_hatching():
+    axes = Figure().add_subplot()
+    _name_largest(axes, np.array([[0.0, 1.0]]), np.array([[1.0, 5.4]]))
+    (name,) = axes.texts
+    ground = name.get_bbox_patch()
+    assert name.get_text() == "+5.4 mm"
+    assert ground is not None
+    assert ground.get_facecolor() == (1.0, 1.0, 1.0, 0.8)
