@@ -71,8 +71,8 @@ WHY_NOT = {
     NotAssessed.NO_ONE_SURFACE: "most of what was measured there lies off any one surface (plants, spray, joints)",
     NotAssessed.MET_NOTHING: "the other epoch’s scans hold nothing in that direction (gone, too dark, or cut out)",
     NotAssessed.UNEXPLAINED: (
-        "what was measured there differs by more than errors do, but too little, or in too small spots, to be told as a "
-        "region, or beside a steep change"
+        "what was measured there differs by more than errors do, but too little, or in too small spots, to be told as "
+        "a region, or beside a steep change"
     ),
 }
 

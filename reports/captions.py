@@ -14,12 +14,12 @@ from reports.quantities import NBSP, NOT_KNOWN, listed, tell_bearing
 from reports.smallest import dotted_from, is_beside_layer
 
 COURSES = (
-    f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Diamond: the first epoch. "
-    "Filled: found as a region in that epoch; hollow: measured at the same place where none was found, as in every "
-    "epoch of a region that its trend alone shows. Where the bar of a hollow one does not reach zero, this place taken "
-    "by itself differs in that epoch; to be found, a region must stand out in a search of all of the surface, which "
-    f"asks for more. Line and band, where a trend is significant and does not slow down: the trend, and where 95{NBSP}% of "
-    "epochs will lie if it goes on."
+    f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Diamond: the first "
+    "epoch. Filled: found as a region in that epoch; hollow: measured at the same place where none was found, as in "
+    "every epoch of a region that its trend alone shows. Where the bar of a hollow one does not reach zero, this "
+    "place taken by itself differs in that epoch; to be found, a region must stand out in a search of all of the "
+    "surface, which asks for more. Line and band, where a trend is significant and does not slow down: the trend, "
+    f"and where 95{NBSP}% of epochs will lie if it goes on."
 )
 COURSE_NUMBERS = (
     "Numbers are those of the series, which a region keeps through all epochs. On the map: which region it is in the "
@@ -135,6 +135,8 @@ def _name_colours(facts: ReportFacts) -> str:
     """Return what the picture of the difference shows, and what its colours mean."""
     is_dotted = math.isfinite(dotted_from(facts.comparison))
     dotted = " Dotted: unchanged as far as can be told; only larger changes are told there." if is_dotted else ""
+    went = " Where a part moved, warm is what went in and blue what came out."
+    moved = went if any(region.kind == "moved" for region in facts.regions) else ""
     numbers = " Numbers are those of the table of regions" if facts.regions else ""
     is_both = {"lost", "gained"} <= {region.side for region in facts.regions}
     numbers += ", which also says without colour what was lost and what gained." if is_both else "." * bool(numbers)
@@ -146,8 +148,8 @@ def _name_colours(facts: ReportFacts) -> str:
     return (
         f"What changed from {facts.before.date} to {facts.after.date}, drawn on the {facts.after.order} surface; all "
         "views at one scale. Warm colours: material lost, paler where it stood before what is there now. Blue: "
-        "material gained. The darkest colours: as much or more; their scale is this comparison’s own, do not compare "
-        f"colours with another report’s. Light grey: assessed and unchanged.{dotted} Hatched: not assessable. "
+        f"material gained.{moved} The darkest colours: as much or more; their scale is this comparison’s own, do not "
+        f"compare colours with another report’s. Light grey: assessed and unchanged.{dotted} Hatched: not assessable. "
         f"{inside}{numbers}"
     )
 

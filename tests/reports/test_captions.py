@@ -61,3 +61,10 @@ def test_a_section_says_that_the_extreme_may_lie_beside_it():
 
 def test_every_mark_of_a_course_is_explained():
     assert all(mark in COURSES for mark in ("Diamond: the first epoch.", "Filled: ", "hollow: ", "Line and band"))
+
+
+def test_colours_of_a_part_that_moved_are_said_to_be_no_loss():
+    told = "Where a part moved, warm is what went in and blue what came out."
+    moved = example_comparison(rows=[(*DENT[:1], "moved", *DENT[2:]), PATCH])
+    assert told in said_below(facts_of(moved))
+    assert told not in said_below(facts_of())
