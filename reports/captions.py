@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from reports.certainty import is_closed_over
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
 from reports.quantities import NBSP, NOT_KNOWN, listed, tell_bearing
@@ -105,7 +106,7 @@ def write_captions(facts: ReportFacts) -> Captions:
     present = dict.fromkeys(r.kind for r in facts.regions)
     return Captions(
         difference=_name_colours(facts),
-        strips=f"The same fixed views of both epochs{moved}.",
+        strips=f"The same fixed views of both epochs{moved}.{_name_closed(facts)}",
         regions=_name_figures(facts),
         region_columns=(
             ("Area", facts.measures.area), ("Volume", facts.measures.volume), ("Extreme", "mm"), ("Mean", "mm"),
@@ -131,10 +132,16 @@ def write_captions(facts: ReportFacts) -> Captions:
     )  # fmt: skip
 
 
+def _name_closed(facts: ReportFacts) -> str:
+    """Return what the hatch means where either surface was closed over holes; "" where none was."""
+    return " Hatched: a hole that was closed, nothing was measured there." if is_closed_over(facts.comparison) else ""
+
+
 def _name_colours(facts: ReportFacts) -> str:
     """Return what the picture of the difference shows, and what its colours mean."""
     is_dotted = math.isfinite(dotted_from(facts.comparison))
     dotted = " Dotted: unchanged as far as can be told; only larger changes are told there." if is_dotted else ""
+    closed = ", or a hole that was closed" if is_closed_over(facts.comparison) else ""
     went = " Where a part moved, warm is what went in and blue what came out."
     moved = went if any(region.kind == "moved" for region in facts.regions) else ""
     numbers = " Numbers are those of the table of regions" if facts.regions else ""
@@ -149,8 +156,8 @@ def _name_colours(facts: ReportFacts) -> str:
         f"What changed from {facts.before.date} to {facts.after.date}, drawn on the {facts.after.order} surface; all "
         "views at one scale. Warm colours: material lost, paler where it stood before what is there now. Blue: "
         f"material gained.{moved} The darkest colours: as much or more; their scale is this comparison’s own, do not "
-        f"compare colours with another report’s. Light grey: assessed and unchanged.{dotted} Hatched: not assessable. "
-        f"{inside}{numbers}"
+        f"compare colours with another report’s. Light grey: assessed and unchanged.{dotted} Hatched: not "
+        f"assessable{closed}. {inside}{numbers}"
     )
 
 

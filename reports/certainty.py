@@ -25,6 +25,7 @@ from reports.quantities import DEGREES, MM, NAN, NOT_KNOWN, coordinates, count, 
 from reports.smallest import is_beside_layer, level_beside, told_by_width, tolerance_in_words
 from reports.wholemotion import describe_motion, knows_motion, object_size
 
+NOTE_OF_VERTICES = "Of the vertices of each."
 ROUNDING = 1e-9  # of shares that add up to one
 
 
@@ -189,8 +190,15 @@ def not_assessed_table(comparison: Comparison, first: EpochFacts, second: EpochF
     if max(other) > ROUNDING:
         rows.append(("Not assessable: reason not recorded", *(percent(max(share, 0.0)) for share in other)))
     by_area = "areas_by_assessment_m2" in comparison.statistics
-    note = "Of the area of each surface, less its edge beyond its points." if by_area else "Of the vertices of each."
+    closed = " and what closes its holes" if is_closed_over(comparison) else ""
+    note = f"Of the area of each surface, less its edge beyond its points{closed}." if by_area else NOTE_OF_VERTICES
     return Table("What could be assessed", ("", f"{first.order} surface", f"{second.order} surface"), tuple(rows), note)
+
+
+def is_closed_over(comparison: Comparison) -> bool:
+    """Return whether faces that nobody measured close holes of either surface."""
+    sides = (comparison.on_reference.surface, comparison.on_compared.surface)
+    return any(s.face_invented is not None and bool(s.face_invented.any()) for s in sides)
 
 
 def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:

@@ -79,8 +79,19 @@ def dots(rows: int, columns: int) -> Floats:
 
 
 def paint_stone(pixels: Pixels) -> Floats:
-    """Return the material's linear colour (rows, columns, 3): stone, and a cool grey on the inside of the surface."""
-    return np.where(pixels.inside[..., None], to_linear(np.array(INSIDE)) * 0.8, to_linear(np.array(STONE)))
+    """Return the material's linear colour (rows, columns, 3): stone, hatched where a hole was closed and nothing
+    measured, and a cool grey on the inside of the surface."""
+    colour = np.empty((*pixels.hit.shape, 3), dtype=np.float32)
+    colour[:] = to_linear(np.array(STONE))
+    colour[pixels.invented] = paint_hatch(pixels.invented)
+    colour[pixels.inside] = to_linear(np.array(INSIDE)) * 0.8
+    return colour
+
+
+def paint_hatch(where: Bools) -> Floats:
+    """Return the linear colours (n, 3) of the hatch at the n places of a mask (rows, columns)."""
+    lines = hatch(*where.shape)[where][:, None]
+    return np.asarray(lines * to_linear(np.array(HATCH_DARK)) + (1 - lines) * to_linear(np.array(HATCH_LIGHT)))
 
 
 def paint_change(pixels: Pixels, side: ComparedSurface, limit_m: float) -> Floats:
@@ -97,8 +108,7 @@ def paint_change(pixels: Pixels, side: ComparedSurface, limit_m: float) -> Float
     coarse = (share_of(pixels, side.is_coarse) >= 0.5) & ~unknown
     colour[coarse & (dots(*coarse.shape) > 0.0)] = to_linear(np.array(DOTS))
     colour[changed] = to_linear(change_ramp(_interpolate(pixels, side, changed), limit_m))
-    lines = hatch(*pixels.hit.shape)[unknown][:, None]
-    colour[unknown] = lines * to_linear(np.array(HATCH_DARK)) + (1 - lines) * to_linear(np.array(HATCH_LIGHT))
+    colour[unknown] = paint_hatch(unknown)
     colour[pixels.inside] = to_linear(np.array(INSIDE))
     return colour
 

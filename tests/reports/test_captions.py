@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 from report_examples import DENT, PATCH, example_comparison, facts_of, plain, said_below
 
 from reports.captions import COURSES, caption_region, write_captions
@@ -68,3 +69,20 @@ def test_colours_of_a_part_that_moved_are_said_to_be_no_loss():
     moved = example_comparison(rows=[(*DENT[:1], "moved", *DENT[2:]), PATCH])
     assert told in said_below(facts_of(moved))
     assert told not in said_below(facts_of())
+
+
+def test_closed_holes_are_named_where_pictures_and_shares_show_them():
+    """Before and after drew 231 invented triangles as stone, and no word said that nothing was measured there."""
+    open_ = example_comparison()
+    side = open_.on_compared
+    invented = np.arange(len(side.surface.faces)) < 9
+    surface = dataclasses.replace(side.surface, face_invented=invented)
+    areas = {"areas_by_assessment_m2": [{"unchanged": 1.0}, {"unchanged": 1.0}]}
+    open_ = dataclasses.replace(open_, statistics={**open_.statistics, **areas})
+    closed = dataclasses.replace(open_, on_compared=dataclasses.replace(side, surface=surface))
+    told = write_captions(facts_of(closed))
+    assert told.strips.endswith(" Hatched: a hole that was closed, nothing was measured there.")
+    assert "Hatched: not assessable, or a hole that was closed." in told.difference
+    notes = [t.note for t in facts_of(closed).certainty if t.title == "What could be assessed"]
+    assert notes == ["Of the area of each surface, less its edge beyond its points and what closes its holes."]
+    assert not [word for word in write_captions(facts_of(open_)).__dict__.values() if "closed" in str(word)]

@@ -346,3 +346,20 @@ def test_same_surface_gives_the_same_bytes(comparison):
     one, two = (draw_surface(comparison.on_reference.surface, view, height_px=200) for _ in range(2))
     assert one == two
     assert max(one.width, one.height) <= 200
+
+
+def test_a_hole_that_was_closed_is_hatched_and_not_drawn_as_stone(comparison):
+    surface = plate(FRONT)
+    view = choose_views(comparison.on_reference.surface)[0]
+    (frame,) = frame_views([view], [surface], longest_px=SIZE)
+    half = dataclasses.replace(surface, face_invented=np.array([False, True]))
+    first, second = (surface.vertices[faces].mean(axis=0) for faces in surface.faces)
+    plain, closed = (pixels_of(draw_surface(s, view, frame=frame)) for s in (surface, half))
+    spread = {}
+    for name, place in (("measured", first), ("invented", second)):
+        x, y, _ = project_points(frame, place[None])[0].astype(int)
+        at = np.s_[y - 10 : y + 11, x - 10 : x + 11]
+        spread[name] = closed[at].std(axis=(0, 1)).max()
+        assert plain[at].std(axis=(0, 1)).max() < 3.0
+    assert spread["measured"] < 3.0
+    assert spread["invented"] > 10.0
