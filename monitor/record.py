@@ -29,7 +29,7 @@ METHOD = {
     "mesh": 10,
     "quality": 3,
     "comparison": 62,
-    "series": 19,
+    "series": 20,
 }
 
 

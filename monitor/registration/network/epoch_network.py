@@ -116,7 +116,8 @@ def common_errors(links: Sequence[EpochLink], poses: Floats, centre: Floats) -> 
     usual = np.diag(np.mean(of_link, axis=0))
     sizes = np.array([np.mean(np.diag(C) / usual) for C in of_link])
     takes_part = np.array([[k in (link.target, link.source) for k in range(len(poses))] for link in links])
-    of_epoch = nnls(takes_part.astype(float), sizes)[0]
+    # Each link as a share of its own: those of a bad epoch, off by more than others are large, would decide alone.
+    of_epoch = nnls(takes_part / sizes[:, None], np.ones(len(sizes)))[0]
     own = []
     for k in range(len(poses)):
         shares = [

@@ -145,6 +145,20 @@ def test_what_an_epoch_errs_by_in_all_its_links_is_not_averaged(rng: np.random.G
     assert np.mean(moves) < 0.13  # of an object at rest; 30 % as links of their own
 
 
+def test_links_of_a_bad_epoch_take_nothing_off_what_the_others_err_by() -> None:
+    """The third of five epochs errs by five times as much: the first and the last were told to err by nothing of their
+    own, and how the last stands to a third of what any of its links says."""
+    sigmas = {(0, 1): 1.11, (0, 2): 3.96, (1, 2): 3.88, (0, 3): 1.09, (2, 3): 5.5, (0, 4): 0.94, (3, 4): 0.88}
+    links = [
+        EpochLink(a, b, Registration(np.eye(4), (3e-5 * sigma) ** 2 * np.eye(6), np.zeros(3), True))
+        for (a, b), sigma in sigmas.items()
+    ]
+    network = adjust_network(links, 5)
+    told = np.sqrt(network.covariance[:, 5, 5]) / 3e-5
+    for k in (1, 2, 3, 4):
+        assert 0.8 * sigmas[0, k] < told[k] < 1.2 * sigmas[0, k]
+
+
 def test_wrong_link_is_the_one_that_does_not_close(rng: np.random.Generator) -> None:
     poses = np.stack([np.eye(4), *(pose(rng) for _ in range(4))])
     links = [measured(rng, poses, i, j) for i, j in itertools.combinations(range(5), 2)]
