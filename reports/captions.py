@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from reports.certainty import is_closed_over
+from reports.certainty import is_closed_over, share_of_edge
 from reports.document import MEANINGS
 from reports.facts import CalibrationFacts, RegionFacts, ReportFacts
 from reports.quantities import NBSP, NOT_KNOWN, listed, tell_bearing
-from reports.smallest import dotted_from, is_beside_layer
+from reports.smallest import dots_of_legend, is_beside_layer
 
 COURSES = (
     f"Mean change of each followed region since the first epoch, with its 95{NBSP}% interval. Diamond: the first "
@@ -31,6 +31,7 @@ RECORD = (
     "Each step with its settings and the values it found for itself, as they are kept: lengths in metres, angles in "
     "radians; “auto” was found from the data."
 )
+LEAST_EDGE = 0.01  # of a surface lies beyond its points: pictures show it hatched, and shares do not hold it
 ENDS = (".", "!", "?", "…")  # of a title that is a sentence, or was cut: no full stop follows
 # What two surfaces do not tell from it, where the surface goes on: plaster that bulges, wood that shrinks.
 OR_MOVED = {"lost": ", or surface that sank in (not told which)",
@@ -139,9 +140,11 @@ def _name_closed(facts: ReportFacts) -> str:
 
 def _name_colours(facts: ReportFacts) -> str:
     """Return what the picture of the difference shows, and what its colours mean."""
-    is_dotted = math.isfinite(dotted_from(facts.comparison))
+    is_dotted = math.isfinite(dots_of_legend(facts.comparison))
     dotted = " Dotted: unchanged as far as can be told; only larger changes are told there." if is_dotted else ""
-    closed = ", or a hole that was closed" if is_closed_over(facts.comparison) else ""
+    uncounted = ["a hole that was closed"] * is_closed_over(facts.comparison)
+    uncounted += ["the edge beyond the points"] * (share_of_edge(facts.comparison) >= LEAST_EDGE)
+    also = f"; also {listed(uncounted)}, which no share counts" if uncounted else ""
     went = " Where a part moved, warm is what went in and blue what came out."
     moved = went if any(region.kind == "moved" for region in facts.regions) else ""
     numbers = " Numbers are those of the table of regions" if facts.regions else ""
@@ -157,7 +160,7 @@ def _name_colours(facts: ReportFacts) -> str:
         "views at one scale. Warm colours: material lost, paler where it stood before what is there now. Blue: "
         f"material gained.{moved} The darkest colours: as much or more; their scale is this comparison’s own, do not "
         f"compare colours with another report’s. Light grey: assessed and unchanged.{dotted} Hatched: not "
-        f"assessable{closed}. {inside}{numbers}"
+        f"assessable{also}. {inside}{numbers}"
     )
 
 

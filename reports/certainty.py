@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from projects.model import Assessment, Comparison, Step
+from projects.triangles import rest_on_nothing, vertex_areas
 from reports.answer import (
     AGREEMENT_UNKNOWN,
     NOT_ASSESSABLE,
@@ -199,6 +200,20 @@ def is_closed_over(comparison: Comparison) -> bool:
     """Return whether faces that nobody measured close holes of either surface."""
     sides = (comparison.on_reference.surface, comparison.on_compared.surface)
     return any(s.face_invented is not None and bool(s.face_invented.any()) for s in sides)
+
+
+def share_of_edge(comparison: Comparison) -> float:
+    """Return the larger share of the area of either surface that lies beyond its points, and is in no share of what
+    could be assessed; what closes holes is none of it. 0 where shares are of vertices."""
+    areas = comparison.statistics.get("areas_by_assessment_m2")
+    if areas is None:
+        return 0.0
+    shares = []
+    for k, side in enumerate((comparison.on_reference, comparison.on_compared)):
+        is_measured = ~rest_on_nothing(side.surface)
+        whole = float(vertex_areas(side.surface.vertices, side.surface.faces)[is_measured].sum())
+        shares.append(1.0 - sum(areas[k].values()) / max(whole, 1e-300))
+    return max(shares)
 
 
 def agreement_table(steps: Mapping[str, Sequence[Step]]) -> Table:

@@ -106,5 +106,6 @@ def test_dots_that_nobody_sees_are_not_in_the_legend():
     told["on_reference"].told_from[1000] = 0.01
     assert dotted_from(comparison) == 0.0014
     assert np.isnan(dots_of_legend(comparison))
+    assert "Dotted" not in write_captions(facts_of(comparison)).difference
     told["on_reference"].told_from[1000:1024] = 0.01
     assert dots_of_legend(comparison) == 0.0014
