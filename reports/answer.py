@@ -124,8 +124,17 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...], epochs: 
     if n == 0:
         return f"No change was found{where}."
     told = _told_first(describe_parts(comparison), n)
+    if comparison.mode == "absolute" and comparison.statistics.get("motion_is_significant"):
+        return f"The object as a whole {_moved_by(comparison)}; {told[0].lower()}{told[1:]}, with it or apart from it."
     is_off = is_beside_layer(comparison) and _exceeds_its_margin(comparison)
     return f"{told} against the rest, which lies {_off(comparison)}." if is_off else f"{told}."
+
+
+def _moved_by(comparison: Comparison) -> str:
+    """Return by how much the object as a whole, which surely moved, did: its shift where that exceeds its margin, else
+    its turn."""
+    motion = describe_motion(comparison.registration)
+    return f"moved by {motion.displacement.text}" if motion.is_shifted else f"turned by {motion.angle.text}"
 
 
 def _exceeds_its_margin(comparison: Comparison) -> bool:

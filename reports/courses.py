@@ -76,7 +76,8 @@ def _say_followed(n: int, going: int) -> str:
     if n == 1:
         return f"One region is followed, {where}; {'it goes' if going else 'nothing says that it goes'} on changing."
     say = in_words if n < len(WORDS) else count  # one style in a sentence
-    rest = f"{say(going)} of them {'goes' if going == 1 else 'go'}" if going else "of none it is told that it goes"
+    which = "all" if going == n else say(going)
+    rest = f"{which} of them {'goes' if going == 1 else 'go'}" if going else "of none it is told that it goes"
     return f"{say(n).capitalize()} regions are followed, each {where}; {rest} on changing."
 
 

@@ -44,8 +44,9 @@ def draw_stable(
     frames = [replace(frame, letters=LETTERS * max(f.width for f in frames)) for frame in frames]
     scene = build_scene(side.surface)
     asked = np.ones(len(is_stable), dtype=bool) if given is None else inside(given, side.surface.vertices)
+    held = is_stable & (comparison.mode == "absolute")  # changed with the whole alone, by the motion that is left in
     classes = np.select(
-        [~asked, side.assessment == Assessment.CHANGED, is_stable], [OUT_OF_BOUNDS, CHANGED, HELD], OTHER
+        [~asked, (side.assessment == Assessment.CHANGED) & ~held, is_stable], [OUT_OF_BOUNDS, CHANGED, HELD], OTHER
     )
     pictures = []
     for view, frame in zip(views, frames, strict=True):

@@ -17,7 +17,8 @@ from reports.quantities import DEGREES, MM, Estimate, coordinates, estimate
 
 @dataclass(frozen=True)
 class WholeMotion:
-    """From the reference epoch to the compared one; metres and radians, one sigma, about the registration's centre."""
+    """From the reference epoch to the compared one; metres and radians, one sigma, about the registration's centre.
+    `is_shifted`: the displacement is more than its margin."""
 
     translation: Floats
     sigma_translation: Floats
@@ -25,6 +26,7 @@ class WholeMotion:
     sigma_rotation: Floats
     displacement: Estimate
     angle: Estimate
+    is_shifted: bool
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,7 @@ def describe_motion(registration: Registration) -> WholeMotion:
     return WholeMotion(
         translation, np.sqrt(np.diag(of_translation)), rotation, np.sqrt(np.diag(of_rotation)),
         _length(translation, of_translation, MM, "mm"), _length(rotation, of_rotation, DEGREES, "°"),
+        _is_told(translation, of_translation),
     )  # fmt: skip
 
 

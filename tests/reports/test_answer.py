@@ -358,3 +358,16 @@ def test_epochs_of_one_day_are_told_apart():
     same = dataclasses.replace(after, record=dataclasses.replace(after.record, date=before.record.date, label=""))
     text = said(facts_of(epochs=(before, same)))
     assert "Between 12 May 2025 (epoch e1) and 12 May 2025 (epoch e2)" in text
+
+
+def test_a_motion_of_the_whole_that_is_in_the_differences_is_in_the_headline():
+    """A ball that stood 6 mm beside its place: "Seven regions changed.", of which none had."""
+    facts = facts_of(example_comparison(mode="absolute"), epochs=controlled_epochs())
+    headline = plain(facts.answer.headline)
+    assert headline.startswith(
+        "The object as a whole moved by 3.20 ± 0.10 mm; two regions changed, with it or apart from it"
+    )
+    unmoved = example_comparison(mode="absolute", motion_is_significant=False)
+    assert plain(facts_of(unmoved, epochs=controlled_epochs()).answer.headline) == "Two regions changed."
+    turned = dataclasses.replace(example_comparison(mode="absolute"), registration=example_registration(2e-5))
+    assert "as a whole turned by" in plain(facts_of(turned, epochs=controlled_epochs()).answer.headline)

@@ -26,6 +26,7 @@ def test_numbers_of_regions_in_one_sentence_have_one_style() -> None:
     assert _say_followed(18, 3).startswith("18 regions are followed, each measured")
     assert _say_followed(18, 3).endswith("; 3 of them go on changing.")
     assert _say_followed(12, 3).endswith("; three of them go on changing.")
+    assert _say_followed(7, 7).endswith("; all of them go on changing.")
 
 
 def test_a_region_that_one_epoch_shows_goes_on_at_no_rate_and_says_when_it_was_measured() -> None:

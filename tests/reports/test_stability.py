@@ -29,6 +29,13 @@ def test_all_is_green_but_what_changed() -> None:
     assert greens.max() > sands.max()
 
 
+def test_what_changed_with_the_whole_alone_is_green() -> None:
+    """A ball whose whole motion was left in the differences: 97.5 % of it held stable, and drawn as changed."""
+    comparison = example_comparison()
+    moved = replace(held(np.ones(len(comparison.on_compared.surface.vertices), dtype=bool)), mode="absolute")
+    assert max(share(p, SET_ASIDE) for _, p in draw_stable(moved)) == 0.0
+
+
 def test_what_follows_no_motion_and_what_was_not_asked_is_grey() -> None:
     vertices = example_comparison().on_compared.surface.vertices
     low = vertices[:, 2] < np.median(vertices[:, 2])
