@@ -56,7 +56,7 @@ def test_what_does_not_settle_from_far_is_begun_near() -> None:
 
 @pytest.mark.parametrize("reach", [62.0, 63.0])
 def test_scans_that_share_too_little_of_what_both_saw_stay_as_given(reach: float) -> None:
-    """Wide and far points find partners past limbs, which finely matched are none: nothing was lost, nothing is held."""
+    """Matched far and wide, points past limbs find partners; matched finely none do: nothing was lost."""
     found = adjust_scans(scans_around(0, reach=reach, noise=8e-4, limb=2e-3, n=2500))
     assert found.converged
     assert not found.applied
