@@ -24,6 +24,7 @@ FILTERING = {
     "outside_extent": "outside the object’s extent", "speck": "specks in the air",
     "outlier": "outliers of one scan alone",
     "mixed_pixel": "mixed pixels at silhouettes", "rim": "at the rims of surfaces",
+    "fringe": "past the limbs of surfaces",
     "grazing": "seen at a grazing angle", "rejected": "too far from the median of their voxel",
     "at_scanner": "where the scanner stood", "copy": "copies of other points",
     "too_few": "scans with too few points", "merged": "merged by thinning",

@@ -18,6 +18,7 @@ from monitor.filtering.averaging import AveragingSettings
 from monitor.filtering.calibration import Calibration, CalibrationSettings, correct_range
 from monitor.filtering.copies import find_copies
 from monitor.filtering.diffusion import DiffusionSettings
+from monitor.filtering.fringes import find_fringes
 from monitor.filtering.nearest import PointIndex, build_index, canonical_order
 from monitor.filtering.normals import NormalSettings, TangentPlanes, fit_planes
 from monitor.filtering.roughness import classify_roughness
@@ -225,6 +226,10 @@ def _reasons(
     if settings.drop_rims:
         known = ~(reasons["speck"] | reasons["outlier"])
         reasons["rim"] = find_rims(points, origin, planes.noise, settings.max_incidence, known, settings.drop_border)
+        known &= ~np.any(list(mixed.values()), axis=0) if mixed else True
+        reasons["fringe"] = find_fringes(
+            points, origin, planes.normals, planes.noise, known & ~reasons["rim"], settings.max_incidence
+        )
     reasons["grazing"] = find_grazing(points, origin, planes.normals, settings.max_incidence)
     return reasons
 

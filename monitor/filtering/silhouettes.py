@@ -145,17 +145,17 @@ def find_rims(
     known : (n,) points of surfaces; the others, which are no rims and make nothing one, are passed over. None: all.
     border : whether points half of whose surroundings is empty are rims too.
     """
-    field = _look_out(points, origin, noise, known, math.tan(max_incidence))
+    field = look_out(points, origin, noise, known, math.tan(max_incidence))
     rims = _beside_jumps(field)
     if border:
         rims |= _beside_nothing(field)
     named = np.zeros(len(points), dtype=bool)
-    named[field.order] = _has_inner(field, rims)
+    named[field.order] = has_inner(field, rims)
     return named
 
 
 @dataclass(frozen=True)
-class _Field:
+class Field:
     """What the scanner sees: directions in their own canonical order, which point each belongs to, ranges [m], the
     noise [m] of all points, the steepest slope."""
 
@@ -171,7 +171,7 @@ class _Field:
             yield which[block], find_nearest_sorted(self.index, which[block], min(k, len(self.order)))
 
 
-def _look_out(points: Floats, origin: Floats, noise: Floats, known: Bools | None, slope: float) -> _Field:
+def look_out(points: Floats, origin: Floats, noise: Floats, known: Bools | None, slope: float) -> Field:
     """Return the field of the points `known` (None: all); in float32, for a scan may have tens of millions."""
     which = np.arange(len(points)) if known is None else np.flatnonzero(known)
     which = which.astype(np.int32 if len(points) < 2**31 else np.int64)
@@ -185,10 +185,10 @@ def _look_out(points: Floats, origin: Floats, noise: Floats, known: Bools | None
     ranges = ranges[order]
     directions = directions[order]  # one after the other: what is unsorted goes at once
     del order
-    return _Field(build_index(directions), which, ranges, noise, slope)
+    return Field(build_index(directions), which, ranges, noise, slope)
 
 
-def _beside_jumps(field: _Field) -> Bools:
+def _beside_jumps(field: Field) -> Bools:
     """Return the directions (n,) one of whose nearest has another range than any surface explains."""
     n, k = len(field.order), min(N_BESIDE + 1, len(field.order))
     beside = np.empty(n, dtype=bool)
@@ -216,7 +216,7 @@ def _mark_jumps(
                 beside[i] = True
 
 
-def _beside_nothing(field: _Field) -> Bools:
+def _beside_nothing(field: Field) -> Bools:
     """Return the directions (n,) half of whose surroundings is empty."""
     wide = [
         widest_gap(field.index.points[which], field.index.points[near] - field.index.points[which][:, None]) > RIM_GAP
@@ -225,7 +225,7 @@ def _beside_nothing(field: _Field) -> Bools:
     return np.concatenate(wide) if wide else np.zeros(0, dtype=bool)
 
 
-def _has_inner(field: _Field, rims: Bools) -> Bools:
+def has_inner(field: Field, rims: Bools) -> Bools:
     """Return the rims (n,) that have `N_INNER` neighbours of the same surface which are none."""
     named = np.zeros(len(rims), dtype=bool)
     for which, near in field.blocks(np.flatnonzero(rims), N_ASIDE + 1):
