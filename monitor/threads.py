@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any, ParamSpec, TypeVar
 
 import numba
@@ -36,8 +37,16 @@ def run_tasks(kernel: Callable[..., Any], n_tasks: int, *arguments: Any) -> None
         return
     n_ranges = min(RANGES_PER_THREAD * n_threads, n_tasks)
     bounds = [n_tasks * k // n_ranges for k in range(n_ranges + 1)]
-    with ThreadPoolExecutor(n_threads) as pool:
-        waiting = [pool.submit(kernel, bounds[k], bounds[k + 1], *arguments) for k in range(n_ranges)]
+    ranges = iter(list(pairwise(bounds)))  # of a list: threads may take from it side by side
+
+    def work() -> None:
+        """Do ranges until none is left."""
+        for first, last in ranges:
+            kernel(first, last, *arguments)
+
+    with ThreadPoolExecutor(n_threads - 1) as pool:  # this thread is one of them
+        waiting = [pool.submit(work) for _ in range(n_threads - 1)]
+        work()
         for one in waiting:
             one.result()
 
