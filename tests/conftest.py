@@ -5,13 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL_DATA = ROOT / ".." / "shared" / "data"
 
 if "PYTEST_XDIST_WORKER" in os.environ:
-    # Read when numba is imported, which nothing has done yet.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # threads that wait leave the processor to the other process
+    # Threads that wait leave the processor to the other process. Those of linear algebra wait in busy loops: a third of
+    # the time of a comparison of small surfaces, and more where each processor has work. Plugins have loaded numpy by
+    # now, numba and scipy are not, and read what is set here; so does each process that a test starts.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    threadpool_limits(1, user_api="blas")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
