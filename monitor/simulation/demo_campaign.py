@@ -97,12 +97,13 @@ def write_demo_campaign(
         scene = demo_scene(carved_figure(epoch, cell=cell), T_project_figure=np.eye(4) if epoch == 1 else motion())
         stations = demo_stations(seed=seed + epoch, spacing=spacing, heading=0.15 * (epoch - 1))
         epochs.append(SurveyedEpoch(scene, stations, date))
-    truth = describe_truth(motion(), true_changes())
+    changes = true_changes()
+    truth = describe_truth(motion(), changes)
     (Path(folder) / "truth.json").write_text(json.dumps(truth, indent=2) + "\n")
     written = write_campaign(folder, epochs, INSTRUMENTS[preset], box=EXTENT, seed=seed)
     return DemoCampaign(
         (written.epochs[0], written.epochs[1]), written.extent, dates, ("before the winter", "after the restoration"),
-        _texts(INSTRUMENTS[preset].name), preset, motion(), true_changes(),
+        _texts(INSTRUMENTS[preset].name), preset, motion(), changes,
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """The demo's answer against the truth, which no survey knows: what changed, where, how much, and the motion."""
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from monitor.cli import demo, run
 from monitor.cli.working import compare_object, process_project
 from monitor.simulation import DemoCampaign, TrueChange, write_demo_campaign
+from monitor.simulation.figure import CarvedFigure, carved_figure, true_changes
 from projects import Comparison, Project
 from projects.transforms import apply
 
@@ -77,6 +79,12 @@ def test_a_demo_that_was_interrupted_while_it_scanned_goes_on(
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
+    @functools.cache
+    def carve_coarsely(epoch: int, cell: float) -> CarvedFigure:
+        return carved_figure(epoch, cell=8 * cell)
+
+    monkeypatch.setattr("monitor.simulation.demo_campaign.carved_figure", carve_coarsely)
+    monkeypatch.setattr("monitor.simulation.demo_campaign.true_changes", functools.cache(true_changes))
     monkeypatch.setattr(f"monitor.simulation.demo_campaign.{where}", interrupt)
     for _ in range(2):
         assert run(["demo", "--out", str(tmp_path / "demo")]) == 130
