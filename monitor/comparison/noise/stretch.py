@@ -76,7 +76,7 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
         return EVEN
     spacing, longest = longest_lag(points, places, areas)
     pairs = draw_pairs(points, places, spacing, longest, rng)
-    asked, back = np.unique(np.concatenate([pairs.first, pairs.second]), return_inverse=True)
+    asked, back = _number(np.concatenate([pairs.first, pairs.second]), len(points))
     errors, sigmas = errors_of(asked)
     size = MAD_TO_SIGMA * float(np.nanmedian(np.abs(errors)))
     errors = np.where(np.abs(errors) <= OUTLIER * size, errors, np.nan)
@@ -90,6 +90,17 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
     found = [_stretch_of(pairs.lags, products, alike & (ends[0] == k), correlation, area) for k in range(N_CLASSES)]
     middles = [float(np.median(sigmas[in_class == k])) if (in_class == k).any() else np.nan for k in range(N_CLASSES)]
     return _rising(np.array(middles), np.array(found))
+
+
+def _number(vertices: Ints, n: int) -> tuple[Ints, Ints]:
+    """Return which of n vertices are among these (m,), rising, and where each of them is among those (m,); what
+    `np.unique` does by sorting, which took a tenth of a comparison."""
+    is_asked = np.zeros(n, dtype=np.bool_)
+    is_asked[vertices] = True
+    asked = np.flatnonzero(is_asked)
+    rank = np.empty(n, dtype=np.int32)
+    rank[asked] = np.arange(len(asked), dtype=np.int32)
+    return asked, rank[vertices]
 
 
 def _believed(factor: float, n_witnesses: float, n_pairs: int) -> float:

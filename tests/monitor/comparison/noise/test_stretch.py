@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from monitor.comparison.noise.correlation import Correlation, estimate_correlation, kept_variance
-from monitor.comparison.noise.stretch import EVEN, Stretch, learn_stretch
+from monitor.comparison.noise.stretch import EVEN, Stretch, _number, learn_stretch
 from projects.model import Floats, Ints
 
 SPACING, SIDE = 0.01, 4.0  # m
@@ -105,3 +105,10 @@ def test_a_patch_is_stretched_as_its_variance_asks() -> None:
     weight, variance = np.array([0.75, 0.25]), np.array([1e-8, 1.6e-7])
     assert stretch.square_over(weight, variance) == pytest.approx((0.75 * 4.0 + 0.25 * 16.0) / (0.75 + 0.25 * 16.0))
     assert EVEN.square_over(weight, variance) == 1.0
+
+
+@pytest.mark.parametrize("n_asked", [0, 1, 500])
+def test_the_vertices_of_pairs_are_numbered_as_sorting_numbers_them(rng: np.random.Generator, n_asked: int) -> None:
+    vertices = rng.integers(0, 300, n_asked).astype(np.int32)
+    for found, sorted_ in zip(_number(vertices, 300), np.unique(vertices, return_inverse=True), strict=True):
+        np.testing.assert_array_equal(found, sorted_)
