@@ -19,13 +19,15 @@ REACH = 0.02  # m, of the discs that the field's points are means over
 
 
 def average_over_discs(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return n random places in a square of 0.5 m and unit noise averaged over discs about them, as fits average."""
+    """Return n random places in a square of 0.5 m and unit noise averaged over discs about them, as fits average.
+
+    The noise is that of 20 000 places of its own, 100 in a disc.
+    """
     points = np.column_stack([rng.uniform(0.0, 0.5, (n, 2)), np.zeros(n)])
-    tree = cKDTree(points)
-    near = tree.sparse_distance_matrix(tree, REACH, output_type="coo_matrix").tocsr()
+    measured = np.column_stack([rng.uniform(0.0, 0.5, (20_000, 2)), np.zeros(20_000)])
+    near = cKDTree(points).sparse_distance_matrix(cKDTree(measured), REACH, output_type="coo_matrix").tocsr()
     near.data[:] = 1.0
-    near.setdiag(1.0)
-    field = near @ rng.normal(size=n) / np.sqrt(np.asarray(near.sum(axis=1)).ravel())
+    field = near @ rng.normal(size=len(measured)) / np.sqrt(np.asarray(near.sum(axis=1)).ravel())
     return points, field
 
 
