@@ -45,6 +45,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("archived")
     with pytest.MonkeyPatch.context() as small:
         small.setattr(pictures, "LARGEST", 200)
+        small.setattr(pictures, "CLOSE_UP_PIXELS", 200)
         write_archive(folder / "archive", fill(folder), ["column"], silent)
     return folder
 
@@ -118,6 +119,7 @@ def test_the_front_of_the_object_stands_in_the_archive_and_its_report_goes_by_it
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pictures, "LARGEST", 120)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 120)
     project = fill(tmp_path)
     project.put("column", "e2", step("series-e1", "9", inputs=("5" * 16,)), followed({5: 2, 7: 1}))
     project.set_front("column", np.radians(15.0))
@@ -300,6 +302,7 @@ def test_what_is_not_processed_or_out_of_date_is_said_in_the_archive(
 ) -> None:
 
     monkeypatch.setattr(pictures, "LARGEST", 200)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
     copy = Project.open(shutil.copytree(made / "project", tmp_path / "project"))
     copy.add_epoch(EpochRecord("column", "e3", datetime.date(2027, 5, 1)), read_scans(made / "a.e57"))
     copy.put("column", "e2", step("surface", "6"), example_comparison().on_compared.surface)
@@ -335,6 +338,7 @@ def test_the_crate_claims_no_origin_that_a_file_does_not_have(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pictures, "LARGEST", 200)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
     project = Project.open(shutil.copytree(made / "project", tmp_path / "project"))
     project.put("column", "e1", step("filtered", "7"), measured(0))  # processed anew, and ended before the surface
     newer = replace(step("surface", "6"), versions={"heritage-monitor": "0.1.0", "numpy": "9.9"})
@@ -358,6 +362,7 @@ def test_a_series_is_said_to_come_of_all_comparisons_that_it_rests_on(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pictures, "LARGEST", 100)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 100)
     project = Project.open(shutil.copytree(made / "project", tmp_path / "project"))
     n = len(example_comparison().on_reference.surface.vertices)
     known = {name: np.zeros(n) for name in ("rate", "sigma_rate", "acceleration", "sigma_acceleration")}

@@ -393,6 +393,7 @@ def test_pictures_are_named_by_the_front_of_the_object(
 ) -> None:
     """Region 1, the dent, is at -y."""
     monkeypatch.setattr(pictures, "LARGEST", 120)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 120)
     comparison = example_comparison()
     is_stable = np.ones(len(comparison.on_compared.surface.vertices), bool)
     held = dataclasses.replace(comparison.registration, is_stable=is_stable)

@@ -117,6 +117,7 @@ def test_colour_bar_says_what_dots_mean_where_there_are_any():
 
 def test_the_colour_bar_of_a_report_says_what_its_answer_says_is_told(comparison, monkeypatch):
     monkeypatch.setattr(pictures, "LARGEST", 120)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 120)
     told = {"told_by_width_m": [[0.07, 0.00049], [0.155, 0.00044]], "told_from_median_m": 0.00048}
     drawn = pictures.draw_change(dataclasses.replace(comparison, statistics={**comparison.statistics, **told}))
     assert "unchanged (up to about 0.49 mm)" in words(drawn.colour_bar.image)

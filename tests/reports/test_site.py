@@ -32,6 +32,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """Return the pages of the example project, its pictures small."""
     with pytest.MonkeyPatch.context() as small:
         small.setattr(pictures, "LARGEST", 120)
+        small.setattr(pictures, "CLOSE_UP_PIXELS", 120)
         yield Site(fill(tmp_path_factory.mktemp("site")).path)
 
 
@@ -146,7 +147,9 @@ def test_hostile_texts_are_shown_and_never_run(tmp_path: Path) -> None:
     assert "No two epochs are compared yet." in page(Site(project.path), "/column")
 
 
-def test_a_page_shows_what_was_made_since(tmp_path: Path) -> None:
+def test_a_page_shows_what_was_made_since(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "LARGEST", 120)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 120)
     project = fill(tmp_path)
     site = Site(project.path)
     assert "processed again" not in page(site, "/column")
@@ -245,6 +248,7 @@ def test_the_one_view_goes_by_the_front_that_was_given() -> None:
 def test_pages_follow_a_front_that_is_given_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the two regions the dent is at -y, which becomes the back."""
     monkeypatch.setattr(pictures, "LARGEST", 120)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 120)
     project = fill(tmp_path)
     site = Site(project.path)
     asked = ("/column/e1.jpg", "/column/e1_e2.jpg", "/column/e1_e2.html")

@@ -71,6 +71,7 @@ def project(made: Path, tmp_path: Path) -> Path:
 def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a report draw its views small: six of the usual size take a quarter of a minute."""
     monkeypatch.setattr(pictures, "LARGEST", 200)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
 
 
 def digest(folder: Path) -> dict[str, str]:

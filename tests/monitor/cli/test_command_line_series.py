@@ -52,6 +52,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run(["compare", project, "relief"]) == 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pictures, "LARGEST", 200)  # pixels: six views of the usual size take a quarter of a minute
+        patch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
         assert run(["report", project, "relief", "e2021", "e2025", "--out", str(folder)]) == 0
     assert run(["export", project, "relief", "e2021", "e2025", "--out", str(folder)]) == 0
     return folder

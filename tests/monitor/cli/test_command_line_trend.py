@@ -42,6 +42,7 @@ def test_a_bulge_that_no_comparison_shows_is_on_the_page(
     assert run(["compare", project, "wall"]) == 0
     assert "of them found by the trend alone" in capsys.readouterr().out
     monkeypatch.setattr(pictures, "LARGEST", 200)  # pixels
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
     assert run(["report", project, "wall", "e2010", "e2020", "--out", str(tmp_path)]) == 0
     assert run(["export", project, "wall", "e2010", "e2020", "--out", str(tmp_path)]) == 0
     store = Project.open(tmp_path / "project")

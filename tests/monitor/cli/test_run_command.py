@@ -96,6 +96,7 @@ def done(survey: Path) -> Path:
     """Return the folder after the campaign was run."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pictures, "LARGEST", 200)
+        patch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
         assert run(["run", str(survey / "campaign.toml")]) == 0
     return survey
 
@@ -127,6 +128,7 @@ def test_run_again_it_makes_nothing_new_and_a_file_that_grew_adds_only_that(
     done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(pictures, "LARGEST", 200)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
     copy = Path(shutil.copytree(done, tmp_path / "copy"))
     made = {p: p.stat().st_mtime_ns for p in (*copy.rglob("project/**/*.h5"), *copy.rglob("*_report.*"))}
     assert {p.suffix for p in made} == {".h5", ".html", ".pdf"}
@@ -148,6 +150,7 @@ def test_another_front_is_taken_over_draws_reports_anew_and_computes_nothing(
     done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(pictures, "LARGEST", 200)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
     copy = Path(shutil.copytree(done, tmp_path / "copy"))
     made = {p: p.stat().st_mtime_ns for p in copy.rglob("project/objects/**/*.h5")}
     report = copy / "out" / "reports" / "minerva_before_after_report.html"
@@ -172,6 +175,7 @@ def test_an_object_that_fails_is_named_and_the_others_are_done(
     survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(pictures, "LARGEST", 200)
+    monkeypatch.setattr(pictures, "CLOSE_UP_PIXELS", 200)
     for path in survey.glob("*.*"):
         shutil.copy(path, tmp_path)
     (tmp_path / "juno.ply").write_bytes(b"ply\nnot a mesh\n")
