@@ -12,8 +12,8 @@ REAL_DATA = ROOT / ".." / "shared" / "data"
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Threads that wait leave the processor to the other process. Those of linear algebra wait in busy loops: a third of
-    # the time of a comparison of small surfaces, and more where each processor has work. Plugins have loaded numpy by
-    # now, numba and scipy are not, and read what is set here; so does each process that a test starts.
+    # the time of a comparison of small surfaces. Plugins have loaded numpy by now; numba and scipy come later and read
+    # what is set here, and so does each process that a test starts.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     threadpool_limits(1, user_api="blas")

@@ -93,8 +93,8 @@ def learn_stretch(points: Floats, places: Ints, areas: Floats, errors_of: Callab
 
 
 def _number(vertices: Ints, n: int) -> tuple[Ints, Ints]:
-    """Return which of n vertices are among these (m,), rising, and where each of them is among those (m,); what
-    `np.unique` does by sorting, which took a tenth of a comparison."""
+    """Return which of n vertices are among these (m,), rising, and where each of these is among those (m,): what
+    `np.unique` does by sorting."""
     is_asked = np.zeros(n, dtype=np.bool_)
     is_asked[vertices] = True
     asked = np.flatnonzero(is_asked)
