@@ -28,7 +28,7 @@ METHOD = {
     "surface": 28,
     "mesh": 10,
     "quality": 3,
-    "comparison": 62,
+    "comparison": 63,
     "series": 20,
 }
 

@@ -59,18 +59,18 @@ def spread_over_assessed(side: Side, region: Ints, widths: Floats) -> Ints:
     return np.where(source >= 0, region[np.maximum(source, 0)], 0).astype(region.dtype)
 
 
-def over_each_other(sides: tuple[Side, Side], margins: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
-    """Return the regions of both sides (n,) with what stands over the other side's.
+def over_each_other(sides: tuple[Side, Side], margins: tuple[Ints, Ints], number: int) -> tuple[Bools, Bools]:
+    """Return which vertices (n,) of both sides are of a region, given with its margin, or stand over the other side's.
 
     Where one side's patch ends before the other's though both have surface there, a closing film from border to border
-    would pass for a body.
+    would pass for a body. It ends so too where the margin of another region begins: what stands over both is of both.
     """
     out = []
     for k, side in enumerate(sides):
-        own = margins[k].copy()
-        at = np.flatnonzero(side.is_assessed & (own == 0) & (side.foot_vertices >= 0))
-        own[at] = margins[1 - k][side.foot_vertices[at]]
-        out.append(own)
+        mask = margins[k] == number
+        at = np.flatnonzero(side.is_assessed & (side.foot_vertices >= 0) & ~mask)
+        mask[at] = margins[1 - k][side.foot_vertices[at]] == number
+        out.append(mask)
     return out[0], out[1]
 
 
@@ -80,7 +80,7 @@ def measure_body(number: int, sides: tuple[Side, Side], margins: tuple[Ints, Int
 
     A patch ends where the fringe of its surface begins, if there is anything else of it.
     """
-    masks = [m == number for m in margins]
+    masks = over_each_other(sides, margins, number)
     before, after = (cut_fringe(s, m) for s, m in zip(sides, masks, strict=True))
     patches = np.vstack([before.faces[:, ::-1], after.faces + len(sides[0].areas)])
     used, patches = np.unique(patches, return_inverse=True)
@@ -180,7 +180,7 @@ def _areas(closing: Closing) -> Floats:
     return np.asarray(face_areas(closing.triangles) * closing.weights)
 
 
-def sigma_of_patches(sides: tuple[Side, Side], masks: list[Bools], found: Detected, registration: Registration,
+def sigma_of_patches(sides: tuple[Side, Side], masks: Sequence[Bools], found: Detected, registration: Registration,
                      ) -> float:  # fmt: skip
     """Return one sigma [m3] of the volume from the noise of both patches, what their scans share, and the motion.
 

@@ -27,7 +27,7 @@ from monitor.comparison.regions.beyond import Beyond, grow_regions, join_grown
 from monitor.comparison.regions.borders import margin_widths, spread_margin
 from monitor.comparison.regions.chips import HANDFUL, stand_alone, turn_sharply
 from monitor.comparison.regions.covered import take_covered
-from monitor.comparison.regions.enclosure import measure_body, over_each_other, spread_over_assessed
+from monitor.comparison.regions.enclosure import measure_body, spread_over_assessed
 from monitor.comparison.regions.figures import (
     CHOICE,
     depths_of_points,
@@ -210,12 +210,11 @@ def measure_volumes(table: pd.DataFrame, sides: tuple[Side, Side], grown: tuple[
     border to be closed, the sum of its prisms in the table stays.
     """
     grown = take_covered(sides, grown, signs, beyond)
-    spread = [spread_over_assessed(s, g, widths) for s, g in zip(sides, grown, strict=True)]
-    margins = over_each_other(sides, (spread[0], spread[1]))
+    before, after = (spread_over_assessed(s, g, widths) for s, g in zip(sides, grown, strict=True))
     known = is_volume_known(sides, grown, beyond, found.test.size, len(table))
     volumes = table[["volume_m3", "sigma_volume_m3"]].to_numpy(dtype=float, copy=True)
     for k in range(len(table)):
-        body = measure_body(k + 1, sides, margins, found, registration, beyond) if known[k] else None
+        body = measure_body(k + 1, sides, (before, after), found, registration, beyond) if known[k] else None
         if body is not None:
             volumes[k] = body.volume, body.sigma
     volumes[~known] = np.nan
