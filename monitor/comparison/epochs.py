@@ -47,6 +47,7 @@ from monitor.comparison.sight.views import look_from
 from monitor.comparison.summary import area_figures, summarize
 from monitor.copied_faces import without_copied_faces
 from monitor.declare import check_settings, given_or_default, setting
+from monitor.threads import with_one_blas_thread
 from projects.model import REGION_COLUMNS, Bools, ComparedSurface, Comparison, Floats, Registration, Surface
 
 
@@ -109,6 +110,7 @@ class Told(NamedTuple):
     by_width: list[list[float]]
 
 
+@with_one_blas_thread
 def compare(reference: Surface, compared: Surface, registration: Registration | None = None,
             settings: CompareSettings | None = None, mode: str = "relative", tolerance: float | None = None,
             sights: Sights | None = None, *, frames: Floats | None = None,

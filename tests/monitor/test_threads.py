@@ -4,6 +4,7 @@ import numba
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from monitor.comparison import compare
 from monitor.registration.motion.icp import register_sides
 from monitor.threads import map_threads, run_tasks, with_one_blas_thread
 
@@ -61,3 +62,4 @@ def test_linear_algebra_keeps_to_one_thread_while_a_function_runs_and_is_let_go_
             fail()
         assert blas_threads() == {2}
     assert hasattr(register_sides, "__wrapped__")  # registration is one of them
+    assert hasattr(compare, "__wrapped__")
