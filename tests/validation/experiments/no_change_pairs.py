@@ -135,12 +135,12 @@ def scan_epoch(scene: Scene, seed: int, rng: np.random.Generator, instrument: st
     return scans
 
 
-def spread_stations(rng: np.random.Generator) -> list[tuple[Floats, Floats]]:
+def spread_stations(rng: np.random.Generator, n_stations: int = N_STATIONS) -> list[tuple[Floats, Floats]]:
     """Return the true pose of each station around the body and the one that it is registered with."""
     start, sigma = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(1e-4, 3e-4)
     stations = []
-    for k in range(N_STATIONS):
-        turn = start + 2.0 * np.pi * k / N_STATIONS + rng.normal(scale=0.15)
+    for k in range(n_stations):
+        turn = start + 2.0 * np.pi * k / n_stations + rng.normal(scale=0.15)
         place = np.array([2.0 * np.cos(turn), 2.0 * np.sin(turn), rng.uniform(-0.6, 0.9)])
         pose = stand_at(place, facing=np.zeros(3), heading=rng.uniform(-0.3, 0.3))
         stations.append((pose, misregister(pose, rng, sigma_position=sigma, sigma_angle=3e-5)))
