@@ -121,6 +121,8 @@ def _headline(comparison: Comparison, regions: tuple[RegionFacts, ...], epochs: 
     where = f" on the {percent(1.0 - unknown)} of the surface that could be assessed" if unknown > MOSTLY else ""
     if n == 0 and differs_as_a_whole(comparison):
         return f"No part changed against the rest{where}, but {_as_a_whole(comparison, epochs)}."
+    if n == 0 and comparison.statistics.get("motion_is_significant"):
+        return f"No part changed against the rest{where}, but the object as a whole {_moved_by(comparison)}."
     if n == 0:
         return f"No change was found{where}."
     told = _told_first(describe_parts(comparison), n)

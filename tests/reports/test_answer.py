@@ -166,6 +166,16 @@ def test_an_unchanged_surface_that_lies_off_as_a_whole_is_no_answer_of_no_change
     assert "nearly everywhere, such a motion and scanners whose ranges differ look alike" in absolute
 
 
+@pytest.mark.parametrize("mode", ["relative", "absolute"])
+def test_an_object_that_moved_as_a_whole_and_otherwise_did_not_is_no_answer_of_no_change(mode):
+    moved = facts_of(example_comparison(rows=(), mode=mode), epochs=controlled_epochs())
+    assert plain(moved.answer.headline) == (
+        "No part changed against the rest, but the object as a whole moved by 3.20 ± 0.10 mm."
+    )
+    still = example_comparison(rows=(), mode=mode, motion_is_significant=False)
+    assert facts_of(still, epochs=controlled_epochs()).answer.headline == "No change was found."
+
+
 def test_two_regions_are_told_with_their_place_size_and_margins():
     text = said(facts_of())
     assert text.startswith("Two regions changed. Between 12 May 2025 and 18 May 2026 one region lost material (no. 1)")
