@@ -29,7 +29,7 @@ METHOD = {
     "mesh": 10,
     "quality": 3,
     "comparison": 63,
-    "series": 20,
+    "series": 21,
 }
 
 

@@ -24,6 +24,7 @@ from monitor.comparison.series.identity import Followed, follow_rates, follow_re
 from monitor.comparison.series.rate_regions import RateRegions, find_rate_regions
 from monitor.comparison.series.rate_side import Fits, make_rate_side
 from monitor.comparison.series.trend import Course, fit_polynomial, predict
+from monitor.comparison.series.volumes import find_bodies
 from projects.errors import ComparisonError, ParameterError
 from projects.model import (
     FORECAST_COLUMNS,
@@ -84,7 +85,8 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
     numbers, signs = [c.places for c in changes], [sign_of_regions(c.comparison) for c in changes]
     followed = follow_rates(follow_regions(numbers, signs, areas), going, areas, len(changes) - 1)
     share = (sigma_reference / np.fmin.reduce(sigmas)) ** 2
-    measured = [measure_footprint(f, changes, rates.side, share, years) for f in followed]
+    found = [find_bodies(c, rates.side) for c in changes]
+    measured = [measure_footprint(f, changes, found, rates.side, share, years) for f in followed]
     courses = [m.course(years, seed) for m in measured]
     identity = np.zeros(len(areas), dtype=np.int32)
     for f in sorted(followed, key=lambda f: -areas[f.footprint].sum()):
@@ -93,7 +95,7 @@ def follow(changes: Sequence[EpochChange], reference_id: str, reference_date: da
         reference_id, reference_date.isoformat(), tuple(c.epoch_id for c in changes),
         tuple(c.date.isoformat() for c in changes), years, line.parameters[:, 1], np.sqrt(line.covariance[:, 1, 1]),
         2.0 * curve.parameters[:, 2], 2.0 * np.sqrt(curve.covariance[:, 2, 2]), identity,
-        _table([series_row(f, m, c, changes) for f, m, c in zip(followed, measured, courses, strict=True)],
+        _table([series_row(f, m, c, changes, years) for f, m, c in zip(followed, measured, courses, strict=True)],
                SERIES_COLUMNS),
         _table([row for f, m in zip(followed, measured, strict=True) for row in history_rows(f, m, changes, years)],
                HISTORY_COLUMNS),
@@ -186,13 +188,14 @@ def _stated_variance(surface: Surface) -> float:
     return noise if math.isnan(shared) else noise + shared
 
 
-def series_row(followed: Followed, measured: Footprint, course: Course, changes: Sequence[EpochChange]) -> list[object]:
+def series_row(followed: Followed, measured: Footprint, course: Course, changes: Sequence[EpochChange],
+               years: Floats) -> list[object]:  # fmt: skip
     """Return the row of a followed region in the order of `SERIES_COLUMNS`."""
     seen = [changes[k].epoch_id for k in sorted(followed.numbers)] or [""]
     return [followed.identity, seen[0], seen[-1], followed.parent, followed.merged_into,
             measured.area, course.model, course.rate, course.sigma_rate, course.p_rate, course.acceleration,
             course.sigma_acceleration, course.p_acceleration, course.p_onset, *course.onset, course.p_fit,
-            *(float(x) for x in measured.centre), followed.found_by, *measured.volume_rate(course)]  # fmt: skip
+            *(float(x) for x in measured.centre), followed.found_by, *measured.volume_rate(course, years)]  # fmt: skip
 
 
 def history_rows(followed: Followed, measured: Footprint, changes: Sequence[EpochChange],

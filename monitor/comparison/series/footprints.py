@@ -7,14 +7,15 @@ found alone would start too high, and one of what was seen alone bend where an e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor.comparison.distances.side import Side
 from monitor.comparison.series.epoch_change import EpochChange
 from monitor.comparison.series.identity import Followed
-from monitor.comparison.series.trend import Course, fit_course
+from monitor.comparison.series.trend import Course, fit_course, fit_rate
+from monitor.comparison.series.volumes import Bodies, Prisms, measure_volumes
 from projects.model import Z95, ComparedSurface, Floats, Ints
 
 GOES_ON = ("steady", "accelerating")  # courses that a rate describes
@@ -24,7 +25,7 @@ LEAST_SEEN = 0.5  # of a footprint's area that must be assessable for an epoch t
 @dataclass(frozen=True)
 class Footprint:
     """A followed region in every epoch: its area [m2], centre [m], mean changes and their sigmas (k,) [m], the
-    reference's part of those, and volumes with their sigmas (k, 2) [m3]."""
+    reference's part of those, and volumes with their sigmas (k, 2) and the reference's part of these [m3]."""
 
     area: float
     centre: Floats
@@ -32,46 +33,62 @@ class Footprint:
     sigmas: Floats
     sigma_reference: float
     volumes: Floats
+    sigma_volume_reference: float
 
     def course(self, years: Floats, seed: int) -> Course:
-        """Return how it goes on; "not assessable" where no epoch is known."""
+        """Return how it goes on; "not assessable" where no epoch is known.
+
+        By its volume, which goes on as its depth does: perpendiculars fall the shorter of that the deeper a change is,
+        and a steady one would seem to slow down. How fast the mean itself goes on is told of the means; what bends is
+        told in metres by what volume a metre of the mean is where it is largest.
+        """
         if not (np.isfinite(self.means) & np.isfinite(self.sigmas)).any():
             return Course("not assessable", *(float("nan"),) * 7, (float("nan"), float("nan")), float("nan"))
-        return fit_course(years, self.means, self.sigmas, self.sigma_reference, seed=seed)
+        by_volume, own = self.volumes / self.per_metre, self.sigma_volume_reference / self.per_metre
+        course = fit_course(years, *by_volume.T, own, seed=seed)
+        rate, sigma_rate = fit_rate(years, self.means, self.sigmas, self.sigma_reference)
+        return replace(course, rate=rate, sigma_rate=sigma_rate)
 
-    def volume_rate(self, course: Course) -> tuple[float, float]:
-        """Return the rate of the volume and its sigma [m3/year] of what goes on at a rate: that of the mean, times the
-        volume that a metre of it is; NaN of any other course. How sure that volume is by itself is not in the sigma."""
-        if course.model not in GOES_ON or not np.isfinite(self.means).any():
+    @property
+    def per_metre(self) -> float:
+        """The volume [m3] that a metre of the mean is where it is largest; the area where that is not known."""
+        volumes = np.where(self.means != 0.0, self.volumes[:, 0], np.nan) / np.where(self.means, self.means, np.nan)
+        known = np.flatnonzero(np.isfinite(volumes))
+        most = float(volumes[known[np.argmax(np.abs(self.means[known]))]]) if len(known) else 0.0
+        return most if most > 0.0 else self.area
+
+    def volume_rate(self, course: Course, years: Floats) -> tuple[float, float]:
+        """Return the rate of the volume and its sigma [m3/year] of what goes on at a rate; NaN of any other course."""
+        if course.model not in GOES_ON:
             return float("nan"), float("nan")
-        most = int(np.nanargmax(np.abs(self.means)))
-        per_metre = float(self.volumes[most, 0] / self.means[most]) if self.means[most] else float("nan")
-        return per_metre * course.rate, abs(per_metre) * course.sigma_rate
+        return fit_rate(years, *self.volumes.T, self.sigma_volume_reference)
 
 
-def measure_footprint(followed: Followed, changes: Sequence[EpochChange], surface: Side, share: Floats,
-                      years: Floats) -> Footprint:  # fmt: skip
+def measure_footprint(followed: Followed, changes: Sequence[EpochChange], found: Sequence[Bodies], surface: Side,
+                      share: Floats, years: Floats) -> Footprint:  # fmt: skip
     """Measure a followed region over its whole footprint in every epoch, `years` (k,) after the reference, less where
-    the reference's `surface` goes on beyond its samples; `share` (n,) of the variance of a difference that the
-    reference brings. From where it merged into another on, that one tells of it: NaN."""
+    the reference's `surface` goes on beyond its samples; `found` are the bodies of each epoch, `share` (n,) of the
+    variance of a difference the reference's. From where it merged into another on, that one tells of it: NaN."""
     areas, measured = surface.areas, followed.footprint & ~surface.is_fringe
     at = np.flatnonzero(measured if measured.any() else followed.footprint)
     means = np.array([mean_over(c.side, areas, at) for c in changes])
     missed = missed_by_unseen(np.stack([c.side.distances[at] for c in changes]), areas[at])
-    area, bodies = float(areas[at].sum()), bodies_of(followed, changes)
+    area, bodies = float(areas[at].sum()), bodies_of(followed, found)
     part = float(np.nanmean(share[at])) if np.isfinite(share[at]).any() else 0.5
-    chosen = added_by_noise(followed, changes, areas, part, years) / area
-    means, sigmas = means + missed - chosen, np.hypot(sigmas_over(followed, changes, at), missed)
+    chosen = added_by_noise(followed, changes, areas, part, years)
+    means, sigmas = means + missed - chosen / area, np.hypot(sigmas_over(followed, changes, at), missed)
     came = np.array([followed.numbers.get(k, 0) in c.came for k, c in enumerate(changes)])
     if came.any():  # how high it stands is told by its body: the ground under it has no perpendicular
         means[came], sigmas[came] = bodies[came].T / area
     means[followed.merged_at or len(means) :] = np.nan
     sigmas = np.where(np.isfinite(means), sigmas, np.nan)
-    known = sigmas[np.isfinite(sigmas)]
     centre = np.average(changes[0].side.surface.vertices[at], axis=0, weights=areas[at])
-    own = float(np.sqrt(part) * known.min()) if len(known) else float("nan")
-    volumes = volumes_over(bodies, area * np.column_stack([means, sigmas]))
-    return Footprint(area, centre, means, sigmas, own, volumes)
+    volumes = area * np.column_stack([means, sigmas])
+    if followed.numbers and not followed.is_grown:
+        levels = np.array([_mean_level(c.side, at) for c in changes])
+        volumes = measure_volumes(changes, found, areas, at, Prisms(volumes, chosen, area * missed, levels))
+    own, own_volume = (float(np.sqrt(part)) * _least(s) for s in (sigmas, volumes[:, 1]))
+    return Footprint(area, centre, means, sigmas, own, volumes, own_volume)
 
 
 def mean_over(side: ComparedSurface, areas: Floats, at: Ints) -> float:
@@ -139,37 +156,23 @@ def sigmas_over(followed: Followed, changes: Sequence[EpochChange], at: Ints) ->
     return np.where(np.isfinite(sigmas), sigmas, kept * levels)
 
 
-def bodies_of(followed: Followed, changes: Sequence[EpochChange]) -> Floats:
+def bodies_of(followed: Followed, found: Sequence[Bodies]) -> Floats:
     """Return volume and sigma (k, 2) [m3] of the body between both surfaces in each epoch that found the region; NaN
     where it found a part of it."""
-    bodies = np.full((len(changes), 2), np.nan)
-    if followed.is_grown:
-        return bodies
-    for k, number in followed.numbers.items():
-        table = changes[k].comparison.regions
-        bodies[k] = table.loc[table["region"] == number, ["volume_m3", "sigma_volume_m3"]].iloc[0]
+    bodies = np.full((len(found), 2), np.nan)
+    if not followed.is_grown:
+        for k, number in followed.numbers.items():
+            bodies[k] = found[k].volumes[number]
     return bodies
-
-
-def volumes_over(bodies: Floats, prisms: Floats) -> Floats:
-    """Return the volume of a region and its sigma (k, 2) [m3] in each epoch.
-
-    `bodies` (k, 2) are those of `bodies_of`, `prisms` (k, 2) mean change and sigma times the area of the whole
-    footprint. Prisms leave out flanks below the level of detection and what has no perpendicular; the body, as told of
-    a region that was found, holds them. Where the prisms are largest and the body is known it is taken, and prisms
-    elsewhere are taken as much larger as it is there. Bodies of other epochs would be of what was found of the region
-    by then.
-    """
-    of_body = np.where(bodies[:, 0] * prisms[:, 0] > 0.0, np.abs(prisms[:, 0]), np.nan)
-    if not np.isfinite(of_body).any():
-        return prisms
-    most = int(np.nanargmax(of_body))
-    volumes = bodies[most, 0] / prisms[most, 0] * prisms
-    volumes[most] = bodies[most]
-    return volumes
 
 
 def _mean_level(side: ComparedSurface, at: Ints) -> float:
     """Return the mean sigma [m] of the vertices `at` that their levels of detection tell; NaN without any."""
     levels = side.lod95[at]
     return float(np.nanmean(levels)) / Z95 if np.isfinite(levels).any() else float("nan")
+
+
+def _least(sigmas: Floats) -> float:
+    """Return the least of the sigmas that are known; NaN without any."""
+    known = sigmas[np.isfinite(sigmas)]
+    return float(known.min()) if len(known) else float("nan")

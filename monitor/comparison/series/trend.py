@@ -186,6 +186,15 @@ def fit_course(years: Floats, means: Floats, sigmas: Floats, sigma_reference: fl
     return Course(model, rate, sigma_rate, p_rate, bend, sigma_bend, p_bend, p_onset, onset, p_fit)
 
 
+def fit_rate(years: Floats, values: Floats, sigmas: Floats, sigma_reference: float) -> tuple[float, float]:
+    """Return the rate of a steady course and its sigma [a year]; arguments as of `fit_course`."""
+    seen = np.isfinite(values) & np.isfinite(sigmas)
+    if not seen.any():
+        return float("nan"), float("nan")
+    line = fit_polynomial(years[seen], values[seen, None], sigmas[seen, None], np.array([sigma_reference]))
+    return float(line.parameters[0, 1]), float(np.sqrt(line.covariance[0, 1, 1]))
+
+
 def p_of_chi2(value: float, n_spare: int) -> float:
     """Return how often chance leaves residuals as large; NaN without any to spare."""
     return float(chi2.sf(value, n_spare)) if n_spare > 0 else float("nan")

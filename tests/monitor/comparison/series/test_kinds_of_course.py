@@ -104,7 +104,8 @@ def test_one_odd_epoch_at_the_end_of_a_steady_course_is_no_jump() -> None:
 
 def footprint(means: Floats, sigma: float, own: float) -> Footprint:
     k = len(means)
-    return Footprint(1e-2, np.zeros(3), means, np.full(k, sigma), own, np.zeros((k, 2)))
+    sigmas = np.full(k, sigma)
+    return Footprint(1e-2, np.zeros(3), means, sigmas, own, 1e-2 * np.column_stack([means, sigmas]), 1e-2 * own)
 
 
 def test_what_slows_down_or_merged_is_not_forecast() -> None:

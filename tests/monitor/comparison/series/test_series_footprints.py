@@ -16,6 +16,7 @@ from monitor.comparison.series.footprints import measure_footprint, missed_by_un
 from monitor.comparison.series.identity import Followed
 from monitor.comparison.series.rate_side import lay_bare
 from monitor.comparison.series.trend import fit_course
+from monitor.comparison.series.volumes import find_bodies
 from projects.model import Comparison, Floats, Registration, Surface
 
 NOISE = 5e-5  # m
@@ -93,8 +94,8 @@ def test_what_merged_into_another_is_measured_until_then(rng: np.random.Generato
     changes, inside = simulate_series(rng, YEARS, -1e-4 * square(0.02)), square(0.02)
     side = lay_bare(plane(), changes[0].comparison.registration)
     measured = [
-        measure_footprint(Followed(1, -1.0, inside, inside, merged_into=into, merged_at=at), changes, side,
-                          np.full(len(inside), 0.5), YEARS)
+        measure_footprint(Followed(1, -1.0, inside, inside, merged_into=into, merged_at=at), changes,
+                          [find_bodies(c, side) for c in changes], side, np.full(len(inside), 0.5), YEARS)
         for into, at in ((0, None), (2, 6))
     ]  # fmt: skip
     assert np.isfinite(measured[0].means).all()
