@@ -14,9 +14,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numba import jit
 
-from monitor.apart import stand_apart
 from monitor.comparison.detection.marking import find_deep, level_at, mark_changed
 from monitor.comparison.detection.patches import (
     Layout,
@@ -28,6 +26,7 @@ from monitor.comparison.detection.patches import (
     measure_patches,
 )
 from monitor.comparison.detection.reaches import least_of_patches
+from monitor.comparison.detection.rest import away_from_both, away_from_suspect, can_teach, suspect_alone
 from monitor.comparison.detection.tested import Detected, Tested
 from monitor.comparison.detection.units import Units, judge_noise, unit_size
 from monitor.comparison.distances.side import Side, larger_of, map_sides
@@ -41,9 +40,7 @@ from projects.model import Bools, Floats, Ints, Registration
 Both = tuple[Patches, Patches]  # of the reference and the compared side
 LearnErrors = Callable[[Floats, Ints], PatchErrors]
 
-SUSPECT = 1e-3  # p value up to which a patch does not teach the noise, significant or not
 BESIDE = 3.0  # sigmas: what lies within them belongs to the rest
-BESIDE_WIDE = 0.25  # of what is assessed, at least: the majority less what patches at the border of the rest hold
 N_ROUNDS = 2  # of learning from what the last test left unchanged
 CORE_SHARE = 0.6827  # of the vertices that the first pass looks at: up to a third may have changed
 
@@ -179,7 +176,8 @@ def judge_units(layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: No
     far = far_levels(sum(int(s.is_assessed.sum()) for s in sides), level)
     limit = benjamini_hochberg(tested, level)
     return Tested((first_units, second_units), layout.reaches, (a[1], b[1]), (a[2], b[2]), limit, layout.size, errors,
-                  scans, len(tested), (a[0], b[0]), (beyond[0], beyond[1]), far, level)  # fmt: skip
+                  scans, len(tested), (a[0], b[0]), (beyond[0], beyond[1]), far, level,
+                  (first.is_whole[:, 0], second.is_whole[:, 0]))  # fmt: skip
 
 
 def errors_of_calm(side: Side) -> LearnErrors:
@@ -215,19 +213,30 @@ def find_rest(sides: tuple[Side, Side], test: Tested, layout: Layout, noise: Noi
     few to teach, and which changed surely, where patches that hold some of these do not teach; None: all patches do.
 
     Wide patches that reach into a deep change are significant as far as they are wide, on a small object all over it.
-    Where that leaves too little, patches without what is deep or changed plainly say what lies away from the rest.
+    Where that leaves too little, patches without what changed surely say what lies away from the rest.
     """
     rest = without_plain(away_from_both(sides, test), plain)
     if can_teach(rest, sides, test):
         return rest, None
-    deep = all_deep(sides, map_sides(lambda k: level_at(sides[k], noise), larger_of(sides)), test.far)
-    sure = deep if plain is None else (deep[0] | plain[0], deep[1] | plain[1])
+    sure = changed_surely(sides, test, noise)
+    sure = sure if plain is None else (sure[0] | plain[0], sure[1] | plain[1])
     if not (sure[0].any() or sure[1].any()):
         return None, None
     without = lay_out_without(layout, sides, sure, registration)
     beside = judge_units(without, sides, calm, noise, test.level, lambda _: test.errors, test.scans)
-    rest = away_from_both(sides, beside)
+    is_stated = sides[0].states_noise
+    rest = away_from_both(sides, beside) if is_stated else away_from_suspect(sides, test, beside, sure)
     return (rest, sure) if can_teach(rest, sides, beside) else (None, None)
+
+
+def changed_surely(sides: tuple[Side, Side], test: Tested, noise: Noise) -> Masks:
+    """Return which vertices of both sides changed surely, so that patches without them tell of the rest: what is deep.
+
+    Where no noise is stated that is too much and too little: what two meshes of one edge differ by is as deep, one
+    vertex beside another, and their level would be that of smooth places. Units that are suspect by themselves then.
+    """
+    deep = all_deep(sides, map_sides(lambda k: level_at(sides[k], noise), larger_of(sides)), test.far)
+    return deep if sides[0].states_noise else map_sides(lambda k: suspect_alone(test, k, deep[k]), larger_of(sides))
 
 
 def judge_beside(sure: Masks | None, layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise,
@@ -243,55 +252,3 @@ def judge_beside(sure: Masks | None, layout: Layout, sides: tuple[Side, Side], c
 def all_deep(sides: tuple[Side, Side], levels: tuple[Floats, Floats], far: float) -> Masks:
     """Return which vertices (n,) of both sides are so far off zero that they need no patch; see `find_deep`."""
     return map_sides(lambda k: find_deep(sides[k], levels[k], far), larger_of(sides))
-
-
-def away_from_both(sides: tuple[Side, Side], test: Tested) -> Masks:
-    """Return of both sides which vertices lie away from what is significant or suspect; see `away_from`."""
-    return map_sides(lambda k: away_from(sides[k], test, k), larger_of(sides))
-
-
-def away_from(side: Side, test: Tested, which: int) -> Bools:
-    """Return which assessed vertices lie neither in a significant or suspect unit nor in one that touches it."""
-    return np.asarray(_lie_away(test.units[which].number, is_hit(test, which), side.neighbours))
-
-
-def can_teach(rest: Masks, sides: tuple[Side, Side], test: Tested) -> bool:
-    """Return whether what lies away from all that is significant or suspect may tell the noise: it is the majority, or,
-    beside a wide change, what is significant by itself is the minority and enough lies away from all patches that are.
-    """
-    n_rest, n_assessed = (sum(int(m.sum()) for m in masks) for masks in (rest, [s.is_assessed for s in sides]))
-    if not any(lie_apart(test, k).any() for k in range(2)):
-        return n_rest > 0.5 * n_assessed
-    alone = [u.areas[p[:, 0] <= max(test.limit, SUSPECT)].sum() for u, p in zip(test.units, test.p_values, strict=True)]
-    return bool(sum(alone) < 0.5 * sum(u.areas.sum() for u in test.units) and n_rest > BESIDE_WIDE * n_assessed)
-
-
-def is_hit(test: Tested, which: int) -> Bools:
-    """Return which units (u,) of a side are significant, suspect, or part of a wide change."""
-    p_values = np.minimum(test.p_gained[which], test.p_lost[which])
-    return (p_values <= max(test.limit, SUSPECT)) | lie_apart(test, which)
-
-
-def lie_apart(test: Tested, which: int) -> Bools:
-    """Return which units (u,) belong to a wide change: few lie between those beyond 3 sigma and the rest.
-
-    One by one they are suspect only beyond the tail that a first look allows for; they are a third of all, and as
-    errors would make the level so high that none of them is ever found.
-    """
-    units = test.units[which]
-    return stand_apart(units.means, units.areas, ~test.lies_beyond[which])
-
-
-@jit(nopython=True, cache=True, nogil=True)
-def _lie_away(number, hit, neighbours):  # type: ignore[no-untyped-def]
-    """Return whether each vertex lies in a unit that is not hit and has no edge to one that is."""
-    touched = hit.copy()
-    for v in range(len(number)):
-        if number[v] >= 0 and hit[number[v]]:
-            for k in range(neighbours.starts[v], neighbours.starts[v + 1]):
-                if number[neighbours.vertices[k]] >= 0:
-                    touched[number[neighbours.vertices[k]]] = True
-    out = np.empty(len(number), dtype=np.bool_)
-    for v in range(len(number)):
-        out[v] = number[v] >= 0 and not touched[number[v]]
-    return out

@@ -21,7 +21,8 @@ class Tested:
     largest p value that is significant (0: none is); `size` [m] of a unit; `errors` of each size of patch, smallest
     first, and of their `scans`; `n_tested` patches in all; `p_values` (p, s) of them on each side; `lies_beyond` (u,)
     of each side, units that lie farther off zero than the rest; `far`, by how many levels of detection no vertex lies
-    off zero by chance; `level`, the share of false discoveries that is held.
+    off zero by chance; `level`, the share of false discoveries that is held; `is_whole` (u,) of each side, units
+    that are no scraps.
     """
 
     units: tuple[Units, Units]
@@ -37,6 +38,7 @@ class Tested:
     lies_beyond: tuple[Bools, Bools]
     far: float
     level: float
+    is_whole: tuple[Bools, Bools]
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from monitor.comparison.detection.detect import (
     LearnErrors,
-    away_from_both,
-    can_teach,
     detect,
     errors_of_calm,
     judge_units,
@@ -28,6 +26,7 @@ from monitor.comparison.detection.detect import (
 from monitor.comparison.detection.marking import level_at, mark_changed
 from monitor.comparison.detection.needed import patches_needed
 from monitor.comparison.detection.patches import Patches, lay_out_again
+from monitor.comparison.detection.rest import away_from_both, can_teach
 from monitor.comparison.detection.skirts import trim_skirts
 from monitor.comparison.detection.tested import Detected
 from monitor.comparison.distances.connected import connect_like
