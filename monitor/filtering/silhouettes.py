@@ -244,4 +244,4 @@ def widest_gap(directions: Floats, aside: Floats) -> Floats:
     angles = np.arctan2(np.einsum("nkj,nj->nk", aside, upward), np.einsum("nkj,nj->nk", aside, across))
     at_itself = (aside == 0.0).all(axis=2)
     angles = np.sort(np.where(at_itself, angles.max(axis=1, keepdims=True), angles), axis=1)
-    return np.maximum(np.diff(angles, axis=1).max(axis=1), 2.0 * math.pi - angles[:, -1] + angles[:, 0])
+    return np.maximum(np.diff(angles, axis=1).max(axis=1, initial=0.0), 2.0 * math.pi - angles[:, -1] + angles[:, 0])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from monitor.filtering import filter_scan_with_record
+from monitor.filtering.fringes import find_fringes
 from monitor.simulation import INSTRUMENTS, Scene, simulate_scan, sphere_scene, stand_at, window_around
 from monitor.simulation.scenes import make_box
 from projects.transforms import apply
@@ -58,3 +59,26 @@ def test_of_a_wall_seen_face_on_at_most_what_hangs_over_its_rims_goes():
     scan = scan_before_nothing(wall, 0.005)
     y, z = apply(scan.pose, scan.cloud.points)[:, 1:].T
     assert filter_scan_with_record(scan).counts["fringe"] <= ((np.abs(y) > 0.3) | (np.abs(z) > 0.2)).sum()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("n_points", [0, 1, 2, 3, 11, 30, 120])
+@pytest.mark.parametrize("width", [0.1, 0.0])
+def test_few_points_and_those_along_one_beam_are_no_fringe(n_points, width):
+    """A single known point stopped the filter; of points along one beam NaN were asked."""
+    places = np.linspace(0.0, 1.0, n_points)[:, None]
+    points = places * [width, 0.0, 0.0] + places * [0.0, 0.001, 0.0] * (width == 0.0)
+    normals = np.tile([0.0, 0.0, 1.0], (n_points, 1))
+    noise, known = np.full(n_points, 1e-4), np.ones(n_points, dtype=bool)
+    origin = np.array([0.0, -3.0, 0.3 * (width > 0.0)])
+    assert not find_fringes(points, origin, normals, noise, known, 1.4).any()
+
+
+def test_the_order_of_the_points_changes_nothing(rng):
+    v = rng.normal(size=(4000, 3))
+    v = v[v[:, 0] > 0.0] / np.linalg.norm(v[v[:, 0] > 0.0], axis=1)[:, None]
+    order, noise, known = rng.permutation(len(v)), np.full(len(v), 1e-4), np.ones(len(v), dtype=bool)
+    origin = np.array([3.0, 0.0, 0.0])
+    named = find_fringes(0.1 * v, origin, v, noise, known, 1.4)
+    assert named.any()
+    assert (find_fringes(0.1 * v[order], origin, v[order], noise, known, 1.4) == named[order]).all()
