@@ -33,9 +33,12 @@ class Series:
     are of the epochs compared with it. Over the n vertices of the reference surface: `rate`, `sigma_rate` [m/year],
     `acceleration`, `sigma_acceleration` [m/year2], NaN where unknown, positive = gained, and `identity`, the followed
     region (0: none). `regions` (`SERIES_COLUMNS`) has a row for each followed region, `history` (`HISTORY_COLUMNS`) one
-    for each of them in each epoch, measured over its whole footprint: `change_m3` is its mean change times its area, as
-    much larger as the region's volume is where that is largest, and `area_m2` that of the epoch's own region, NaN
-    where it has none: whether a place spreads shows there. Of a region `found_by` its "trend" no single epoch
+    for each of them in each epoch, measured over its whole footprint: `change_m3` is the volume of the bodies that
+    the epoch's comparison found there, and of prisms beside them; of all of it where it found none, mean change times
+    area, as much larger as bodies are than prisms in the epoch nearest in size. `mean_m` is along perpendiculars, which
+    fall short of the depth where a change is deep for its width; `model`, its p values and the rate of the volume are
+    of the volumes. `area_m2` is that of the epoch's own region, NaN where it has none: whether a place spreads shows
+    there. Of a region `found_by` its "trend" no single epoch
     shows anything, and `first_seen` and `last_seen` are empty; others were found by "epochs", or "both". `forecast`
     (`FORECAST_COLUMNS`) says for regions with a trend which mean difference an epoch at a time should show if it goes
     on as before. `motions` (`MOTION_COLUMNS`) says how the object stood as a whole in each epoch against the first,

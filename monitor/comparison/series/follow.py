@@ -223,10 +223,11 @@ def forecast_rows(followed: Followed, measured: Footprint, course: Course, years
     not; nor of what merged into another.
     """
     slows_down = course.model == "accelerating" and course.acceleration * course.rate < 0.0
-    if course.model not in GOES_ON or slows_down or followed.merged_into:
+    degree = 2 if course.model == "accelerating" else 1
+    is_open = np.count_nonzero(np.isfinite(measured.means)) < degree
+    if course.model not in GOES_ON or slows_down or followed.merged_into or is_open:
         return []
     at = np.linspace(0.0, (1.0 + AHEAD) * years[-1], N_FORECAST)
-    degree = 2 if course.model == "accelerating" else 1
     means, sigmas = predict(years, measured.means, measured.sigmas, measured.sigma_reference, at, degree)
     return [[followed.identity, float(t), float(m), float(s)] for t, m, s in zip(at, means, sigmas, strict=True)]
 

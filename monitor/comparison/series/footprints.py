@@ -42,12 +42,12 @@ class Footprint:
         and a steady one would seem to slow down. How fast the mean itself goes on is told of the means; what bends is
         told in metres by what volume a metre of the mean is where it is largest.
         """
-        if not (np.isfinite(self.means) & np.isfinite(self.sigmas)).any():
+        if not np.isfinite(self.volumes).all(axis=1).any():
             return Course("not assessable", *(float("nan"),) * 7, (float("nan"), float("nan")), float("nan"))
-        by_volume, own = self.volumes / self.per_metre, self.sigma_volume_reference / self.per_metre
-        course = fit_course(years, *by_volume.T, own, seed=seed)
+        values, sigmas = self.volumes.T / self.per_metre
+        course = fit_course(years, values, sigmas, self.sigma_volume_reference / self.per_metre, seed=seed)
         rate, sigma_rate = fit_rate(years, self.means, self.sigmas, self.sigma_reference)
-        return replace(course, rate=rate, sigma_rate=sigma_rate)
+        return replace(course, rate=rate, sigma_rate=sigma_rate) if np.isfinite(rate) else course
 
     @property
     def per_metre(self) -> float:
@@ -61,7 +61,7 @@ class Footprint:
         """Return the rate of the volume and its sigma [m3/year] of what goes on at a rate; NaN of any other course."""
         if course.model not in GOES_ON:
             return float("nan"), float("nan")
-        return fit_rate(years, *self.volumes.T, self.sigma_volume_reference)
+        return fit_rate(years, self.volumes[:, 0], self.volumes[:, 1], self.sigma_volume_reference)
 
 
 def measure_footprint(followed: Followed, changes: Sequence[EpochChange], found: Sequence[Bodies], surface: Side,
@@ -83,10 +83,11 @@ def measure_footprint(followed: Followed, changes: Sequence[EpochChange], found:
     means[followed.merged_at or len(means) :] = np.nan
     sigmas = np.where(np.isfinite(means), sigmas, np.nan)
     centre = np.average(changes[0].side.surface.vertices[at], axis=0, weights=areas[at])
-    volumes = area * np.column_stack([means, sigmas])
+    volumes: Floats = area * np.column_stack([means, sigmas])
     if followed.numbers and not followed.is_grown:
         levels = np.array([_mean_level(c.side, at) for c in changes])
         volumes = measure_volumes(changes, found, areas, at, Prisms(volumes, chosen, area * missed, levels))
+        volumes[followed.merged_at or len(means) :] = np.nan
     own, own_volume = (float(np.sqrt(part)) * _least(s) for s in (sigmas, volumes[:, 1]))
     return Footprint(area, centre, means, sigmas, own, volumes, own_volume)
 

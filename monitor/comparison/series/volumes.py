@@ -66,19 +66,19 @@ def measure_volumes(changes: Sequence[EpochChange], found: Sequence[Bodies], are
 
     Prisms beside what an epoch `found`, and all of them where it found nothing, or nothing whose volume is known, are
     taken as much larger as the body is than the prisms in the epoch nearest in size that found all of the region; half
-    of what that changes is unsure.
+    of what that changes is unsure. A body that is known is told even where most of the footprint has no perpendicular.
     """
     area = float(areas[at].sum())
     held = [hold_bodies(c, f, areas, at) for c, f in zip(changes, found, strict=True)]
     bodies = np.array([h.body for h in held])
     beside, unseen = (np.array([getattr(h, name) for h in held]) for name in ("beside", "unseen"))
-    is_own = np.isfinite(bodies[:, 0]) & np.isfinite(prisms.values[:, 0]) & (unseen <= MOST_UNSEEN * area)
+    is_own = np.isfinite(bodies[:, 0]) & (unseen <= MOST_UNSEEN * area)
     is_whole = is_own & (beside <= MOST_BESIDE * area)
     ratios = ratios_of(prisms.values[:, 0], bodies, is_whole)
     beside = np.where(is_own, beside, area)
     rest = np.where(is_own, [h.prisms for h in held] - prisms.chosen * beside / area, prisms.values[:, 0])
     body = np.where(is_own[:, None], bodies, 0.0)
-    sigma = sigmas_beside(prisms, bodies, is_whole, area) * np.sqrt(beside / area)
+    sigma = np.where(beside > 0.0, sigmas_beside(prisms, bodies, is_whole, area) * np.sqrt(beside / area), 0.0)
     sigma = np.hypot(ratios * sigma, 0.5 * (ratios - 1.0) * rest)
     return np.column_stack([body[:, 0] + ratios * rest, np.hypot(body[:, 1], sigma)])
 
@@ -142,10 +142,11 @@ def margins_of(change: EpochChange, places: Ints, surface: Side) -> Ints:
     side, least = change.side, EDGES * float(np.sqrt(np.median(surface.areas)))
     by_width = change.comparison.statistics.get("told_by_width_m") or [[0.0]]
     most = max(float(by_width[0][0]) / (2.0 * (REACHES[0] + np.sqrt(2.0))), least)
-    wide, widths = spread_margin(surface, places, most), np.full(int(places.max(initial=0)) + 1, least)
+    whole = side.region  # with what lies beyond the perpendiculars
+    wide, widths = spread_margin(surface, whole, most), np.full(int(whole.max(initial=0)) + 1, least)
     for r in np.setdiff1d(places, [0]):
         at = np.flatnonzero(places == r)
         size = np.sign(np.nansum(side.distances[at])) * np.nan_to_num(side.distances)
         flank = Z95 * border_shift(surface, size, side.lod95, (at, wide == r)) / perimeter_of(surface, at)
         widths[r] = np.clip(FLANKS * flank, least, most)
-    return spread_margin(surface, places, widths)
+    return spread_margin(surface, whole, widths)
