@@ -90,6 +90,7 @@ def hold_bodies(change: EpochChange, found: Bodies, areas: Floats, at: Ints) -> 
     inside[0] = 0.0
     there = np.unique(number[number > 0])
     share = inside[there] / found.sizes[there]
+    share = np.where(share > 1.0 - MOST_BESIDE, 1.0, share)  # what lies there but for some of its border
     body = (float(share @ found.volumes[there, 0]), float(np.linalg.norm(share * found.volumes[there, 1])))
     is_beside = ~np.isin(found.margins[at], there)
     is_known, weight = np.isfinite(distances), np.where(is_beside, areas[at], 0.0)
