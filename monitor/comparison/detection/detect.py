@@ -242,8 +242,7 @@ def changed_surely(sides: tuple[Side, Side], test: Tested, noise: Noise) -> Mask
 def judge_beside(sure: Masks | None, layout: Layout, sides: tuple[Side, Side], calm: Masks, noise: Noise,
                  level: float, registration: Registration) -> Tested:  # fmt: skip
     """Test all patches, by errors that patches without what changed surely (`sure`, None: nothing) show; where no noise
-    is stated, and tails are learned, patches of what is calm alone: half a patch of flanks beside what is left out would
-    be all of these."""
+    is stated, and tails are learned, patches of what is calm alone: others may be flanks by half."""
     learn = partial(learn_errors, errors_of_calm(sides[0]))
     if sure is None:
         return judge_units(layout, sides, calm, noise, level, learn)
