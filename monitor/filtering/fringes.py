@@ -12,10 +12,7 @@ import math
 import numpy as np
 
 from monitor.across import frames_across
-from monitor.blocks import blocks
-from monitor.filtering.nearest import build_index, find_nearest_sorted
 from monitor.filtering.silhouettes import (
-    BLOCK,
     JUMP_SIGMAS,
     N_ASIDE,
     Field,
@@ -33,9 +30,6 @@ WINDOWS = (12, 24, 48)  # neighbours: two, three and five rows of a scan within 
 # too much stays outside: 1.7 to 2.1 sigmas where 1.5 are left (phase-2020, R 0.1 m, 1.5 mm).
 SURE = 4.0
 N_ROUNDS = 12  # rows at most, those of a spot of ten spacings
-N_WITHIN, FEWEST_WITHIN = 24, 12  # points within the border, rows two to five, that tell where the surface lies there
-N_ALONG = 65  # border points judged as one: one in three is of a curtain or none, as its place in the grid has it
-STANDS_OUT = 0.8  # standard errors of a point; without a spot the median of a border was 0.1 to 0.9, with one 0.7 to 8
 
 
 def find_fringes(
@@ -43,11 +37,11 @@ def find_fringes(
 ) -> Bools:
     """Return the points (n,) at and past limbs that may hang outside of their surface.
 
-    A curtain of one row shows in the mean alone: on a steep surface a border point goes where those around it stand
-    outside of what the points within tell of the surface (`_stands_outside`). Towards its limb a surface turns away
-    ever more: on the way into the scan the range falls fast at first and then less. Across a curtain it falls little at
-    first and then fast: a place that shows this goes, and as long as the new border shows it, that goes too. Only
-    points with neighbours of the same surface that stay are named, as for rims.
+    On a steep surface all points of the border go, for a curtain of one row cannot be told from the surface: asked by
+    what the rows within say of it, too much stayed, and passed for change. Towards its limb a surface turns away ever
+    more: on the way into the scan the range falls fast at first and then less. Across a curtain it falls little at
+    first and then fast: as long as the new border shows that, it goes too. Only points with neighbours of the same
+    surface that stay are named, as for rims.
 
     Parameters
     ----------
@@ -62,9 +56,7 @@ def find_fringes(
     gone, asked = np.zeros(len(field.order), dtype=bool), np.flatnonzero(is_steep)
     for k in range(N_ROUNDS):
         ring, (which, beside) = gone.copy(), _border(field, asked, gone)
-        ring[which[_is_curtain(field, which, gone)]] = True
-        if k == 0:
-            ring[which[_stands_outside(field, which)]] = True
+        ring[which if k == 0 else which[_is_curtain(field, which, gone)]] = True
         fresh = has_inner(field, ring) & ~gone
         if not fresh.any():
             break
@@ -97,59 +89,6 @@ def _is_curtain(field: Field, asked: Ints, gone: Bools) -> Bools:
         bent = [_bends_back(field.index.points[which], offsets, rise, rank <= n + 1, noise) for n in WINDOWS]
         shown.append(np.any(bent, axis=0))
     return np.concatenate(shown)
-
-
-def _stands_outside(field: Field, border: Ints) -> Bools:
-    """Return which of the directions at the border (m,) lie where the border stands outside of its surface.
-
-    As many border points as `N_ALONG`, those next to one another, are judged by their median. It is no test at 95 %:
-    a row too many costs a row, a row too few leaves errors of three to six sigmas.
-    """
-    outside, at_border = np.full(len(border), np.nan), np.zeros(len(field.order), dtype=bool)
-    at_border[border] = True
-    first = 0
-    for which, near in field.blocks(border, N_WITHIN + N_ALONG):
-        outside[first : first + len(which)] = _outside(field, which, near, at_border)
-        first += len(which)
-    known = np.flatnonzero(np.isfinite(outside))
-    shown = np.zeros(len(border), dtype=bool)
-    if len(known):
-        index = build_index(field.index.points[border[known]])
-        for block in blocks(len(known), BLOCK):
-            some = np.arange(len(known))[block]
-            along = find_nearest_sorted(index, some, min(N_ALONG, len(known)))
-            shown[known[block]] = np.median(outside[known][along], axis=1) > STANDS_OUT
-    return shown
-
-
-def _outside(field: Field, which: Ints, near: Ints, at_border: Bools) -> Floats:
-    """Return how far outside of its surface each border direction (n,) stands, in standard errors; NaN of too few.
-
-    Beside a limb the range has no second order, but the way inward as a function of the range has: it is fitted to the
-    points within, and asked for at the range of the border point. What is missed there, texture too, is in the error.
-    """
-    offsets, rise, rank = _own_surface(field, which, near, at_border)
-    weights = (rank <= N_WITHIN).astype(float)
-    n = np.maximum(weights.sum(axis=1), 1.0)
-    axes = frames_across(field.index.points[which].astype(float))
-    u, v = (field.ranges[which][:, None] * np.einsum("nki,ni->nk", offsets, axis) for axis in axes)
-    inward, aside = _turned(u, v, weights)
-    mean = (weights * rise).sum(axis=1) / n
-    depth = rise - mean[:, None]
-    wide, deep = (np.maximum(np.sqrt((weights * x * x).sum(axis=1) / n), 1e-12) for x in (aside, depth))
-    x, y = depth / deep[:, None], aside / wide[:, None]
-    terms = np.stack([np.ones_like(x), x, x * x, y, y * y], axis=2)
-    at = -mean / deep
-    there = np.stack([np.ones_like(at), at, at * at, 0.0 * at, 0.0 * at], axis=1)
-    inverse = np.linalg.pinv(np.einsum("nk,nki,nkj->nij", weights, terms, terms), hermitian=True)
-    found = np.einsum("nij,nkj,nk,nk->ni", inverse, terms, weights, inward)
-    missed = weights * (inward - np.einsum("nkj,nj->nk", terms, found)) ** 2
-    slope = (found[:, 1] + 2.0 * found[:, 2] * at) / deep
-    noise = field.noise[field.order[which]].astype(float)
-    error2 = missed.sum(axis=1) / np.maximum(n - terms.shape[2], 1.0) + (noise * slope) ** 2
-    error2 *= 1.0 + np.maximum(np.einsum("ni,nij,nj->n", there, inverse, there), 0.0)
-    outside = (there * found).sum(axis=1) / np.sqrt(np.maximum(error2, 1e-300))
-    return np.where(n >= FEWEST_WITHIN, outside, np.nan)
 
 
 def _turned(u: Floats, v: Floats, weights: Floats) -> tuple[Floats, Floats]:
