@@ -20,7 +20,7 @@ from projects.store import Project
 # Raised when a step's method changes, so that what an older version made is made anew.
 METHOD = {
     "calibration": 6,
-    "scan": 12,
+    "scan": 11,
     "averaged": 13,  # repeated scans; until 10 a "scan" like others
     "targets": 2,
     "network": 18,

@@ -226,10 +226,9 @@ def _reasons(
     if settings.drop_rims:
         known = ~(reasons["speck"] | reasons["outlier"])
         reasons["rim"] = find_rims(points, origin, planes.noise, settings.max_incidence, known, settings.drop_border)
-        known &= ~np.any(list(mixed.values()), axis=0) if mixed else True
-        reasons["fringe"] = find_fringes(
-            points, origin, planes.normals, planes.noise, known & ~reasons["rim"], settings.max_incidence
-        )
+    if settings.drop_limbs:
+        known = ~np.any(list(reasons.values()), axis=0)
+        reasons["fringe"] = find_fringes(points, origin, planes.normals, planes.noise, known, settings.max_incidence)
     reasons["grazing"] = find_grazing(points, origin, planes.normals, settings.max_incidence)
     return reasons
 

@@ -57,6 +57,11 @@ class SilhouetteSettings:
         unit="",
         meaning="whether drop_rims takes the border of what the scan holds too, where a spot may reach over nothing",
     )
+    drop_limbs: bool = setting(
+        False,
+        unit="",
+        meaning="whether the steep border of a scan is dropped, with what hangs past limbs where part of a spot misses",
+    )
     drop_seen_through: bool = setting(
         True,
         unit="",

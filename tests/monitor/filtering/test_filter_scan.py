@@ -205,17 +205,12 @@ def test_nothing_to_merge_is_refused():
 
 
 def test_a_real_scan_keeps_its_surface(real_data):
-    """Bunny, first view: 0.5 mm spacing, noise below a tenth of it: nearly every point stays where it was measured.
-
-    What goes is its border where that is steep: against the mesh that Stanford made of all views its outermost row lies
-    0.18 to 0.43 mm outside in each of ten views, 3 to 7 sigmas, what lies within at most 0.06.
-    """
+    """Bunny, first view: 0.5 mm spacing, noise below a tenth of it: nearly every point stays where it was measured."""
     path = real_data / "stanford_bunny" / "range" / "bun000.ply"
     lines = path.read_text(encoding="latin-1").split("end_header\n")[1].splitlines()[:40256]
     points = np.array([line.split()[:3] for line in lines], dtype=float)
     result = filter_scan_with_record(Scan("bun000", PointCloud(points), np.eye(4), origin=np.array([0, 0, 1.0])))
-    assert len(result.cloud) + result.counts["fringe"] > 0.96 * len(points)
-    assert result.counts["fringe"] < 0.03 * len(points)
+    assert len(result.cloud) > 0.95 * len(points)
     assert 0.03e-3 < result.automatic["noise_before"] < 0.12e-3
     dropped = result.counts["outlier"] + result.counts["speck"]
     assert dropped < 0.01 * len(points)
