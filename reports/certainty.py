@@ -204,10 +204,10 @@ def is_closed_over(comparison: Comparison) -> bool:
 
 def share_of_edge(comparison: Comparison) -> float:
     """Return the larger share of the area of either surface that lies beyond its points, and is in no share of what
-    could be assessed; what closes holes is none of it. 0 where shares are of vertices."""
+    could be assessed; what closes holes is none of it. NaN where that is not known: shares are of vertices then."""
     areas = comparison.statistics.get("areas_by_assessment_m2")
     if areas is None:
-        return 0.0
+        return NAN
     shares = []
     for k, side in enumerate((comparison.on_reference, comparison.on_compared)):
         is_measured = ~rest_on_nothing(side.surface)
