@@ -196,7 +196,7 @@ def adjust_scans(
         return Adjustment(unmoved, (), False, reason, float("nan"), float("nan"), 0)
     network = replace(network, lies_near=network.lies_near and len(before) > 0)
     state = _settle(network, before, settings.max_iterations)
-    if state.reason and not before and (state.reason == LOST or _lie_as_given(network)):
+    if state.reason and not (is_tied or before) and (state.reason == LOST or _lie_as_given(network)):
         return Adjustment(unmoved, (), False, TOO_LITTLE, float("nan"), float("nan"), state.n_iterations)
     after = match_overlaps(network.overlaps, state.motions, network.finest_radius, fine=True)
     pairs = describe_pairs(before, after)

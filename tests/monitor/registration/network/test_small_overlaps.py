@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from network_of_caps import seen_targets
 
+from monitor.registration.network import adjustment
 from monitor.registration.network.adjustment import AdjustmentSettings, adjust_scans
+from monitor.registration.network.ties import identify_targets
 from projects.model import Floats, PointCloud
 from projects.transforms import apply, perturb
 
@@ -62,3 +67,18 @@ def test_scans_that_share_too_little_of_what_both_saw_stay_as_given(reach: float
     assert not found.applied
     assert found.pairs == ()
     assert found.reason == "what two scans share is too little, or was seen too steeply, to hold them"
+
+
+def test_scans_that_targets_hold_and_that_do_not_settle_are_refused(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They share too little besides; as given they would stand where their targets contradict."""
+    settle = adjustment._settle
+    moving = "still moving by 12 micrometres after 30 iterations"
+    monkeypatch.setattr(adjustment, "_settle", lambda *given: dataclasses.replace(settle(*given), reason=moving))
+    places = np.array([[1.0, 0.0, 0.0], [-0.5, 0.9, 0.0], [-0.5, -0.9, 0.3], [0.0, 0.0, 1.0]])
+    errors = [perturb(np.eye(4), np.zeros(3), d) for d in rng.normal(0.0, 2e-3, (3, 6))]
+    ties = identify_targets(seen_targets(rng, places, errors))
+    found = adjust_scans(scans_around(0, reach=63.0, noise=8e-4, limb=2e-3, n=2500), ties=ties)
+    assert not found.converged
+    assert found.reason == moving
