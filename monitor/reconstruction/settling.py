@@ -32,6 +32,7 @@ from monitor.reconstruction.roof_evidence import GAIN
 from monitor.reconstruction.roofs import Roofs, bring_onto, find_roofs, no_roofs
 from monitor.reconstruction.sides import Raw, fit_own_sides
 from monitor.reconstruction.surface_settings import SurfaceSettings
+from monitor.reconstruction.tool_marks import keep_tool_marks
 from monitor.reconstruction.untangle import drop_intersecting, untangle
 from projects.errors import ReconstructionError
 from projects.model import Bools, Floats, Ints
@@ -52,7 +53,7 @@ class Settled(NamedTuple):
 
 
 def settle(
-    vertices: Floats, faces: Ints, measured: tuple[Samples, Ladder, Stated | None], cell: float,
+    vertices: Floats, faces: Ints, measured: tuple[Samples, Ladder, Stated | None], cell: float, spacing: float,
     settings: SurfaceSettings, near: Callable[[Floats, Ints], Ints], counts: dict[str, int], automatic: dict[str, Any],
 ) -> Settled:  # fmt: skip
     """Bring the vertices onto the points, then drop what no point supports, slivers, crumbs and bow ties.
@@ -72,7 +73,14 @@ def settle(
     beside = np.zeros(len(used), bool)
     beside[faces[between]] = True
     faces = keep_faces(faces, ~between)
+    counts["vertices_held_back"] = 0
     projection, doubtful = hold_back(vertices, projection, faces, counts)
+    if settings.tool_marks:
+        smooth = projection.vertices
+        projection = ride_on_waves(projection, roofs, measured[0], (spacing, cell), automatic)
+        if automatic["waved_share"] > 0.0:
+            projection, moved = hold_back(smooth, projection, faces, counts)
+            doubtful |= moved
     before = len(faces)
     faces = near(projection.vertices, faces)
     counts["faces_untouched_by_samples"] += before - len(faces)
@@ -124,6 +132,17 @@ def fit_vertices(
     return projection, roofs
 
 
+def ride_on_waves(
+    projection: Projection, roofs: Roofs, samples: Samples, sizes: tuple[float, float], automatic: dict[str, Any]
+) -> Projection:
+    """Bring vertices onto what repeats of the relief; `sizes` are how far points and vertices lie apart (m)."""
+    held = np.zeros(len(projection.vertices), bool)
+    held[roofs.which] = True
+    kept = keep_tool_marks(projection, held, samples, *sizes)
+    automatic["waved_share"], automatic["cell_for_waves_m"] = float(kept.is_waved.mean()), kept.cell
+    return kept.projection._replace(sigma=np.maximum(kept.projection.sigma, FINEST * sizes[1]))
+
+
 def all_corners(is_so: Bools, faces: Ints) -> Bools:
     """Return which faces (m,) have three corners that are so, of vertices (n,)."""
     a, b, c = (is_so.take(corner) for corner in faces.T)
@@ -147,7 +166,7 @@ def hold_back(raw: Floats, projection: Projection, faces: Ints, counts: dict[str
     that may still meet others.
     """
     vertices, share, suspects = untangle(raw, projection.vertices, faces)
-    counts["vertices_held_back"] = int(np.count_nonzero(share < 1.0))
+    counts["vertices_held_back"] += int(np.count_nonzero(share < 1.0))
     short = np.linalg.norm(projection.vertices - vertices, axis=1)
     doubtful = np.zeros(len(vertices), bool)
     doubtful[faces[suspects]] = True

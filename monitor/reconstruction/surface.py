@@ -46,6 +46,8 @@ from projects.triangles import rest_on_nothing
 LEAST_SHOWN = 0.1  # of the noise stated: points that scatter less tell nothing of it, as those in one plane by rounding
 OF_FIT = 4.8  # variance in the middle of a quadratic fit of weights 1 - t^2, times its points over that of one
 ALONG_HOLES = 1.5  # cells: the longest edge of an invented face
+FINER = 0.9  # of the cell: relief that repeats too finely for it asks for a smaller one
+FINEST_CELL = 0.75  # of the spacing, for such relief
 N_TINT = 4  # samples that give a vertex its colour, intensity and roughness
 
 
@@ -107,7 +109,12 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     faces = near(vertices, faces)
     counts["faces_untouched_by_samples"] = counts["faces_raw"] - len(faces)
     stated = None if cloud.sigma is None else Stated(samples, cloud.sigma)
-    settled = settle(vertices, faces, (summed_up, ladder, stated), cell_used, settings, near, counts, automatic)
+    measured = summed_up, ladder, stated
+    settled = settle(vertices, faces, measured, cell_used, sampling.spacing, settings, near, counts, automatic)
+    finer = automatic.pop("cell_for_waves_m", np.nan)
+    if settings.cell_size is None and finer < FINER * cell_used:
+        given = replace(cloud, points=cloud.points + shift)
+        return reconstruct_with_record(given, replace(settings, cell_size=max(finer, FINEST_CELL * sampling.spacing)))
     settled = leave_openings(settled, finest, samples, sampling, settings.crumb_cells * cell_used, counts)
     settled = invent(settled, ALONG_HOLES * cell_used, settings, counts)
     surface = finish(settled.projection, settled.faces, samples, cloud)

@@ -1,0 +1,239 @@
+"""Relief that repeats, as the marks of tools, flutes and ripples do: kept by waves where fits would flatten it.
+
+In: vertices on their smooth fits and the points. Out: the same, where a patch with waves over a wide window predicts
+the points better than these fits do, on that patch. A fit follows what is wider than itself, and narrow fits are noisy;
+what repeats is known from all of a window at once. Windows overlap, each judged by itself, and their patches are
+blended. What smooth fits flatten and no waves bring back is part of sigma. Where the fits leave nothing but noise of
+the points not one bit changes.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import jit
+
+from monitor.reconstruction.gathering import ROOM, Sites, find_near, gate_height, near_room, rows_room
+from monitor.reconstruction.moments import BUCKETS_PER_RADIUS, Level, level_of_points, sort_by_cell
+from monitor.reconstruction.periodogram import COSINES, HIGHEST, SINES
+from monitor.reconstruction.projection import Projection, Samples
+from monitor.reconstruction.wave_windows import (
+    ACROSS,
+    ALIKE,
+    ASIDE,
+    FACTOR,
+    FINER,
+    FLATTENED,
+    FREQUENCIES,
+    N_FOUND,
+    N_ROW,
+    SHAPE,
+    SIZE,
+    TAKEN,
+    UPWARD,
+    VARIANCE,
+    fit_windows,
+    frame_over,
+    laid_room,
+    lay_in_window,
+    mean_upward,
+)
+from monitor.reconstruction.waves import MOST_WAVES, N_UNKNOWN, add_turns, error2_at, shape_at, window_room
+from monitor.threads import run_tasks
+from projects.model import Bools, Floats, Ints
+
+RADIUS = 16.0  # of a window, in spacings: some 800 points, several of the waves that narrow fits flatten
+APART = 0.75  # of the radius, from one window to the next
+CELLS_A_WAVE = 3.0  # fewer, and what faces cut off of waves hides more of a change than it tells of the relief
+SHORTER = 1.06  # of the frequencies that ask for smaller cells: they are known to some hundredths
+FEWEST_FINER = 0.1  # of the windows, for smaller cells all over
+SURELY = 3.0  # sigmas
+BLOCK = 2048  # windows whose fits are held at once
+WEIGHT, ALL, MOVE, MOVED2, ERROR2, TURNED, LEFT2, POINTS, FLAT2 = (
+    0, 1, slice(2, 5), 5, 6, slice(7, 10), 10, 11, 12
+)  # fmt: skip
+N_SUMS = 13
+
+
+class Kept(NamedTuple):
+    """Vertices with what repeats of the relief, and which (n,) of them lie on waves, by more than a half.
+
+    `cell` (m) is that of faces which would show waves too short for these, NaN where there are hardly any.
+    """
+
+    projection: Projection
+    is_waved: Bools
+    cell: float
+
+
+def keep_tool_marks(projection: Projection, held: Bools, samples: Samples, spacing: float, cell: float) -> Kept:
+    """Return the projection with its vertices on waves where these are known better than smooth fits.
+
+    Parameters
+    ----------
+    projection : vertices on smooth fits.
+    held : (n,) those on edges and corners, which stay unless the waves agree with them.
+    samples : the points; of the first level each is its own group.
+    spacing, cell : m, between points and between vertices.
+    """
+    radius, finest = RADIUS * spacing, samples.levels[0]
+    sites = lay_windows(projection, radius)
+    order = sort_by_cell(projection.vertices, radius / BUCKETS_PER_RADIUS)[0]
+    surface = level_of_points(projection.vertices, projection.normals, radius)
+    support = projection.n_support[order].astype(np.float64)
+    sizes, highest = (radius, gate_height(radius, samples.noise)), min(radius / (CELLS_A_WAVE * cell), HIGHEST)
+    sums, finer = None, []
+    for first in range(0, len(sites.which), BLOCK):
+        some = windows_from(sites, first)
+        rows = np.zeros((len(some.which), N_ROW))
+        run_tasks(fit_windows, len(rows), some, finest, surface, support, (*sizes, highest), COSINES, SINES, rows)
+        finer.append(rows[:, FINER])
+        if rows[:, : N_FOUND + 1].any():
+            sums = np.zeros((len(held), N_SUMS)) if sums is None else sums
+            _blend(some, surface, order, sizes, rows, sums)
+    smaller = cell_for(np.concatenate(finer), radius)
+    if sums is None:
+        return Kept(projection, np.zeros(len(held), np.bool_), smaller)
+    _count_windows(sites, surface, order, sizes, sums)
+    return Kept(*bring_onto_waves(projection, held, sums), smaller)
+
+
+def cell_for(frequencies: Floats, radius: float) -> float:
+    """Return the edge of a cell (m) that shows the waves of windows which are too short; NaN where these are few.
+
+    `frequencies` (n,) are in waves a radius (m), 0 where there is none.
+    """
+    short = frequencies[frequencies > 0.0]
+    if len(short) < FEWEST_FINER * len(frequencies):
+        return float("nan")
+    return float(radius / (CELLS_A_WAVE * SHORTER * np.quantile(short, 0.9)))
+
+
+def lay_windows(projection: Projection, radius: float) -> Sites:
+    """Return the middles of windows: of each cube of the lattice that has vertices that nearest to their mean."""
+    order, _, starts, _, _ = sort_by_cell(projection.vertices, APART * radius)
+    middles = _nearest_to_means(projection.vertices, order, starts)
+    alongs = np.zeros((len(middles), 3))
+    return Sites(
+        projection.vertices, projection.normals, middles, np.arange(len(middles) + 1), alongs, np.empty((0, 2, 10))
+    )
+
+
+def windows_from(sites: Sites, first: int) -> Sites:
+    """Return at most `BLOCK` windows from the `first` on."""
+    which = sites.which[first : first + BLOCK]
+    return sites._replace(which=which, starts=np.arange(len(which) + 1), alongs=sites.alongs[first : first + BLOCK])
+
+
+def bring_onto_waves(projection: Projection, held: Bools, sums: Floats) -> tuple[Projection, Bools]:
+    """Return the projection blended with the patches of windows, by the share of all windows around that found waves.
+
+    And which vertices (n,) lie on waves by more than a half.
+
+    What windows differ by where they overlap is part of sigma, as is what they or the smooth fits leave that varies
+    over several points.
+    """
+    on = np.flatnonzero(((sums[:, WEIGHT] > 0.0) | (sums[:, FLAT2] > 0.0)) & projection.is_fitted)
+    weight, every = np.maximum(sums[on, WEIGHT], 1e-300), np.maximum(sums[on, ALL], 1e-300)
+    share, mean = np.minimum(sums[on, WEIGHT] / every, 1.0), sums[on, MOVE] / weight[:, None]
+    mean2 = (mean**2).sum(axis=1)
+    differ2 = np.maximum(sums[on, MOVED2] / weight - mean2, 0.0)
+    old2, new2 = projection.sigma[on] ** 2, sums[on, ERROR2] / weight + differ2
+    agrees = ~held[on] | (mean2 < SURELY**2 * (old2 + new2))  # an edge that waves contradict is one
+    on, share, weight, every, mean, mean2, old2, new2 = (
+        values[agrees] for values in (on, share, weight, every, mean, mean2, old2, new2)
+    )
+    vertices, normals, sigma = projection.vertices.copy(), projection.normals.copy(), projection.sigma.copy()
+    scatter, n_support = projection.scatter.copy(), projection.n_support.copy()
+    vertices[on] += share[:, None] * mean
+    turned = share[:, None] * sums[on, TURNED] / weight[:, None] + (1.0 - share[:, None]) * normals[on]
+    normals[on] = turned / np.linalg.norm(turned, axis=1)[:, None]
+    spread2 = share * (1.0 - share) * mean2
+    sigma[on] = np.sqrt(share * new2 + (1.0 - share) * old2 + spread2 + sums[on, FLAT2] / every)
+    scatter[on] = np.sqrt(share * sums[on, LEFT2] / weight + (1.0 - share) * scatter[on] ** 2)
+    n_support[on] = np.round(share * sums[on, POINTS] / weight + (1.0 - share) * n_support[on])
+    is_waved = np.zeros(len(held), np.bool_)
+    is_waved[on] = share > 0.5
+    return Projection(vertices, normals, sigma, scatter, n_support, projection.is_fitted), is_waved
+
+
+@jit(nopython=True, cache=True)
+def _nearest_to_means(vertices: Floats, order: Ints, starts: Ints) -> Ints:
+    """Of each range of `order` the vertex nearest to the mean of all of it."""
+    out = np.empty(len(starts) - 1, np.int64)
+    for k in range(len(out)):
+        x, y, z, n = 0.0, 0.0, 0.0, starts[k + 1] - starts[k]
+        for q in range(starts[k], starts[k + 1]):
+            x, y, z = x + vertices[order[q], 0], y + vertices[order[q], 1], z + vertices[order[q], 2]
+        least = np.inf
+        for q in range(starts[k], starts[k + 1]):
+            p = vertices[order[q]]
+            away = (p[0] - x / n) ** 2 + (p[1] - y / n) ** 2 + (p[2] - z / n) ** 2
+            if away < least:
+                least, out[k] = away, order[q]
+    return out
+
+
+@jit(nopython=True, cache=True)
+def _blend(sites: Sites, surface: Level, order: Ints, sizes: Any, rows: Floats, sums: Floats) -> None:
+    """Add up, for each vertex, what the windows around say of it; one after another, so that sums have one order."""
+    radius, gate = sizes
+    reach = np.hypot(radius, gate)
+    room, near, upward = rows_room(reach, radius, surface.bucket), near_room(ROOM), np.empty(3)
+    laid, w = laid_room(ROOM), window_room(1)
+    for window in range(len(rows)):
+        row, middle = rows[window], sites.which[window]
+        if row[N_FOUND] == 0.0 and row[FLATTENED] == 0.0:
+            continue
+        place = sites.vertices[middle]
+        n, near = find_near(surface, sites, window, reach, room, near)
+        mean_upward(near, n, sites.normals[middle], place, radius, upward)
+        laid = laid if n <= len(laid.u) else laid_room(2 * n)
+        n = lay_in_window(near, n, place, frame_over(upward), sizes, TAKEN, laid)
+        w.frequencies[:] = row[FREQUENCIES].copy().reshape(MOST_WAVES, 2)
+        w.factor[:] = row[FACTOR].copy().reshape(N_UNKNOWN, N_UNKNOWN)
+        for k in range(n):
+            own = sums[order[near.groups[laid.picked[k]]]]
+            weight = (1.0 - (laid.u[k] ** 2 + laid.v[k] ** 2) / TAKEN**2) ** 2
+            if row[N_FOUND] == 0.0:
+                own[FLAT2] += weight * radius * radius * row[FLATTENED]
+            else:
+                _add_waves(w, row, laid.u[k], laid.v[k], laid.z[k], weight, radius, own)
+
+
+@jit(nopython=True, cache=True)
+def _add_waves(w: Any, row: Floats, u: float, v: float, z: float, weight: float, radius: float, own: Floats) -> None:
+    """Add what a window's waves say of a vertex at (u, v, z) to its own sums."""
+    n_waves, variance = int(row[N_FOUND]), row[VARIANCE]
+    height, slope_u, slope_v = shape_at(u, v, w.frequencies, n_waves, row[SHAPE], w.row)
+    move, upright2 = radius * (height - z), 1.0 / (1.0 + slope_u**2 + slope_v**2)
+    add_turns(u, v, n_waves, row[SHAPE], w.row)
+    error2 = error2_at(w, n_waves, variance) * upright2 + row[ALIKE]
+    own[WEIGHT] += weight
+    for a in range(3):
+        own[MOVE.start + a] += weight * move * row[UPWARD.start + a]
+        turned = row[UPWARD.start + a] - slope_u * row[ACROSS.start + a] - slope_v * row[ASIDE.start + a]
+        own[TURNED.start + a] += weight * turned * np.sqrt(upright2)
+    own[MOVED2] += weight * move * move
+    own[ERROR2] += weight * radius * radius * error2
+    own[LEFT2] += weight * radius * radius * variance
+    own[POINTS] += weight * row[SIZE]
+
+
+@jit(nopython=True, cache=True)
+def _count_windows(sites: Sites, surface: Level, order: Ints, sizes: Any, sums: Floats) -> None:
+    """Add up the weights of all windows around each vertex, of those that found nothing too."""
+    radius, gate = sizes
+    reach = np.hypot(radius, gate)
+    room, near, upward, laid = rows_room(reach, radius, surface.bucket), near_room(ROOM), np.empty(3), laid_room(ROOM)
+    for window in range(len(sites.which)):
+        middle = sites.which[window]
+        place = sites.vertices[middle]
+        n, near = find_near(surface, sites, window, reach, room, near)
+        mean_upward(near, n, sites.normals[middle], place, radius, upward)
+        laid = laid if n <= len(laid.u) else laid_room(2 * n)
+        n = lay_in_window(near, n, place, frame_over(upward), sizes, TAKEN, laid)
+        for k in range(n):
+            away2 = laid.u[k] ** 2 + laid.v[k] ** 2
+            sums[order[near.groups[laid.picked[k]]], ALL] += (1.0 - away2 / TAKEN**2) ** 2

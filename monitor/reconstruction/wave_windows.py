@@ -1,0 +1,313 @@
+"""One window after another over a surface: what its fits flattened there, and whether waves know the points better.
+
+In: the middles of windows, vertices on smooth fits and points. Out: a row for each window: what its smooth surface
+leaves of the points and is not noise, and, where they predict the points better than that surface, waves and all that
+is needed to use them. Judged by the squares that are left, and what the freedom of either takes of the points' noise
+(Mallows 1973).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import jit
+
+from monitor.reconstruction.gathering import ROOM, Sites, find_near, near_room, rows_room, tangent_frame
+from monitor.reconstruction.moments import Level
+from monitor.reconstruction.periodogram import (
+    HIGHEST,
+    N_CELLS,
+    SURE_OF_PATTERN,
+    alike_beside,
+    pattern_in,
+    strongest_wave,
+    sum_in_cells,
+)
+from monitor.reconstruction.waves import (
+    CUT,
+    FIRST_POWER,
+    MOST_WAVES,
+    N_BENT,
+    N_COEFFICIENTS,
+    N_UNKNOWN,
+    are_gentle,
+    find_waves,
+    fit_distances,
+    window_room,
+)
+from projects.model import Floats, Ints
+
+TAKEN = 0.8  # of the radius: farther out a patch is not used
+LEAST_POINTS, MOST_POINTS = 100, 4000  # of a window; of more every second, third, ... is taken
+ANY_SIDE = 0.17  # least cosine between normal and window: within 80 degrees
+FLAT_ENOUGH = 0.8  # length of the mean normal over a window
+NARROW = 0.25  # of a window's points: fits to fewer are noisier than waves, though they may flatten nothing
+N_BESIDE = 3  # vertices whose planes say how far a point is off the smooth surface
+# Of what a fit takes of its points' noise in the middle of its window. Its radius is chosen on the same noise, and
+# takes more: 1.3 to 2.5 times as much over waves, tool marks, bumps and fractal relief.
+TAKES = 4.8 * 1.6
+PER_WAVE = 8.0  # coefficients: amplitude, phase and frequencies, found among hundreds
+SPLASH = 1.5  # cells, as far as a vertex says how high the smooth surface is
+FLATTENED, N_FOUND, FINER, SIZE, VARIANCE, ALIKE, PLACE, ACROSS, ASIDE, UPWARD = (
+    0, 1, 2, 3, 4, 5, slice(6, 9), slice(9, 12), slice(12, 15), slice(15, 18)
+)  # fmt: skip
+FREQUENCIES = slice(18, 18 + 2 * MOST_WAVES)
+SHAPE = slice(FREQUENCIES.stop, FREQUENCIES.stop + N_COEFFICIENTS)
+FACTOR = slice(SHAPE.stop, SHAPE.stop + N_UNKNOWN**2)
+N_ROW = FACTOR.stop
+
+
+class Laid(NamedTuple):
+    """Where things lie in a window, in its frame and radii, and which of what is near they are; room for n."""
+
+    u: Floats
+    v: Floats
+    z: Floats
+    picked: Ints
+
+
+class Heights(NamedTuple):
+    """Sums (c, c) of weighted heights of the smooth surface in the cells of a window, and of the weights."""
+
+    sums: Floats
+    weights: Floats
+
+
+@jit(nopython=True, cache=True)
+def laid_room(n: int) -> Any:
+    """Room for n places."""
+    return Laid(np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64))
+
+
+@jit(nopython=True, cache=True)
+def mean_upward(near: Any, n: int, own: Floats, place: Floats, radius: float, out: Floats) -> bool:
+    """Unit mean normal of what is near within the radius and looks the way of `own`; False where it bends too much."""
+    x, y, z, m = 0.0, 0.0, 0.0, 0
+    for k in range(n):
+        dx, dy, dz = near.values[0, k] - place[0], near.values[1, k] - place[1], near.values[2, k] - place[2]
+        a, b, c = near.values[3, k], near.values[4, k], near.values[5, k]
+        if dx * dx + dy * dy + dz * dz < radius * radius and a * own[0] + b * own[1] + c * own[2] > 0.0:
+            x, y, z, m = x + a, y + b, z + c, m + 1
+    length = np.sqrt(x * x + y * y + z * z)
+    if m == 0 or length < FLAT_ENOUGH * m:
+        out[:] = own
+        return False
+    out[0], out[1], out[2] = x / length, y / length, z / length
+    return True
+
+
+@jit(nopython=True, cache=True)
+def frame_over(upward: Floats) -> Any:
+    """Unit vectors across, aside and upward of a window."""
+    across, aside = tangent_frame(upward)
+    return across, aside, (upward[0], upward[1], upward[2])
+
+
+@jit(nopython=True, cache=True)
+def lay_in_window(near: Any, n: int, place: Floats, frame: Any, sizes: Any, reach: float, laid: Any) -> int:
+    """Lay what is near within `reach` radii of a window's middle, and looks its way, into its frame: how many.
+
+    `sizes` are radius and gate (m).
+    """
+    (tx, ty, tz), (bx, by, bz), (nx, ny, nz) = frame
+    radius, gate = sizes
+    m = 0
+    for k in range(n):
+        dx, dy, dz = near.values[0, k] - place[0], near.values[1, k] - place[1], near.values[2, k] - place[2]
+        u, v = (dx * tx + dy * ty + dz * tz) / radius, (dx * bx + dy * by + dz * bz) / radius
+        z = dx * nx + dy * ny + dz * nz
+        cosine = near.values[3, k] * nx + near.values[4, k] * ny + near.values[5, k] * nz
+        if u * u + v * v <= reach * reach and abs(z) <= gate and cosine > ANY_SIDE:
+            laid.u[m], laid.v[m], laid.z[m], laid.picked[m] = u, v, z / radius, k
+            m += 1
+    return m
+
+
+@jit(nopython=True, cache=True)
+def take_points(laid: Any, n: int, w: Any) -> int:
+    """Copy the points of a window, of more than `MOST_POINTS` every second, third, ...: how many."""
+    step = max((n + MOST_POINTS - 1) // MOST_POINTS, 1)
+    for k in range(n // step):
+        w.u[k], w.v[k], w.z[k] = laid.u[k * step], laid.v[k * step], laid.z[k * step]
+    return n // step
+
+
+@jit(nopython=True, cache=True)
+def slopes_of(near: Any, k: int, frame: Any) -> Any:
+    """Normal of what is near, in a window's frame."""
+    (tx, ty, tz), (bx, by, bz), (nx, ny, nz) = frame
+    a, b, c = near.values[3, k], near.values[4, k], near.values[5, k]
+    return a * tx + b * ty + c * tz, a * bx + b * by + c * bz, a * nx + b * ny + c * nz
+
+
+@jit(nopython=True, cache=True)
+def cells_around(at: float) -> tuple[int, int]:
+    """First cell within `SPLASH` of a place along one axis, and the first behind the last."""
+    first, last = max(int(np.ceil(at - SPLASH)), 0), min(int(np.floor(at + SPLASH)) + 1, int(N_CELLS))
+    return first, last
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def raise_heights(beside: Any, vertices: Any, m: int, frame: Any, heights: Any) -> None:
+    """Write how high the planes of the m vertices of a window lie in the cells around each of them."""
+    heights.sums[:], heights.weights[:] = 0.0, 0.0
+    size = 2.0 / N_CELLS
+    for k in range(m):
+        a, b, c = slopes_of(beside, vertices.picked[k], frame)
+        at_u, at_v = (vertices.u[k] + 1.0) / size - 0.5, (vertices.v[k] + 1.0) / size - 0.5
+        first_i, last_i = cells_around(at_u)
+        first_j, last_j = cells_around(at_v)
+        for i in range(first_i, last_i):
+            for j in range(first_j, last_j):
+                du, dv = i - at_u, j - at_v
+                weight = max(1.0 - (du * du + dv * dv) / (SPLASH * SPLASH), 0.0) ** 2
+                heights.sums[i, j] += weight * (vertices.z[k] - size * (du * a + dv * b) / c)
+                heights.weights[i, j] += weight
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def leave_of_smooth(w: Any, n: int, heights: Any) -> float:
+    """Write what the smooth surface leaves of the points of a window, 0 where it has no height; their mean square."""
+    total, n_known = 0.0, 0
+    for i in range(n):
+        x, y = 0.5 * (w.u[i] + 1.0) * N_CELLS - 0.5, 0.5 * (w.v[i] + 1.0) * N_CELLS - 0.5
+        a, b = max(min(int(np.floor(x)), int(N_CELLS) - 2), 0), max(min(int(np.floor(y)), int(N_CELLS) - 2), 0)
+        height, weights = 0.0, 0.0
+        for p in range(2):
+            for q in range(2):
+                share = max(1.0 - abs(x - a - p), 0.0) * max(1.0 - abs(y - b - q), 0.0)
+                if heights.weights[a + p, b + q] > 0.0:
+                    height += share * heights.sums[a + p, b + q] / heights.weights[a + p, b + q]
+                    weights += share
+        w.left[i] = w.z[i] - height / weights if weights > 0.5 else 0.0
+        total, n_known = total + w.left[i] ** 2, n_known + (weights > 0.5)
+    return total / max(n_known, 1)
+
+
+@jit(nopython=True, cache=True)
+def mean_support(beside: Any, vertices: Any, m: int, support: Floats) -> float:
+    """Mean number of points that the fits of the m vertices of a window rest on."""
+    total = 0.0
+    for k in range(m):
+        total += support[beside.groups[vertices.picked[k]]]
+    return total / max(m, 1)
+
+
+@jit(nopython=True, cache=True)
+def off_smooth(u: float, v: float, z: float, beside: Any, vertices: Any, m: int, frame: Any) -> Any:
+    """Distance (in radii) of a point from the planes of the vertices next to it, and the number of the nearest one."""
+    least, rows = np.full(N_BESIDE, np.inf), np.zeros(N_BESIDE, np.int64)
+    for k in range(m):
+        away = (vertices.u[k] - u) ** 2 + (vertices.v[k] - v) ** 2 + (vertices.z[k] - z) ** 2
+        if away < least[N_BESIDE - 1]:
+            at = N_BESIDE - 1
+            while at > 0 and least[at - 1] > away:
+                least[at], rows[at] = least[at - 1], rows[at - 1]
+                at -= 1
+            least[at], rows[at] = away, k
+    total, off = 0.0, 0.0
+    for q in range(min(N_BESIDE, m)):
+        k = rows[q]
+        a, b, c = slopes_of(beside, vertices.picked[k], frame)
+        weight = 1.0 / max(least[q], 1e-12)
+        off += weight * ((u - vertices.u[k]) * a + (v - vertices.v[k]) * b + (z - vertices.z[k]) * c)
+        total += weight
+    return off / total, vertices.picked[rows[0]]
+
+
+@jit(nopython=True, cache=True)
+def is_better(w: Any, n: int, n_waves: int, variance: float, judged: Any) -> bool:
+    """Whether the waves of a window predict its inner points better than the smooth surface there does.
+
+    `judged` are what is near, the m vertices laid in the window, their number, the frame and the support of all.
+    """
+    beside, vertices, m, frame, support = judged
+    gain, n_inner, most = 0.0, 0, CUT * CUT * variance
+    for i in range(n):
+        if w.u[i] ** 2 + w.v[i] ** 2 < TAKEN * TAKEN:
+            off, near = off_smooth(w.u[i], w.v[i], w.z[i], beside, vertices, m, frame)
+            gain += min(off * off, most) - min(w.left[i] ** 2, most)
+            gain += 2.0 * variance * TAKES / max(support[beside.groups[near]], TAKES)
+            n_inner += 1
+    return bool(gain > 2.0 * variance * (N_BENT + PER_WAVE * n_waves) * n_inner / n)
+
+
+@jit(nopython=True, cache=True)
+def finer_wave(w: Any, n: int, variance: float, highest: float, cosines: Floats, sines: Floats) -> Any:
+    """Frequency (waves a radius) and mean square of the strongest wave left above `highest`; 0 where none stands out
+    of noise."""
+    if not variance > 0.0 or highest >= HIGHEST:
+        return 0.0, 0.0
+    power, f_u, f_v = strongest_wave(w.spectrum, n, variance, (highest, HIGHEST), cosines, sines)
+    if power < FIRST_POWER:
+        return 0.0, 0.0
+    return np.hypot(f_u, f_v), 2.0 * power * variance / n
+
+
+@jit(nopython=True, cache=True)
+def write_window(
+    w: Any, n: int, n_waves: int, variance: float, missed2: float, place: Floats, frame: Any, row: Floats
+) -> None:
+    """Write what is needed to use a window's waves; what varies over several cells and they leave among it.
+
+    `missed2` is the mean square of what else they may be off by.
+    """
+    sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
+    row[N_FOUND], row[SIZE], row[VARIANCE], row[PLACE] = n_waves, n, variance, place
+    row[ALIKE] = max(alike_beside(w.spectrum), missed2)
+    for a in range(3):
+        row[ACROSS.start + a], row[ASIDE.start + a], row[UPWARD.start + a] = frame[0][a], frame[1][a], frame[2][a]
+    for k in range(n_waves):
+        for a in range(2):
+            row[FREQUENCIES.start + 2 * k + a] = w.frequencies[k, a]
+    row[SHAPE], row[FACTOR] = w.coefficients, w.factor.ravel()
+
+
+@jit(nopython=True, cache=True, nogil=True)
+def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Level, support: Floats, sizes: Any,
+                cosines: Floats, sines: Floats, out: Floats) -> None:  # fmt: skip
+    """Fit the windows `first` to `last`, for `run_tasks`; `sizes` are radius and gate (m), lengths told in radii.
+
+    `support` is that of the vertices as `surface` has them. The third of `sizes` is the highest frequency that faces
+    can show, in waves a radius; of a stronger wave that they cannot, the frequency is told.
+    """
+    radius, gate, highest = sizes
+    reach = np.hypot(radius, gate)
+    rows, near, beside = rows_room(reach, radius, min(finest.bucket, surface.bucket)), near_room(ROOM), near_room(ROOM)
+    w, points, vertices, upward = window_room(ROOM), laid_room(ROOM), laid_room(ROOM), np.empty(3)
+    heights = Heights(np.empty((N_CELLS, N_CELLS)), np.empty((N_CELLS, N_CELLS)))
+    for window in range(first, last):
+        middle = sites.which[window]
+        place = sites.vertices[middle]
+        m, beside = find_near(surface, sites, window, reach, rows, beside)
+        if not mean_upward(beside, m, sites.normals[middle], place, radius, upward):
+            continue
+        n, near = find_near(finest, sites, window, reach, rows, near)
+        if max(n, m) > len(w.u):
+            w, points, vertices = window_room(2 * max(n, m)), laid_room(2 * max(n, m)), laid_room(2 * max(n, m))
+        frame = frame_over(upward)
+        m = lay_in_window(beside, m, place, frame, (radius, gate), 1.0, vertices)
+        n = take_points(points, lay_in_window(near, n, place, frame, (radius, gate), 1.0, points), w)
+        if n < LEAST_POINTS or m == 0:
+            continue
+        raise_heights(beside, vertices, m, frame, heights)
+        variance = leave_of_smooth(w, n, heights)
+        sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
+        sure, power = pattern_in(w.spectrum, variance)
+        if sure > SURE_OF_PATTERN:
+            out[window, FLATTENED] = max(alike_beside(w.spectrum), power)
+        elif mean_support(beside, vertices, m, support) > NARROW * n:
+            continue
+        n_waves, variance = find_waves(w, n, highest, cosines, sines)
+        out[window, FINER], missed2 = finer_wave(w, n, variance, highest, cosines, sines)
+        out[window, FLATTENED] = max(out[window, FLATTENED], missed2)
+        if n_waves == 0:
+            continue
+        judged = beside, vertices, m, frame, support
+        if are_gentle(w, n_waves) and not is_better(w, n, n_waves, variance, judged):
+            continue
+        variance, unsure2 = fit_distances(w, n, n_waves, variance)
+        missed2 = max(missed2, unsure2)
+        if variance > 0.0 and is_better(w, n, n_waves, variance, judged):
+            write_window(w, n, n_waves, variance, missed2, place, frame, out[window])
