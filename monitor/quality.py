@@ -14,8 +14,9 @@ from monitor.reconstruction import surface_to_points
 from monitor.registration.motion.sides import prepare_side
 from monitor.registration.network.agreement import Agreement, assess_agreement
 from monitor.registration.network.placement import Placement, lay_out_placement
+from monitor.registration.network.steepness import Views, join_views
 from monitor.robust import nmad
-from projects.model import Floats, PointCloud, Surface
+from projects.model import Bools, Floats, PointCloud, Surface
 
 
 def distances_to_surface(surface: Surface, clouds: Sequence[PointCloud]) -> list[Floats]:
@@ -26,18 +27,31 @@ def distances_to_surface(surface: Surface, clouds: Sequence[PointCloud]) -> list
 def assess_scans(surface: Surface, clouds: Sequence[PointCloud]) -> Agreement:
     """Return how well the scans agree with each other, over their common surface."""
     distances = distances_to_surface(surface, clouds)
-    spacing = _typical_spacing(clouds)
-    points, cosines = [c.points for c in clouds], [_frontality(c) for c in clouds]
-    return assess_agreement(surface.vertices, points, distances, spacing, cosines)
+    spacing, points = _typical_spacing(clouds), [c.points for c in clouds]
+    views = None if surface.normals is None else _views_of(clouds, surface.normals)
+    return assess_agreement(surface.vertices, points, distances, spacing, views)
 
 
-def _frontality(cloud: PointCloud) -> Floats:
-    """Return how frontally each point (n,) was seen: the cosine of its incidence, 0 at a rim or without a normal."""
-    cosines = np.zeros(len(cloud))
+def _views_of(clouds: Sequence[PointCloud], normals: Floats) -> Views:
+    """Return how the points of the clouds were seen, of a surface whose vertices have these normals (n, 3)."""
+    return join_views([_beams(c) for c in clouds], [_find_rims(c) for c in clouds], normals)
+
+
+def _beams(cloud: PointCloud) -> Floats:
+    """Return the unit direction (n, 3) from each point to its scanner, NaN where it is not known where that stood."""
+    if cloud.origins is None:
+        return np.full((len(cloud), 3), np.nan)
+    ways = np.atleast_2d(cloud.origins) - cloud.points
+    return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
+
+
+def _find_rims(cloud: PointCloud) -> Bools:
+    """Return which points (n,) lie at a rim of what was seen, or have no normal."""
+    is_rim = np.ones(len(cloud), dtype=bool)
     if len(cloud):
         side = prepare_side(cloud, np.zeros(3))
-        cosines[side.index] = side.frontality_of(np.arange(len(side)))
-    return cosines
+        is_rim[side.index] = side.frontality_of(np.arange(len(side))) == 0.0
+    return is_rim
 
 
 def placement_of(clouds: Sequence[PointCloud], network: Mapping[str, Floats]) -> Placement | None:

@@ -28,7 +28,7 @@ METHOD = {
     "surface": 29,
     "mesh": 10,
     "quality": 3,
-    "comparison": 63,
+    "comparison": 64,
     "series": 21,
 }
 

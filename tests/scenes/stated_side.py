@@ -16,5 +16,6 @@ def side_of(sigmas: list[float], own: list[Roughness] | None, other: list[Roughn
                 for c in (own, other)]  # fmt: skip
     return SimpleNamespace(sigma_surfaces=np.array(sigmas), surface=surfaces[0], other=surfaces[1],
                            foot_vertices=np.arange(n), is_assessed=np.ones(n, dtype=bool), sigma_discord=np.zeros(n),
-                           sigma_shared=np.zeros(n), sigma_motion=np.zeros(n), distances=np.zeros(n),
+                           sigma_shared=np.zeros(n), limb=None, limb_of=lambda which: np.zeros(n)[which],
+                           sigma_motion=np.zeros(n), distances=np.zeros(n),
                            to_rim=np.full(n, np.nan), view=best, gap=best, stated=best, arm=best)  # fmt: skip

@@ -63,8 +63,8 @@ class Patches:
 @dataclass(frozen=True)
 class Outlines:
     """What is known of the patches of one side before the noise is, (p, s) each: `areas` [m2], `n_vertices`, `means`
-    [m] of the change, variance `motion2` [m2] that the registration's uncertainty causes, `stated` [m] of what scans
-    disagree by, `is_whole` (not a scrap)."""
+    [m] of the change, variance `motion2` [m2] of what counts as stated, the registration and limbs, `stated` [m] of
+    what scans disagree by, `is_whole` (not a scrap)."""
 
     areas: Floats
     n_vertices: Ints
@@ -117,7 +117,7 @@ def lay_out_without(layout: Layout, sides: tuple[Side, Side], left_out: tuple[Bo
 
 def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: Registration) -> Outlines:
     """Return what is known of the patches of every size (0: the units alone) without the noise."""
-    weighted = units.areas[:, None] * np.column_stack([units.means, units.shared, units.motion_rows])
+    weighted = units.areas[:, None] * np.column_stack([units.means, units.shared, units.limbs, units.motion_rows])
     figures, shape = np.column_stack([units.areas, units.n_vertices, weighted]), (len(weighted), n_sizes)
     areas, means, motion2, stated = (np.empty(shape) for _ in range(4))
     n_vertices = np.empty(shape, np.int64)
@@ -127,8 +127,9 @@ def outline_patches(units: Units, reaches: Reaches, n_sizes: int, registration: 
         areas[block], n_vertices[block] = sums[..., 0], sums[..., 1]
         averages = sums[..., 2:] / sums[..., :1]
         means[block], stated[block] = averages[..., 0], averages[..., 1]
-        rows = averages[..., 2:].reshape(-1, 6)
-        motion2[block] = motion_variance(registration.covariance, rows).reshape(-1, n_sizes)
+        rows = averages[..., 3:].reshape(-1, 6)
+        moved2 = motion_variance(registration.covariance, rows).reshape(-1, n_sizes)
+        motion2[block] = moved2 + averages[..., 2] ** 2
     is_whole = areas >= SMALLEST_SHARE * np.median(areas, axis=0) if len(areas) else np.zeros(areas.shape, dtype=bool)
     return Outlines(areas, n_vertices, means, motion2, stated, is_whole)
 

@@ -30,11 +30,11 @@ class Units:
     """Units of one side, (u,) each.
 
     `number` (n,) is the unit of each vertex, -1 where not assessable; `areas` [m2]; `n_vertices`; `centres` (u, 3) [m];
-    `means` [m] of the change; `shared` [m], one sigma of what its scans disagree by; `motion_rows` (u, 6), the mean of
-    n' J, of which the last three are the mean normal, not of unit length; `kinds`, 1 where it is rough and noise is not
-    stated, else 0. As far as the noise is known: `variances` [m2] of a vertex in it, without the registration's part;
-    `calm_shares`, how much of its area is held unchanged; `agreeing` [m2], the variances times the square of how much
-    farther errors agree there (`noise.stretch`).
+    `means` [m] of the change; `shared` [m], one sigma of what its scans disagree by, and `limbs` [m], of what they err
+    by besides at limbs; `motion_rows` (u, 6), the mean of n' J, of which the last three are the mean normal, not of
+    unit length; `kinds`, 1 where it is rough and noise is not stated, else 0. As far as the noise is known: `variances`
+    [m2] of a vertex in it, without the registration's part; `calm_shares`, how much of its area is held unchanged;
+    `agreeing` [m2], the variances times the square of how much farther errors agree there (`noise.stretch`).
     """
 
     number: Ints
@@ -43,6 +43,7 @@ class Units:
     centres: Floats
     means: Floats
     shared: Floats
+    limbs: Floats
     motion_rows: Floats
     kinds: Ints
     variances: Floats
@@ -122,10 +123,11 @@ def summarize_units(side: Side, number: Ints, registration: Registration, n_unit
     areas = np.maximum(areas, 1e-300)
     centres = _average(number, side.areas, areas, np.ascontiguousarray(side.surface.vertices))
     rows = _average_rows(number, side.areas, areas, side.surface.vertices, side.normals, registration.centre)
-    means, shared = (_average(number, side.areas, areas, f[:, None])[:, 0] for f in (side.distances, side.sigma_shared))
+    means, shared, limbs = (_average(number, side.areas, areas, f[:, None])[:, 0]
+                            for f in (side.distances, side.sigma_shared, side.limb_of()))  # fmt: skip
     unknown = np.full(len(areas), np.nan)
     kinds = _kinds_of(side, number, areas)
-    return Units(number, areas, n_vertices, centres, means, shared, rows, kinds, unknown, unknown, unknown)
+    return Units(number, areas, n_vertices, centres, means, shared, limbs, rows, kinds, unknown, unknown, unknown)
 
 
 def _kinds_of(side: Side, number: Ints, areas: Floats) -> Ints:

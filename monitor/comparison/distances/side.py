@@ -57,6 +57,8 @@ class Side:
     `stated` and `arm` are classes, 0 the best or not known: how steeply the worse seen epoch saw the place (`views`),
     how far the vertex or its foot, whichever is farther, is from a sample, how much more the surfaces state than of
     most vertices, and the third of the lever arm. `n_scans` is how many scans the epoch of fewer has; 0: not known.
+    `limb` [m] is what the scans of an epoch that saw the place only steeply err by beyond `sigma_shared`, common to a
+    neighbourhood, too (`sight.limbs`); None: nowhere.
     """
 
     surface: Surface
@@ -82,6 +84,7 @@ class Side:
     stated: Ints
     arm: Ints
     n_scans: int = 0
+    limb: Floats | None = None
 
     @property
     def is_assessed(self) -> Bools:
@@ -101,7 +104,16 @@ class Side:
     @property
     def sigma_common(self) -> Floats:
         """One sigma [m] of the errors that no averaging over neighbours removes: scans and registration."""
-        return np.hypot(self.sigma_shared, self.sigma_motion)
+        return np.hypot(self.sigma_scans, self.sigma_motion)
+
+    @property
+    def sigma_scans(self) -> Floats:
+        """One sigma [m] of what the scans of the two epochs err by, as stated, at limbs too."""
+        return self.sigma_shared if self.limb is None else np.hypot(self.sigma_shared, self.limb)
+
+    def limb_of(self, which: Ints | slice = slice(None)) -> Floats:
+        """Return the part of it (n,) [m] that is of limbs, of each vertex or of those in `which`."""
+        return np.zeros(len(self.areas[which])) if self.limb is None else self.limb[which]
 
     @property
     def states_noise(self) -> bool:

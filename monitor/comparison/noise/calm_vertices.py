@@ -18,9 +18,9 @@ from projects.model import Bools, Floats, Ints
 class CalmVertices(NamedTuple):  # a named tuple, since kernels take it whole
     """The calm vertices of one side: their `places` (n,), rising, among all, of which `points` (m, 3) [m], `distances`
     (m,) [m], one sigma (m,) [m] of what is stated of the surfaces, `own`, of their `discord`, of the scans, `shared`,
-    and of the registration, `motion`. `stratum` (n,) of each; `members` (n,) are the places by stratum, those of
-    stratum k from starts[k] on; distances below the `resolution` [m] are none. Once their parts are known `own` is all
-    of them but the registration's."""
+    and of the registration and of limbs, `motion`. `stratum` (n,) of each; `members` (n,) are the places by stratum,
+    those of stratum k from starts[k] on; distances below the `resolution` [m] are none. Once their parts are known
+    `own` is all of them but that `motion`."""
 
     points: Floats
     places: Ints
@@ -41,8 +41,9 @@ def gather_calm(side: Side, calm: Bools, spacing: float) -> CalmVertices:
     if len(places) < len(calm):
         stratum = stratum[places]
     members, starts = sort_by_stratum(places, stratum)
+    fixed = side.sigma_motion if side.limb is None else keep_on_disk(np.hypot(side.sigma_motion, side.limb))
     return CalmVertices(side.surface.vertices, places, side.distances, side.sigma_surfaces, side.sigma_discord,
-                        side.sigma_shared, side.sigma_motion, stratum, keep_on_disk(members), starts,
+                        side.sigma_shared, fixed, stratum, keep_on_disk(members), starts,
                         least_floor(side.surface.vertices))  # fmt: skip
 
 

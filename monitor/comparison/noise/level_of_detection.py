@@ -1,8 +1,9 @@
 """The smallest change that differs from zero at 95 %, per vertex: surfaces, registration, and what is left over.
 
 lod95 = 1.96 sqrt(f^2 (a^2 (sigma_vertex^2 + sigma_foot^2) + c^2 sigma_discord^2 + b^2 sigma_shared^2 + floor^2)
-+ n' J C J' n). The discord is what neighbouring fits of each surface contradict each other by; the shared part is what
-the scans of each epoch disagree by and how well they are placed. The stable areas give a, b, c and the floor
++ limb^2 + n' J C J' n). The discord is what neighbouring fits of each surface contradict each other by; the shared part
+is what the scans of each epoch disagree by and how well they are placed; of what an epoch saw only steeply, what is
+beyond the usual of it, the limb, counts as stated (`sight.limbs`). The stable areas give a, b, c and the floor
 (`error_parts`): where they show less than is stated, since part of the errors is the same in both epochs and falls out,
 a, b and c are below 1; where they show more of all of the surface (unmodelled scanner errors), there is a floor. And
 they give f, which is above 1 in one kind of place (grazing views, small relief sampled differently): see `noise`,

@@ -130,10 +130,11 @@ class Noise:
         return np.asarray(own2 + (floors**2)[stratum])
 
     def common_of(self, side: Side, which: Ints | slice = slice(None)) -> Floats:
-        """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled, and
-        registration; of each vertex or of those in `which`."""
+        """Return one sigma (n,) [m] of what is common to many, as it shows in most places: scans, scaled but at limbs,
+        and registration; of each vertex or of those in `which`."""
         scale = self.shared_scales[stratum_of(side, self.spacing, which)]
-        return np.hypot(scale * side.sigma_shared[which], side.sigma_motion[which])
+        scans = np.hypot(scale * side.sigma_shared[which], side.limb_of(which))
+        return np.hypot(scans, side.sigma_motion[which])
 
 
 def learn_noise(sides: tuple[Side, Side], calm: Masks, share: float, rng: np.random.Generator,

@@ -69,7 +69,7 @@ def levels_off(side: Side, found: Detection) -> Floats:
 def stated_off(side: Side) -> Floats:
     """Return how many sigmas, as both surfaces and their scans state them, each vertex (n,) lies off zero; 0 where it
     is not assessed, infinity where nothing is stated."""
-    stated = np.hypot(side.sigma_surfaces, side.sigma_shared)
+    stated = np.hypot(side.sigma_surfaces, side.sigma_scans)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(side.is_assessed, np.abs(np.nan_to_num(side.distances)) / stated, 0.0)
 

@@ -197,7 +197,8 @@ def sigma_of_patches(sides: tuple[Side, Side], masks: Sequence[Bools], found: De
         guess += 0.5 * sigma_of_guess(side.surface.vertices[matched], side.areas[matched], guess2, found.test.size)
         alone += _sum_sigma(side.areas[own], np.full(len(own), 0.5 * typical), found) ** 2
         stated = np.array(stated_over(side, np.flatnonzero(mask)))
-        shared += 0.5 * float(side.areas[mask].sum() * found.test.scans.sigma_of(stated))
+        limb = float(side.areas[mask] @ side.limb_of(np.flatnonzero(mask)))
+        shared += 0.5 * float(np.hypot(side.areas[mask].sum() * found.test.scans.sigma_of(stated), limb))
     mask, side = masks[1], sides[1]
     row = side.areas[mask] @ motion_rows(side.surface.vertices[mask], side.normals[mask], registration.centre)
     motion2 = max(float(row @ registration.covariance @ row), 0.0)

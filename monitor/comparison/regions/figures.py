@@ -299,7 +299,8 @@ def sigma_of_noise(side: Side, found: Detected, vertices: Ints, registration: Re
                                                                          found.noise.correlation, stretch2)  # fmt: skip
     row = weight @ motion_rows(side.surface.vertices[vertices], side.normals[vertices], registration.centre)
     shared = float(found.test.scans.sigma_of(np.array(stated_over(side, vertices))))
-    common2 = max(float(row @ registration.covariance @ row), 0.0) + shared**2
+    limb = float(weight @ side.limb_of(vertices))
+    common2 = max(float(row @ registration.covariance @ row), 0.0) + shared**2 + limb**2
     return float(np.sqrt(noise2 + common2))
 
 
@@ -373,5 +374,5 @@ def least_size(extreme: tuple[float, float]) -> float:
 def sigma_of_vertices(side: Side, found: Detected, vertices: Ints) -> Floats:
     """Return one sigma (k,) [m] of the change of some vertices; of single places what scans disagree by is as stated:
     most show a part of it, and the place is not most."""
-    common = np.hypot(side.sigma_shared[vertices], side.sigma_motion[vertices])
+    common = np.hypot(np.hypot(side.sigma_shared[vertices], side.limb_of(vertices)), side.sigma_motion[vertices])
     return np.sqrt(np.add(*found.noise.parts_of(side, vertices)) + common**2)

@@ -70,7 +70,7 @@ def sigmas_off(side: Side) -> Floats:
     out = np.zeros(len(side.distances), dtype=np.float32)
     for block in blocks(len(out)):
         surfaces2 = side.sigma_surfaces[block] ** 2 + side.sigma_discord[block] ** 2
-        common2 = (SCANS * side.sigma_shared[block]) ** 2 + side.sigma_motion[block] ** 2
+        common2 = SCANS**2 * (side.sigma_shared[block] ** 2 + side.limb_of(block) ** 2) + side.sigma_motion[block] ** 2
         off = side.distances[block] / np.sqrt(np.maximum(surfaces2 + common2, 1e-300))
         out[block] = np.where(side.reasons[block] == NotAssessed.ASSESSED, off, 0.0)
     return out

@@ -13,6 +13,7 @@ import numpy as np
 
 from monitor.blocks import blocks
 from monitor.comparison.distances.side import Side
+from monitor.comparison.sight.limbs import set_limbs_apart
 from monitor.comparison.sight.stations import StationSight, is_measured
 from projects.model import Floats, Ints
 from projects.transforms import apply, rotate
@@ -34,7 +35,8 @@ def look_from(
     own = [view_of(side, seen, pose) for side, seen, pose in zip(sides, sights, poses, strict=True)]
     worse = [np.maximum(own[k], np.append(own[1 - k], np.uint8(0))[s.foot_vertices]) for k, s in enumerate(sides)]
     n_scans = min(len(sights[0]), len(sights[1]))
-    return replace(sides[0], view=worse[0], n_scans=n_scans), replace(sides[1], view=worse[1], n_scans=n_scans)
+    seen = [replace(side, view=view, n_scans=n_scans) for side, view in zip(sides, worse, strict=True)]
+    return set_limbs_apart((seen[0], seen[1]))
 
 
 def view_of(side: Side, sights: Stations, T_sights_side: Floats) -> Ints:

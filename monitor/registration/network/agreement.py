@@ -15,14 +15,13 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
+from monitor.registration.network.steepness import N_CLASSES, Views, expected_at, steepness_of_points
 from projects.model import Floats, Ints
 
 PATCH_IN_SPACINGS = 10.0  # edge of a patch: a hundred points average the noise down to a tenth
 FEWEST_POINTS = 10  # of a scan in a patch
 PRIOR_SCANS = 2.0  # what all patches together say counts in each as much as this many further scans
-STEPS = np.radians([45.0, 60.0, 70.0, 80.0])  # of incidence, where one class ends and the next begins
 N_ROUNDS = 4  # of least squares, each weighted by the variances of the one before
-N_POINTS_AROUND = 8  # of all scans, whose incidence counts at a vertex
 N_PATCHES_AROUND = 4  # that a vertex takes its sigma from
 
 
@@ -35,8 +34,8 @@ class Agreement:
     sigma : (n,) m, of each vertex, one sigma of the error shared by its neighbourhood; NaN all over where no two
         scans overlap, since nothing shows it then.
     sigma_scan : m, of one scan's patch, over the whole epoch (root mean square over the points).
-    sigma_by_incidence : (c,) m, of a patch seen at an incidence up to 45, 60, 70, 80, 90 degrees, never falling; NaN
-        without overlap.
+    sigma_by_incidence : (c,) m, of a patch in each class of incidence (`steepness`): up to 45, 60, 70, 80 degrees, at a
+        rim beyond 60, beyond 80; never falling; NaN without overlap.
     patch_size : m.
     n_patches, n_overlapping : patches with points, and those seen by two scans or more.
     """
@@ -78,7 +77,7 @@ def assess_agreement(
     points: Sequence[Floats],
     distances: Sequence[Floats],
     spacing: float,
-    cosines: Sequence[Floats] | None = None,
+    views: Views | None = None,
 ) -> Agreement:
     """Estimate the error that whole patches of a scan share, from where scans overlap.
 
@@ -88,35 +87,34 @@ def assess_agreement(
     points : of each scan, (k, 3) m, in the frame of the surface.
     distances : of each scan, (k,) m, signed, of its points to the surface; NaN where unknown.
     spacing : m, typical distance between neighbouring points.
-    cosines : of each scan, (k,), of the incidence of its points, 0 at the rim of what it saw; without them all count as
-        seen from the front.
+    views : how all these points were seen; without them all count as seen from the front.
 
     Notes
     -----
     Two scans that see a patch, one at incidence a, the other at b, differ in their mean distances by variance
     s(a)^2 + s(b)^2 beside the noise of the means. A spot that partly misses a bent surface errs by tenths of its size
-    and to one side, so s grows with the incidence: it is found in steps that do not fall, by non-negative least squares
-    over all patches, each difference weighted by what is expected of it. A vertex takes the mean of s^2 over the points
-    about it, times (PRIOR_SCANS + (k - 1) r) / (PRIOR_SCANS + k - 1) of its patch, r being what its k scans differ by
-    over what is expected of them. The surface errs as one scan does: scans that were fitted onto each other share the
-    error of the network, so two that agree are not twice as sure. Nothing is trimmed: between scans of one epoch
-    nothing has changed, so a large difference is an error that counts.
+    and to one side, so s grows with the incidence, by the surface's own normals (`steepness`): it is found in steps
+    that do not fall, by non-negative least squares over all patches, each difference weighted by what is expected of
+    it. A vertex takes the square of the mean of s over the points about it, times (PRIOR_SCANS + (k - 1) r) /
+    (PRIOR_SCANS + k - 1) of its patch, r being what its k scans differ by over what is expected of them. The surface
+    errs as one scan does: scans that were fitted onto each other share the error of the network, so two that agree are
+    not twice as sure. Nothing is trimmed: between scans of one epoch nothing has changed, so a large difference is an
+    error that counts.
     """
     size = PATCH_IN_SPACINGS * spacing
     patch, centres = cut_cubes(np.concatenate(points), size)
     scan = np.repeat(np.arange(len(points)), [len(p) for p in points])
-    cosine = np.ones(len(patch)) if cosines is None else np.concatenate(cosines)
-    steepness = np.digitize(-cosine, -np.cos(STEPS))
+    steepness = steepness_of_points(views, vertices, np.concatenate(points))
     groups = _group(np.column_stack([patch, scan, steepness]), np.concatenate(distances))
     n_scans = _count_scans(groups, len(centres))
     n_overlapping, seen = int((n_scans > 1).sum()), n_scans > 0
     if not n_overlapping:
-        unknown = np.full(len(STEPS) + 1, np.nan)
+        unknown = np.full(N_CLASSES, np.nan)
         return Agreement(np.full(len(vertices), np.nan), float("nan"), unknown, size, int(seen.sum()), 0)
     pairs = _pair(groups, n_scans)
     variances = _variance_by_incidence(pairs)
     factor = spread_to(vertices, centres[seen], _own_factor(pairs, variances, n_scans)[seen])
-    sigma = np.sqrt(factor * _expected_at(vertices, np.concatenate(points), variances[steepness]))
+    sigma = np.sqrt(factor * expected_at(views, vertices, np.concatenate(points), steepness, variances))
     pooled = float(groups.n @ variances[groups.steepness] / groups.n.sum())
     return Agreement(sigma, float(np.sqrt(pooled)), np.sqrt(variances), size, int(seen.sum()), n_overlapping)
 
@@ -171,7 +169,7 @@ def _variance_by_incidence(pairs: _Pairs) -> Floats:
 
     A class that no pair holds is as the one before it: steeper than anything that overlaps.
     """
-    steps = np.arange(len(STEPS) + 1)
+    steps = np.arange(N_CLASSES)
     rows = (pairs.steepness[:, :, None] >= steps).sum(axis=1).astype(float)
     expected = np.full(len(rows), max(float(pairs.weight @ pairs.squares / pairs.weight.sum()), 0.0))
     variances = np.zeros(len(steps))
@@ -181,13 +179,6 @@ def _variance_by_incidence(pairs: _Pairs) -> Floats:
         increments, _ = nnls(rows * (weight / scale)[:, None], pairs.squares * (weight / scale))
         variances, expected = np.cumsum(increments), rows @ increments
     return variances
-
-
-def _expected_at(vertices: Floats, points: Floats, variances: Floats) -> Floats:
-    """Return the mean variance (n,) [m2] of the points (k, 3) nearest to each vertex."""
-    k = min(N_POINTS_AROUND, len(points))
-    near = cKDTree(points).query(vertices, k=k, workers=-1)[1].reshape(-1, k)
-    return np.asarray(variances[near].mean(axis=1))
 
 
 def _own_factor(pairs: _Pairs, variances: Floats, n_scans: Ints) -> Floats:

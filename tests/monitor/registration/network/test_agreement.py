@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from monitor.registration.network.agreement import assess_agreement
+from monitor.registration.network.steepness import Views, expected_at, join_views, steepness_of_points
 
 
 def patch_of_points(rng: np.random.Generator, x_from: float, x_to: float) -> np.ndarray:
@@ -62,21 +63,58 @@ def test_without_overlap_the_misfit_is_unknown_and_not_zero(rng: np.random.Gener
     assert np.isnan(agreement.sigma_scan)
 
 
+UP = np.array([0.0, 0.0, 1.0])  # the normal of the plane that all points lie on
+
+
+def beams_at(degrees: np.ndarray) -> np.ndarray:
+    """Return beams that fall on the plane at these angles of incidence."""
+    angle = np.radians(degrees)
+    return np.column_stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)])
+
+
+def views_of(where: np.ndarray, incidence: list[np.ndarray], is_rim: list[np.ndarray] | None = None) -> Views:
+    """Return how scans saw points at these angles [degrees], of a plane with vertices `where`."""
+    rims = is_rim or [np.zeros(len(i), dtype=bool) for i in incidence]
+    return join_views([beams_at(i) for i in incidence], rims, np.tile(UP, (len(where), 1)))
+
+
 def test_a_scan_that_saw_a_place_steeply_is_less_sure_there(rng: np.random.Generator) -> None:
     points = [patch_of_points(rng, 0.0, 2.0) for _ in range(2)]
     steep = points[0][:, 0] > 1.0  # the first scan sees the farther half at 75 degrees
-    cosines = [np.where(steep, np.cos(np.radians(75.0)), 1.0), np.ones(len(points[1]))]
+    incidence = [np.where(steep, 75.0, 0.0), np.zeros(len(points[1]))]
     errors = np.where(steep, offsets_by_cube(points[0], rng, 0.003), offsets_by_cube(points[0], rng, 0.0004))
     distances = [errors, offsets_by_cube(points[1], rng, 0.0004)]
-    found = assess_agreement(points[0][:5], points, distances, 0.01, cosines)
+    where = points[0][:5]
+    found = assess_agreement(where, points, distances, 0.01, views_of(where, incidence))
     assert found.sigma_by_incidence[0] == pytest.approx(0.0004, rel=0.15)  # all in one class: 0.0016
     assert found.sigma_by_incidence[3] == pytest.approx(0.003, rel=0.15)
-    assert found.sigma_by_incidence[4] == found.sigma_by_incidence[3]  # steeper than anything that overlaps
+    assert found.sigma_by_incidence[5] == found.sigma_by_incidence[3]  # steeper than anything that overlaps
     alone = patch_of_points(rng, 3.0, 4.0)  # seen by the first scan only, as steeply
     more = [np.concatenate([points[0], alone]), points[1]]
-    cosines[0] = np.concatenate([cosines[0], np.full(len(alone), np.cos(np.radians(75.0)))])
+    incidence[0] = np.append(incidence[0], np.full(len(alone), 75.0))
     distances[0] = np.concatenate([distances[0], np.zeros(len(alone))])
     where = np.array([[3.5, 0.5, 0.0], [0.5, 0.5, 0.0]])
-    sigma = assess_agreement(where, more, distances, 0.01, cosines).sigma
+    sigma = assess_agreement(where, more, distances, 0.01, views_of(where, incidence)).sigma
     assert sigma[0] == pytest.approx(0.003, rel=0.2)
     assert sigma[1] == pytest.approx(0.0004, rel=0.6)
+
+
+def test_steep_rims_are_a_class_of_their_own_and_flat_ones_are_none() -> None:
+    incidence = np.array([0.0, 50.0, 65.0, 75.0, 85.0])
+    for is_rim, classes in ((False, [0, 1, 2, 3, 5]), (True, [0, 1, 4, 4, 5])):
+        views = views_of(np.zeros((5, 3)), [incidence], [np.full(5, is_rim)])
+        assert views.classes(slice(None), views.normals).tolist() == classes
+
+
+def test_a_few_steep_points_pull_a_surface_by_their_share(rng: np.random.Generator) -> None:
+    points, variances = patch_of_points(rng, 0.0, 1.0), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 4.0])
+    where = np.array([[0.5, 0.5, 0.0]])
+    near = np.argsort(np.linalg.norm(points - where, axis=1))
+    for n_steep in (1, 6, 24):
+        incidence = np.zeros(len(points))
+        incidence[near[:n_steep]] = 85.0
+        views = views_of(where, [incidence])
+        steepness = steepness_of_points(views, where, points)
+        assert np.bincount(steepness, minlength=6)[5] == n_steep
+        pulled = np.sqrt(expected_at(views, where, points, steepness, variances)[0])
+        assert pulled == pytest.approx(2.0 * n_steep / 24.0)
