@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.comparison.distances.quantile import median
+from monitor.comparison.distances.scratch import keep_on_disk
 from monitor.comparison.distances.side import Side
 from projects.model import Floats
 
@@ -43,4 +44,4 @@ def _set_apart(side: Side, usual: float) -> Side:
     is_steep = side.view >= STEEP_VIEW
     within = np.where(is_steep, np.minimum(side.sigma_shared, usual), side.sigma_shared)
     limb = np.sqrt(np.maximum(side.sigma_shared**2 - within**2, 0.0))
-    return replace(side, sigma_shared=within, limb=limb) if limb.any() else side
+    return replace(side, sigma_shared=keep_on_disk(within), limb=keep_on_disk(limb)) if limb.any() else side

@@ -19,7 +19,7 @@ from projects.model import Bools, Floats, Ints
 STEPS = np.radians([45.0, 60.0, 70.0, 80.0])  # of incidence, where one class ends and the next begins
 STEEP_RIM = 2  # the class from which on rims, past which a spot reaches, are a class of their own, the last but one
 N_CLASSES = len(STEPS) + 2
-N_POINTS_AROUND = 24  # of all scans, whose incidence counts at a vertex: a fit takes in as many and more
+N_POINTS_AROUND = 64  # of all scans, whose incidence counts at a vertex: a fit takes in some tens
 
 
 @dataclass(frozen=True)

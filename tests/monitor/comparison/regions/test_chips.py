@@ -140,13 +140,13 @@ def test_what_both_surfaces_show_over_a_few_vertices_stands_by_its_depth(
     n = 100
     sides = [side_of(v, [area] * len(v)) for v in (first, second)]
     for side in sides:
-        side.sigma_surfaces, side.sigma_shared = np.full(n, 0.4), np.full(n, 0.3)
+        side.sigma_surfaces, side.sigma_scans = np.full(n, 0.4), np.full(n, 0.3)
     parts = [np.where(np.arange(n) < len(v), 0, -1) for v in (first, second)]
     found = SimpleNamespace(sides=[SimpleNamespace(lod95=np.ones(n))] * 2, test=SimpleNamespace(far=5.0))
     told = chips.stand_alone(sides, cast(Any, found), cast(Any, parts), 2)
     assert told.tolist() == [stands, False]
     for side in sides:  # 1.8 sigmas as stated: single places may err by as much as they say
-        side.sigma_surfaces, side.sigma_shared = np.full(n, 4.0), np.full(n, 3.0)
+        side.sigma_surfaces, side.sigma_scans = np.full(n, 4.0), np.full(n, 3.0)
     assert not chips.stand_alone(sides, cast(Any, found), cast(Any, parts), 2).any()
 
 

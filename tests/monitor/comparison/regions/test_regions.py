@@ -167,7 +167,7 @@ def test_the_extreme_of_what_no_vertex_assesses_is_its_largest_gap_and_its_sigma
     unknown = np.full(n, np.nan)
     place = np.column_stack([np.arange(n, dtype=float), np.zeros((n, 2))])
     side = SimpleNamespace(areas=np.ones(n), is_assessed=np.zeros(n, dtype=bool), distances=unknown,
-                           sigma_shared=unknown, sigma_motion=unknown,
+                           sigma_shared=unknown, limb_of=lambda which: unknown[which], sigma_motion=unknown,
                            surface=SimpleNamespace(vertices=place))  # fmt: skip
     noise = SimpleNamespace(parts_of=lambda side, which: np.zeros((2, len(which))))
     found = SimpleNamespace(sides=[SimpleNamespace(mean=unknown)], noise=noise)
