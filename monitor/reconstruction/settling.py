@@ -138,9 +138,20 @@ def ride_on_waves(
     """Bring vertices onto what repeats of the relief; `sizes` are how far points and vertices lie apart (m)."""
     held = np.zeros(len(projection.vertices), bool)
     held[roofs.which] = True
-    kept = keep_tool_marks(projection, held, samples, *sizes)
-    automatic["waved_share"], automatic["cell_for_waves_m"] = float(kept.is_waved.mean()), kept.cell
-    return kept.projection._replace(sigma=np.maximum(kept.projection.sigma, FINEST * sizes[1]))
+    fitted = np.flatnonzero(projection.is_fitted)
+    kept = keep_tool_marks(projection.take(fitted), held[fitted], samples, *sizes)
+    automatic["waved_share"] = float(np.count_nonzero(kept.is_waved)) / max(len(held), 1)
+    automatic["cell_for_waves_m"] = kept.cell
+    least = FINEST * sizes[1]
+    ridden = kept.projection._replace(sigma=np.maximum(kept.projection.sigma, least))
+    return Projection(*(put(before, fitted, after) for before, after in zip(projection, ridden, strict=True)))
+
+
+def put(values: Any, which: Ints, others: Any) -> Any:
+    """Return a copy of values (n, ...) with `others` at `which`."""
+    out = values.copy()
+    out[which] = others
+    return out
 
 
 def all_corners(is_so: Bools, faces: Ints) -> Bools:

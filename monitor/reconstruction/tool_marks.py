@@ -44,7 +44,7 @@ from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
 RADIUS = 16.0  # of a window, in spacings: some 800 points, several of the waves that narrow fits flatten
-APART = 0.75  # of the radius, from one window to the next
+APART = 0.8  # of the radius, from one window to the next
 CELLS_A_WAVE = 3.0  # fewer, and what faces cut off of waves hides more of a change than it tells of the relief
 SHORTER = 1.06  # of the frequencies that ask for smaller cells: they are known to some hundredths
 FEWEST_FINER = 0.1  # of the windows, for smaller cells all over
@@ -72,11 +72,13 @@ def keep_tool_marks(projection: Projection, held: Bools, samples: Samples, spaci
 
     Parameters
     ----------
-    projection : vertices on smooth fits.
+    projection : vertices on smooth fits, all of them fitted.
     held : (n,) those on edges and corners, which stay unless the waves agree with them.
     samples : the points; of the first level each is its own group.
     spacing, cell : m, between points and between vertices.
     """
+    if not len(held):
+        return Kept(projection, held, float("nan"))
     radius, finest = RADIUS * spacing, samples.levels[0]
     sites = lay_windows(projection, radius)
     order = sort_by_cell(projection.vertices, radius / BUCKETS_PER_RADIUS)[0]
@@ -134,7 +136,7 @@ def bring_onto_waves(projection: Projection, held: Bools, sums: Floats) -> tuple
     What windows differ by where they overlap is part of sigma, as is what they or the smooth fits leave that varies
     over several points.
     """
-    on = np.flatnonzero(((sums[:, WEIGHT] > 0.0) | (sums[:, FLAT2] > 0.0)) & projection.is_fitted)
+    on = np.flatnonzero((sums[:, WEIGHT] > 0.0) | (sums[:, FLAT2] > 0.0))
     weight, every = np.maximum(sums[on, WEIGHT], 1e-300), np.maximum(sums[on, ALL], 1e-300)
     share, mean = np.minimum(sums[on, WEIGHT] / every, 1.0), sums[on, MOVE] / weight[:, None]
     mean2 = (mean**2).sum(axis=1)
