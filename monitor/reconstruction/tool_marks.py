@@ -84,12 +84,15 @@ def keep_tool_marks(projection: Projection, held: Bools, samples: Samples, spaci
     order = sort_by_cell(projection.vertices, radius / BUCKETS_PER_RADIUS)[0]
     surface = level_of_points(projection.vertices, projection.normals, radius)
     support = projection.n_support[order].astype(np.float64)
+    edges = held[order].astype(np.float64)
     sizes, highest = (radius, gate_height(radius, samples.noise)), min(radius / (CELLS_A_WAVE * cell), HIGHEST)
     sums, finer = None, []
     for first in range(0, len(sites.which), BLOCK):
         some = windows_from(sites, first)
         rows = np.zeros((len(some.which), N_ROW))
-        run_tasks(fit_windows, len(rows), some, finest, surface, support, (*sizes, highest), COSINES, SINES, rows)
+        run_tasks(
+            fit_windows, len(rows), some, finest, surface, support, edges, (*sizes, highest), COSINES, SINES, rows
+        )
         finer.append(rows[:, FINER])
         if rows[:, : N_FOUND + 1].any():
             sums = np.zeros((len(held), N_SUMS)) if sums is None else sums

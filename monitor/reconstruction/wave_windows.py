@@ -43,6 +43,7 @@ LEAST_POINTS, MOST_POINTS = 100, 4000  # of a window; of more every second, thir
 ANY_SIDE = 0.17  # least cosine between normal and window: within 80 degrees
 FLAT_ENOUGH = 0.8  # length of the mean normal over a window
 NARROW = 0.25  # of a window's points: fits to fewer are noisier than waves, though they may flatten nothing
+MOST_EDGES = 0.03  # of a window's vertices: waves would go on over an edge
 N_BESIDE = 3  # vertices whose planes say how far a point is off the smooth surface
 # Of what a fit takes of its points' noise in the middle of its window. Its radius is chosen on the same noise, and
 # takes more: 1.3 to 2.5 times as much over waves, tool marks, bumps and fractal relief.
@@ -186,11 +187,11 @@ def leave_of_smooth(w: Any, n: int, heights: Any) -> float:
 
 
 @jit(nopython=True, cache=True)
-def mean_support(beside: Any, vertices: Any, m: int, support: Floats) -> float:
-    """Mean number of points that the fits of the m vertices of a window rest on."""
+def mean_over(beside: Any, vertices: Any, m: int, values: Floats) -> float:
+    """Mean over the m vertices of a window of what is known of all."""
     total = 0.0
     for k in range(m):
-        total += support[beside.groups[vertices.picked[k]]]
+        total += values[beside.groups[vertices.picked[k]]]
     return total / max(m, 1)
 
 
@@ -265,12 +266,12 @@ def write_window(
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Level, support: Floats, sizes: Any,
-                cosines: Floats, sines: Floats, out: Floats) -> None:  # fmt: skip
+def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Level, support: Floats, edges: Floats,
+                sizes: Any, cosines: Floats, sines: Floats, out: Floats) -> None:  # fmt: skip
     """Fit the windows `first` to `last`, for `run_tasks`; `sizes` are radius and gate (m), lengths told in radii.
 
-    `support` is that of the vertices as `surface` has them. The third of `sizes` is the highest frequency that faces
-    can show, in waves a radius; of a stronger wave that they cannot, the frequency is told.
+    `support` is that of the vertices as `surface` has them, `edges` is 1 for those on an edge. The third of `sizes` is
+    the highest frequency that faces can show, in waves a radius; of a stronger wave that they cannot, it is told.
     """
     radius, gate, highest = sizes
     reach = np.hypot(radius, gate)
@@ -289,7 +290,7 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
         frame = frame_over(upward)
         m = lay_in_window(beside, m, place, frame, (radius, gate), 1.0, vertices)
         n = take_points(points, lay_in_window(near, n, place, frame, (radius, gate), 1.0, points), w)
-        if n < LEAST_POINTS or m == 0:
+        if n < LEAST_POINTS or m == 0 or mean_over(beside, vertices, m, edges) > MOST_EDGES:
             continue
         raise_heights(beside, vertices, m, frame, heights)
         variance = leave_of_smooth(w, n, heights)
@@ -297,7 +298,7 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
         sure, power = pattern_in(w.spectrum, variance)
         if sure > SURE_OF_PATTERN:
             out[window, FLATTENED] = max(alike_beside(w.spectrum), power)
-        elif mean_support(beside, vertices, m, support) > NARROW * n:
+        elif mean_over(beside, vertices, m, support) > NARROW * n:
             continue
         n_waves, variance = find_waves(w, n, highest, cosines, sines)
         out[window, FINER], missed2 = finer_wave(w, n, variance, highest, cosines, sines)

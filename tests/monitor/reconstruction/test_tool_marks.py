@@ -96,7 +96,7 @@ def test_waves_keep_their_height_and_lose_their_noise(length: float, left: float
     x, _, z = kept.surface.vertices[inside].T
     shape = np.column_stack([np.sin(2.0 * np.pi / length * x), np.cos(2.0 * np.pi / length * x), np.ones_like(x)])
     assert np.linalg.lstsq(shape, z, rcond=None)[0][0] == pytest.approx(0.001, rel=0.025)
-    assert kept.automatic["waved_share"] > 0.9
+    assert kept.automatic["waved_share"] > 0.75
 
 
 def test_normals_follow_the_waves() -> None:
