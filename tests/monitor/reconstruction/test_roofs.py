@@ -96,7 +96,7 @@ def test_relief_without_edges_has_hardly_any() -> None:
     cloud = PointCloud(np.column_stack([x, y, z]), origins=np.tile([0.0, 0.0, 2.0], (3600, 1)))
     off = []
     for settings in (SurfaceSettings(), SMOOTH_ALONE):
-        surface = reconstruct_with_record(cloud, replace(settings, tool_marks=False)).surface
+        surface = reconstruct_with_record(cloud, settings).surface
         known, height = inside(surface, 0.024), 0.001 * np.sin(2.0 * np.pi / 0.012 * surface.vertices[:, 0])
         off.append(rms(((surface.vertices[:, 2] - height) * surface.normals[:, 2])[known]))
         assert surface.is_crest is None or surface.is_crest[known].mean() < 0.02

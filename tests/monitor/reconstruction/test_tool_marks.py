@@ -14,7 +14,7 @@ from projects.model import Bools, Floats, PointCloud
 
 SPACING, NOISE, N_SIDE = 0.001, 0.0004, 70
 INSIDE = 0.024  # m from the middle
-SMOOTH = SurfaceSettings(tool_marks=False)
+SMOOTH, KEPT = SurfaceSettings(), SurfaceSettings(tool_marks=True)
 
 Relief = Callable[[Floats, Floats], Floats]
 
@@ -88,7 +88,7 @@ def test_waves_keep_their_height_and_lose_their_noise(length: float, left: float
     """Smooth fits keep 0.6 of waves of 5 mm, and 0.93 to 0.95 of 8 and 12 mm at two to four times the noise."""
     relief = waves(length, 0.001)
     cloud = scan(relief, np.random.default_rng(3))
-    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, SurfaceSettings()))
+    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, KEPT))
     off, sigma, inside = errors(kept, relief)
     assert rms(off) < left * rms(errors(smooth, relief)[0])
     assert rms(off) < 0.1e-3
@@ -101,7 +101,7 @@ def test_waves_keep_their_height_and_lose_their_noise(length: float, left: float
 
 def test_normals_follow_the_waves() -> None:
     relief = waves(0.008, 0.001)
-    kept = reconstruct_with_record(scan(relief, np.random.default_rng(3)))
+    kept = reconstruct_with_record(scan(relief, np.random.default_rng(3)), KEPT)
     inside = errors(kept, relief)[2]
     x, y, _ = kept.surface.vertices[inside].T
     true = np.column_stack([-slopes(relief, x, y)[0], np.zeros_like(x), np.ones_like(x)])
@@ -114,13 +114,13 @@ def test_waves_too_short_for_the_cells_ask_for_smaller_ones() -> None:
     """Of waves of 3 mm cells of 1.5 mm show nothing that a face could; smooth fits lose them and state 0.02 mm."""
     relief = waves(0.003, 0.0003)
     cloud = scan(relief, np.random.default_rng(4), 0.0002)
-    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, SurfaceSettings()))
+    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, KEPT))
     assert kept.automatic["cell_size_m"] < 0.8 * smooth.automatic["cell_size_m"]
     off, sigma, _ = errors(kept, relief)
     assert rms(errors(smooth, relief)[0]) > 0.14e-3
     assert rms(off) < 0.03e-3
     assert 0.4 < rms(off / sigma) < 1.15
-    given = reconstruct_with_record(cloud, SurfaceSettings(cell_size=0.0015))
+    given = reconstruct_with_record(cloud, SurfaceSettings(cell_size=0.0015, tool_marks=True))
     off, sigma, _ = errors(given, relief)
     assert given.automatic["cell_size_m"] == 0.0015
     assert rms(off / sigma) < 1.3  # lost, and told
@@ -132,7 +132,7 @@ def test_tool_marks_of_all_widths_are_nearer_to_the_truth(pitch: float, depth: f
     for seed in (1, 2):
         relief = chiselled(np.random.default_rng(seed), pitch, depth)
         cloud = scan(relief, np.random.default_rng(seed + 10))
-        off.append(rms(errors(reconstruct_with_record(cloud), relief)[0]))
+        off.append(rms(errors(reconstruct_with_record(cloud, KEPT), relief)[0]))
         before.append(rms(errors(reconstruct_with_record(cloud, SMOOTH), relief)[0]))
     assert np.mean(off) < left * np.mean(before)
 
@@ -140,7 +140,7 @@ def test_tool_marks_of_all_widths_are_nearer_to_the_truth(pitch: float, depth: f
 def test_where_nothing_repeats_vertices_stay_and_state_what_is_flattened() -> None:
     """Strokes on a flat stone, 5 % of which smooth fits cut off: 2.5 to 4 times what they state."""
     cloud = scan(cuts, np.random.default_rng(6))
-    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, SurfaceSettings()))
+    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, KEPT))
     off, sigma, _ = errors(kept, cuts)
     before, stated, _ = errors(smooth, cuts)
     assert rms(off) < 1.05 * rms(before)
@@ -151,7 +151,7 @@ def test_where_nothing_repeats_vertices_stay_and_state_what_is_flattened() -> No
 @pytest.mark.parametrize("radius", [np.inf, 0.08])
 def test_smooth_surfaces_are_left_as_they_are(radius: float) -> None:
     cloud = scan(lambda x, y: (x**2 + y**2) / (2.0 * radius), np.random.default_rng(8))
-    smooth, kept = (reconstruct_with_record(cloud, settings).surface for settings in (SMOOTH, SurfaceSettings()))
+    smooth, kept = (reconstruct_with_record(cloud, settings).surface for settings in (SMOOTH, KEPT))
     assert np.array_equal(smooth.vertices, kept.vertices)
     assert np.median(kept.sigma / smooth.sigma) == 1.0
 
@@ -161,7 +161,7 @@ def test_waves_have_the_same_bits_for_any_number_of_threads() -> None:
     made, before = [], numba.get_num_threads()
     for n_threads in (1, before):
         numba.set_num_threads(n_threads)
-        made.append(reconstruct_with_record(cloud).surface)
+        made.append(reconstruct_with_record(cloud, KEPT).surface)
     numba.set_num_threads(before)
     assert np.array_equal(made[0].vertices, made[1].vertices)
     assert np.array_equal(made[0].sigma, made[1].sigma)
@@ -177,7 +177,7 @@ def test_an_edge_beside_tool_marks_stays_sharp() -> None:
     origins[right] = points[right] + [2.0, 0.0, 0.0]
     folded = replace(cloud, points=points, origins=origins)
     off = []
-    for settings in (SMOOTH, SurfaceSettings()):
+    for settings in (SMOOTH, KEPT):
         x, y, z = reconstruct_with_record(folded, settings).surface.vertices.T
         side = (abs(y) < INSIDE) & (z < -0.001) & (z > -INSIDE)
         off.append(rms(x[side]))
