@@ -20,7 +20,7 @@ STEP = 0.25  # waves a radius: half of what a disc can tell apart
 LOWEST, HIGHEST = 0.3, 6.4  # waves a radius: a longer one is a bend, a shorter one hardly more than two points
 FARTHEST_LAG = np.int64(4)  # cells
 # Standard deviations of the sum of squared correlations of noise, for a look at waves, and for a size of what is there.
-SURE_OF_PATTERN, PLAIN = 3.0, 5.0
+SURE_OF_PATTERN, PLAIN = 2.0, 5.0
 
 
 class Spectrum(NamedTuple):

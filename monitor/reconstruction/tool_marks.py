@@ -155,8 +155,7 @@ def bring_onto_waves(projection: Projection, held: Bools, sums: Floats) -> tuple
     turned = share[:, None] * sums[on, TURNED] / weight[:, None] + (1.0 - share[:, None]) * normals[on]
     normals[on] = turned / np.linalg.norm(turned, axis=1)[:, None]
     spread2 = share * (1.0 - share) * mean2
-    old2 = np.maximum(old2, sums[on, FLAT2] / every)  # a bias that the fits state is no other one
-    sigma[on] = np.sqrt(share * new2 + (1.0 - share) * old2 + spread2)
+    sigma[on] = np.sqrt(share * new2 + (1.0 - share) * old2 + spread2 + sums[on, FLAT2] / every)
     scatter[on] = np.sqrt(share * sums[on, LEFT2] / weight + (1.0 - share) * scatter[on] ** 2)
     n_support[on] = np.round(share * sums[on, POINTS] / weight + (1.0 - share) * n_support[on])
     is_waved = np.zeros(len(held), np.bool_)

@@ -18,7 +18,6 @@ from monitor.reconstruction.moments import Level
 from monitor.reconstruction.periodogram import (
     HIGHEST,
     N_CELLS,
-    PLAIN,
     SURE_OF_PATTERN,
     alike_beside,
     pattern_in,
@@ -50,7 +49,6 @@ N_BESIDE = 3  # vertices whose planes say how far a point is off the smooth surf
 # takes more: 1.3 to 2.5 times as much over waves, tool marks, bumps and fractal relief.
 TAKES = 4.8 * 1.6
 PER_WAVE = 8.0  # coefficients: amplitude, phase and frequencies, found among hundreds
-CLEARLY = 10.0  # variances of a point, by which waves must be the better: some two sigmas of chance on smooth surfaces
 SPLASH = 1.5  # cells, as far as a vertex says how high the smooth surface is
 FLATTENED, N_FOUND, FINER, SIZE, VARIANCE, ALIKE, PLACE, ACROSS, ASIDE, UPWARD = (
     0, 1, 2, 3, 4, 5, slice(6, 9), slice(9, 12), slice(12, 15), slice(15, 18)
@@ -233,7 +231,7 @@ def is_better(w: Any, n: int, n_waves: int, variance: float, judged: Any) -> boo
             gain += min(off * off, most) - min(w.left[i] ** 2, most)
             gain += 2.0 * variance * TAKES / max(support[beside.groups[near]], TAKES)
             n_inner += 1
-    return bool(gain > variance * (CLEARLY + 2.0 * (N_BENT + PER_WAVE * n_waves) * n_inner / n))
+    return bool(gain > 2.0 * variance * (N_BENT + PER_WAVE * n_waves) * n_inner / n)
 
 
 @jit(nopython=True, cache=True)
@@ -258,8 +256,7 @@ def write_window(
     """
     sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
     row[N_FOUND], row[SIZE], row[VARIANCE], row[PLACE] = n_waves, n, variance, place
-    sure, power = pattern_in(w.spectrum, variance)
-    row[ALIKE] = max(alike_beside(w.spectrum), power, missed2) if sure > PLAIN else missed2
+    row[ALIKE] = max(alike_beside(w.spectrum), missed2)
     for a in range(3):
         row[ACROSS.start + a], row[ASIDE.start + a], row[UPWARD.start + a] = frame[0][a], frame[1][a], frame[2][a]
     for k in range(n_waves):
@@ -299,9 +296,9 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
         variance = leave_of_smooth(w, n, heights)
         sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
         sure, power = pattern_in(w.spectrum, variance)
-        if sure > PLAIN:
+        if sure > SURE_OF_PATTERN:
             out[window, FLATTENED] = max(alike_beside(w.spectrum), power)
-        elif sure < SURE_OF_PATTERN and mean_over(beside, vertices, m, support) > NARROW * n:
+        elif mean_over(beside, vertices, m, support) > NARROW * n:
             continue
         n_waves, variance = find_waves(w, n, highest, cosines, sines)
         out[window, FINER], missed2 = finer_wave(w, n, variance, highest, cosines, sines)
