@@ -51,9 +51,11 @@ def spectrum_room() -> Any:
 
 @jit(nopython=True, cache=True)
 def sum_in_cells(u: Floats, v: Floats, left: Floats, n: int, room: Any) -> None:
-    """Sum up what is left of n points in cells."""
+    """Sum up what is left of n points in cells; NaN is not known and does not count."""
     room.sums[:], room.counts[:] = 0.0, 0.0
     for i in range(n):
+        if np.isnan(left[i]):
+            continue
         a = min(max(np.int64(0.5 * (u[i] + 1.0) * N_CELLS), 0), N_CELLS - 1)
         b = min(max(np.int64(0.5 * (v[i] + 1.0) * N_CELLS), 0), N_CELLS - 1)
         room.sums[a, b] += left[i]

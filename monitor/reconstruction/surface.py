@@ -88,7 +88,8 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     """
     require_noun(cloud, "what a surface is made of", PointCloud)
     settings = given_or_default(settings, SurfaceSettings)
-    cloud, counts = take_usable(cloud)
+    given = cloud
+    cloud, counts = take_usable(given)
     low, high = box_of(cloud.points)
     shift = np.round(0.5 * (low + high), 3)
     cloud = replace(cloud, points=cloud.points - shift)
@@ -113,7 +114,6 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     settled = settle(vertices, faces, measured, cell_used, sampling.spacing, settings, near, counts, automatic)
     finer = automatic.pop("cell_for_waves_m", np.nan)
     if settings.cell_size is None and finer < FINER * cell_used:
-        given = replace(cloud, points=cloud.points + shift)
         return reconstruct_with_record(given, replace(settings, cell_size=max(finer, FINEST_CELL * sampling.spacing)))
     settled = leave_openings(settled, finest, samples, sampling, settings.crumb_cells * cell_used, counts)
     settled = invent(settled, ALONG_HOLES * cell_used, settings, counts)

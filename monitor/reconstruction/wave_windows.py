@@ -169,7 +169,7 @@ def raise_heights(beside: Any, vertices: Any, m: int, frame: Any, heights: Any) 
 
 @jit(nopython=True, cache=True, error_model="numpy")
 def leave_of_smooth(w: Any, n: int, heights: Any) -> float:
-    """Write what the smooth surface leaves of the points of a window, 0 where it has no height; their mean square."""
+    """Write what the smooth surface leaves of the points of a window, NaN where it has no height; their mean square."""
     total, n_known = 0.0, 0
     for i in range(n):
         x, y = 0.5 * (w.u[i] + 1.0) * N_CELLS - 0.5, 0.5 * (w.v[i] + 1.0) * N_CELLS - 0.5
@@ -181,8 +181,10 @@ def leave_of_smooth(w: Any, n: int, heights: Any) -> float:
                 if heights.weights[a + p, b + q] > 0.0:
                     height += share * heights.sums[a + p, b + q] / heights.weights[a + p, b + q]
                     weights += share
-        w.left[i] = w.z[i] - height / weights if weights > 0.5 else 0.0
-        total, n_known = total + w.left[i] ** 2, n_known + (weights > 0.5)
+        w.left[i] = np.nan
+        if weights > 0.5:
+            w.left[i] = w.z[i] - height / weights
+            total, n_known = total + w.left[i] ** 2, n_known + 1
     return total / max(n_known, 1)
 
 

@@ -126,6 +126,15 @@ def test_waves_too_short_for_the_cells_ask_for_smaller_ones() -> None:
     assert rms(off / sigma) < 1.3  # lost, and told
 
 
+def test_what_was_dropped_is_counted_where_smaller_cells_are_asked_for() -> None:
+    cloud = scan(waves(0.003, 0.0003), np.random.default_rng(4), 0.0002)
+    points, origins = cloud.points.copy(), np.asarray(cloud.origins).copy()
+    points[:7], origins[:7] = points[7:14], origins[7:14]
+    made = reconstruct_with_record(replace(cloud, points=points, origins=origins), KEPT)
+    assert made.automatic["cell_size_m"] < 0.0012
+    assert made.counts["points_copied"] == 7
+
+
 @pytest.mark.parametrize(("pitch", "depth", "left"), [(0.006, 0.0012, 0.85), (0.008, 0.0005, 0.92)])
 def test_tool_marks_of_all_widths_are_nearer_to_the_truth(pitch: float, depth: float, left: float) -> None:
     off, before = [], []
