@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
-from monitor.reconstruction.gathering import ROOM, Sites, find_near, gate_height, near_room, rows_room
+from monitor.reconstruction.gathering import ROOM, Sites, gate_height, near_room, rows_room
 from monitor.reconstruction.moments import BUCKETS_PER_RADIUS, Level, level_of_points, sort_by_cell
 from monitor.reconstruction.periodogram import COSINES, HIGHEST, SINES
 from monitor.reconstruction.projection import Projection, Samples
@@ -30,14 +30,12 @@ from monitor.reconstruction.wave_windows import (
     N_ROW,
     SHAPE,
     SIZE,
-    TAKEN,
     UPWARD,
     VARIANCE,
     fit_windows,
-    frame_over,
     laid_room,
-    lay_in_window,
-    mean_upward,
+    lay_vertices,
+    weight_of,
 )
 from monitor.reconstruction.waves import MOST_WAVES, N_UNKNOWN, add_turns, error2_at, shape_at, window_room
 from monitor.threads import run_tasks
@@ -184,23 +182,17 @@ def _nearest_to_means(vertices: Floats, order: Ints, starts: Ints) -> Ints:
 def _blend(sites: Sites, surface: Level, order: Ints, sizes: Any, rows: Floats, sums: Floats) -> None:
     """Add up, for each vertex, what the windows around say of it; one after another, so that sums have one order."""
     radius, gate = sizes
-    reach = np.hypot(radius, gate)
-    room, near, upward = rows_room(reach, radius, surface.bucket), near_room(ROOM), np.empty(3)
+    room, near = rows_room(np.hypot(radius, gate), radius, surface.bucket), near_room(ROOM)
     laid, w = laid_room(ROOM), window_room(1)
     for window in range(len(rows)):
-        row, middle = rows[window], sites.which[window]
+        row = rows[window]
         if row[N_FOUND] == 0.0 and row[FLATTENED] == 0.0:
             continue
-        place = sites.vertices[middle]
-        n, near = find_near(surface, sites, window, reach, room, near)
-        mean_upward(near, n, sites.normals[middle], place, radius, upward)
-        laid = laid if n <= len(laid.u) else laid_room(2 * n)
-        n = lay_in_window(near, n, place, frame_over(upward), sizes, TAKEN, laid)
+        n, near, laid = lay_vertices(sites, window, surface, sizes, room, near, laid)
         w.frequencies[:] = row[FREQUENCIES].copy().reshape(MOST_WAVES, 2)
         w.factor[:] = row[FACTOR].copy().reshape(N_UNKNOWN, N_UNKNOWN)
         for k in range(n):
-            own = sums[order[near.groups[laid.picked[k]]]]
-            weight = (1.0 - (laid.u[k] ** 2 + laid.v[k] ** 2) / TAKEN**2) ** 2
+            own, weight = sums[order[near.groups[laid.picked[k]]]], weight_of(laid, k)
             if row[N_FOUND] == 0.0:
                 own[FLAT2] += weight * radius * radius * row[FLATTENED]
             else:
@@ -230,15 +222,8 @@ def _add_waves(w: Any, row: Floats, u: float, v: float, z: float, weight: float,
 def _count_windows(sites: Sites, surface: Level, order: Ints, sizes: Any, sums: Floats) -> None:
     """Add up the weights of all windows around each vertex, of those that found nothing too."""
     radius, gate = sizes
-    reach = np.hypot(radius, gate)
-    room, near, upward, laid = rows_room(reach, radius, surface.bucket), near_room(ROOM), np.empty(3), laid_room(ROOM)
+    room, near, laid = rows_room(np.hypot(radius, gate), radius, surface.bucket), near_room(ROOM), laid_room(ROOM)
     for window in range(len(sites.which)):
-        middle = sites.which[window]
-        place = sites.vertices[middle]
-        n, near = find_near(surface, sites, window, reach, room, near)
-        mean_upward(near, n, sites.normals[middle], place, radius, upward)
-        laid = laid if n <= len(laid.u) else laid_room(2 * n)
-        n = lay_in_window(near, n, place, frame_over(upward), sizes, TAKEN, laid)
+        n, near, laid = lay_vertices(sites, window, surface, sizes, room, near, laid)
         for k in range(n):
-            away2 = laid.u[k] ** 2 + laid.v[k] ** 2
-            sums[order[near.groups[laid.picked[k]]], ALL] += (1.0 - away2 / TAKEN**2) ** 2
+            sums[order[near.groups[laid.picked[k]]], ALL] += weight_of(laid, k)

@@ -13,7 +13,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
-from monitor.reconstruction.gathering import ROOM, Sites, find_near, near_room, rows_room, tangent_frame
+from monitor.reconstruction.gathering import (
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
+    PLACE_X,
+    PLACE_Y,
+    PLACE_Z,
+    ROOM,
+    Sites,
+    find_near,
+    near_room,
+    rows_room,
+    tangent_frame,
+)
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.periodogram import (
     HIGHEST,
@@ -24,6 +37,7 @@ from monitor.reconstruction.periodogram import (
     strongest_wave,
     sum_in_cells,
 )
+from monitor.reconstruction.projection import OF_FIT
 from monitor.reconstruction.waves import (
     CUT,
     FIRST_POWER,
@@ -47,7 +61,7 @@ MOST_EDGES = 0.03  # of a window's vertices: waves would go on over an edge
 N_BESIDE = 3  # vertices whose planes say how far a point is off the smooth surface
 # Of what a fit takes of its points' noise in the middle of its window. Its radius is chosen on the same noise, and
 # takes more: 1.3 to 2.5 times as much over waves, tool marks, bumps and fractal relief.
-TAKES = 4.8 * 1.6
+TAKES = OF_FIT * 1.6
 PER_WAVE = 8.0  # coefficients: amplitude, phase and frequencies, found among hundreds
 SPLASH = 1.5  # cells, as far as a vertex says how high the smooth surface is
 FLATTENED, N_FOUND, FINER, SIZE, VARIANCE, ALIKE, PLACE, ACROSS, ASIDE, UPWARD = (
@@ -82,12 +96,26 @@ def laid_room(n: int) -> Any:
 
 
 @jit(nopython=True, cache=True)
+def offset_of(near: Any, k: int, place: Floats) -> Any:
+    """Way (m) from a place to what is near."""
+    return near.values[PLACE_X, k] - place[0], near.values[PLACE_Y, k] - place[1], near.values[PLACE_Z, k] - place[2]
+
+
+@jit(nopython=True, cache=True)
+def slopes_of(near: Any, k: int, frame: Any) -> Any:
+    """Normal of what is near, in a window's frame."""
+    (tx, ty, tz), (bx, by, bz), (nx, ny, nz) = frame
+    a, b, c = near.values[NORMAL_X, k], near.values[NORMAL_Y, k], near.values[NORMAL_Z, k]
+    return a * tx + b * ty + c * tz, a * bx + b * by + c * bz, a * nx + b * ny + c * nz
+
+
+@jit(nopython=True, cache=True)
 def mean_upward(near: Any, n: int, own: Floats, place: Floats, radius: float, out: Floats) -> bool:
     """Unit mean normal of what is near within the radius and looks the way of `own`; False where it bends too much."""
     x, y, z, m = 0.0, 0.0, 0.0, 0
     for k in range(n):
-        dx, dy, dz = near.values[0, k] - place[0], near.values[1, k] - place[1], near.values[2, k] - place[2]
-        a, b, c = near.values[3, k], near.values[4, k], near.values[5, k]
+        dx, dy, dz = offset_of(near, k, place)
+        a, b, c = near.values[NORMAL_X, k], near.values[NORMAL_Y, k], near.values[NORMAL_Z, k]
         if dx * dx + dy * dy + dz * dz < radius * radius and a * own[0] + b * own[1] + c * own[2] > 0.0:
             x, y, z, m = x + a, y + b, z + c, m + 1
     length = np.sqrt(x * x + y * y + z * z)
@@ -115,14 +143,35 @@ def lay_in_window(near: Any, n: int, place: Floats, frame: Any, sizes: Any, reac
     radius, gate = sizes
     m = 0
     for k in range(n):
-        dx, dy, dz = near.values[0, k] - place[0], near.values[1, k] - place[1], near.values[2, k] - place[2]
+        dx, dy, dz = offset_of(near, k, place)
         u, v = (dx * tx + dy * ty + dz * tz) / radius, (dx * bx + dy * by + dz * bz) / radius
         z = dx * nx + dy * ny + dz * nz
-        cosine = near.values[3, k] * nx + near.values[4, k] * ny + near.values[5, k] * nz
+        _, _, cosine = slopes_of(near, k, frame)
         if u * u + v * v <= reach * reach and abs(z) <= gate and cosine > ANY_SIDE:
             laid.u[m], laid.v[m], laid.z[m], laid.picked[m] = u, v, z / radius, k
             m += 1
     return m
+
+
+@jit(nopython=True, cache=True)
+def lay_vertices(sites: Any, window: int, surface: Any, sizes: Any, rows: Ints, near: Any, laid: Any) -> Any:
+    """Lay the vertices that a window's patch is used for into it: how many, what is near, and where they lie.
+
+    `near` and `laid` are room for both, which grows where it must; `sizes` are radius and gate (m).
+    """
+    middle, upward = sites.which[window], np.empty(3)
+    place = sites.vertices[middle]
+    n, near = find_near(surface, sites, window, np.hypot(sizes[0], sizes[1]), rows, near)
+    mean_upward(near, n, sites.normals[middle], place, sizes[0], upward)
+    laid = laid if n <= len(laid.u) else laid_room(2 * n)
+    return lay_in_window(near, n, place, frame_over(upward), sizes, TAKEN, laid), near, laid
+
+
+@jit(nopython=True, cache=True)
+def weight_of(laid: Any, k: int) -> float:
+    """Weight of a window at a vertex laid in it: less and less away from the middle."""
+    away2 = laid.u[k] * laid.u[k] + laid.v[k] * laid.v[k]
+    return float((1.0 - away2 / (TAKEN * TAKEN)) ** 2)
 
 
 @jit(nopython=True, cache=True)
@@ -132,14 +181,6 @@ def take_points(laid: Any, n: int, w: Any) -> int:
     for k in range(n // step):
         w.u[k], w.v[k], w.z[k] = laid.u[k * step], laid.v[k * step], laid.z[k * step]
     return n // step
-
-
-@jit(nopython=True, cache=True)
-def slopes_of(near: Any, k: int, frame: Any) -> Any:
-    """Normal of what is near, in a window's frame."""
-    (tx, ty, tz), (bx, by, bz), (nx, ny, nz) = frame
-    a, b, c = near.values[3, k], near.values[4, k], near.values[5, k]
-    return a * tx + b * ty + c * tz, a * bx + b * by + c * bz, a * nx + b * ny + c * nz
 
 
 @jit(nopython=True, cache=True)
