@@ -175,6 +175,7 @@ def split_faces(
         scatter=np.r_[projection.scatter, projection.scatter[ends].mean(axis=1)],
         n_support=np.r_[projection.n_support, projection.n_support[ends].min(axis=1)],
         is_fitted=np.r_[projection.is_fitted, np.ones(k, bool)],
+        unit=np.r_[projection.unit, projection.unit[ends].mean(axis=1)],
     )
     n_split = np.count_nonzero(middle >= 0, axis=1)
     new = [faces[n_split == 0], *(part(with_new.vertices, faces, middle, n_split, m) for m in (1, 2, 3))]

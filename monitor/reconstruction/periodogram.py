@@ -45,7 +45,7 @@ COSINES, SINES = waves_over_cells()
 @jit(nopython=True, cache=True)
 def spectrum_room() -> Any:
     """Room for one window."""
-    shape = (N_CELLS, N_STEPS + 1)
+    shape = (N_STEPS + 1, N_CELLS)
     return Spectrum(np.zeros((N_CELLS, N_CELLS)), np.zeros((N_CELLS, N_CELLS)), np.zeros(shape), np.zeros(shape))
 
 
@@ -107,32 +107,32 @@ def alike_beside(room: Any) -> float:
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def strongest_wave(room: Any, n: int, variance: float, limits: Any, cosines: Floats, sines: Floats) -> Any:
-    """Power over that of noise, and frequencies along u and v, of the strongest wave of n points within `limits`.
-
-    Frequencies and both limits of them are in waves a radius.
-    """
-    low, high = limits
+def strongest_waves(room: Any, n: int, variance: float, high: float, cosines: Floats, sines: Floats) -> Any:
+    """Power over that of noise, and frequencies along u and v, of the strongest wave of n points that is no bend and
+    not above `high`; the power of the strongest above, and its frequency. Frequencies are in waves a radius."""
     re, im = room.along_re, room.along_im
-    for a in range(N_CELLS):
-        for k in range(N_STEPS + 1):
+    for k in range(N_STEPS + 1):
+        for a in range(N_CELLS):
             x, y = 0.0, 0.0
             for b in range(N_CELLS):
                 x += room.sums[a, b] * cosines[N_STEPS + k, b]
                 y += room.sums[a, b] * sines[N_STEPS + k, b]
-            re[a, k], im[a, k] = x, y
-    most, best_u, best_v = 0.0, 0.0, 0.0
+            re[k, a], im[k, a] = x, y
+    most, best_u, best_v, most_above, above = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(2 * N_STEPS + 1):
         for k in range(N_STEPS + 1):
             f_u, f_v = STEP * (j - N_STEPS), STEP * k
             f2 = f_u * f_u + f_v * f_v
-            if f2 < low * low or f2 > high * high or (k == 0 and j < N_STEPS):
+            if f2 < LOWEST * LOWEST or f2 > HIGHEST * HIGHEST or (k == 0 and j < N_STEPS):
                 continue
             x, y = 0.0, 0.0
             for a in range(N_CELLS):
-                x += re[a, k] * cosines[j, a] - im[a, k] * sines[j, a]
-                y += re[a, k] * sines[j, a] + im[a, k] * cosines[j, a]
+                x += re[k, a] * cosines[j, a] - im[k, a] * sines[j, a]
+                y += re[k, a] * sines[j, a] + im[k, a] * cosines[j, a]
             power = x * x + y * y
-            if power > most:
+            if f2 > high * high:
+                if power > most_above:
+                    most_above, above = power, np.sqrt(f2)
+            elif power > most:
                 most, best_u, best_v = power, f_u, f_v
-    return most / (n * variance), best_u, best_v
+    return most / (n * variance), best_u, best_v, most_above / (n * variance), above

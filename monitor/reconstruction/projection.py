@@ -115,6 +115,7 @@ class Projection(NamedTuple):
     scatter: Floats  # (n,) one-sigma of the points about the patch
     n_support: Ints  # (n,)
     is_fitted: Bools  # (n,)
+    unit: Floats  # (n,) standard error that the noise of the points makes, in sigmas of one
 
     def take(self, which: Ints) -> Projection:
         """Return the vertices selected."""
@@ -164,6 +165,7 @@ def project_vertices(
         scatter=np.where(is_fitted, scatter, np.nan),
         n_support=np.abs(out[:, OUT_SUPPORT]).astype(np.int32),
         is_fitted=is_fitted,
+        unit=np.where(is_fitted, out[:, OUT_UNIT], np.nan),
     )
 
 

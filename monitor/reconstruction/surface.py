@@ -190,6 +190,7 @@ def invent(settled: Settled, longest_edge: float, settings: SurfaceSettings, cou
         scatter=np.r_[projection.scatter, unknown],
         n_support=np.r_[projection.n_support, np.zeros(n_new, projection.n_support.dtype)],
         is_fitted=np.r_[projection.is_fitted, no],
+        unit=np.r_[projection.unit, unknown],
     )
     used, faces = compact(len(closed.vertices), closed.faces)
     return Settled(filled.take(used), faces, np.r_[settled.beside, no][used], np.r_[settled.is_crest, no][used])

@@ -30,8 +30,10 @@ from monitor.reconstruction.wave_windows import (
     N_ROW,
     SHAPE,
     SIZE,
+    SURELY,
     UPWARD,
     VARIANCE,
+    Fits,
     fit_windows,
     laid_room,
     lay_vertices,
@@ -46,7 +48,9 @@ APART = 0.8  # of the radius, from one window to the next
 CELLS_A_WAVE = 3.0  # fewer, and what faces cut off of waves hides more of a change than it tells of the relief
 SHORTER = 1.06  # of the frequencies that ask for smaller cells: they are known to some hundredths
 FEWEST_FINER = 0.1  # of the windows, for smaller cells all over
-SURELY = 3.0  # sigmas
+# What a fit takes of the noise of a point next to it, over its squared standard error in sigmas of a point: 1.25 in its
+# middle by its weights, more since its radius is chosen on the same noise, less beside it; 1.0 to 1.6 on relief.
+TAKES = 1.3
 BLOCK = 2048  # windows whose fits are held at once
 WEIGHT, ALL, MOVE, MOVED2, ERROR2, TURNED, LEFT2, POINTS, FLAT2 = (
     0, 1, slice(2, 5), 5, 6, slice(7, 10), 10, 11, 12
@@ -81,16 +85,13 @@ def keep_tool_marks(projection: Projection, held: Bools, samples: Samples, spaci
     sites = lay_windows(projection, radius)
     order = sort_by_cell(projection.vertices, radius / BUCKETS_PER_RADIUS)[0]
     surface = level_of_points(projection.vertices, projection.normals, radius)
-    support = projection.n_support[order].astype(np.float64)
-    edges = held[order].astype(np.float64)
+    fits = known_of(projection.take(order), held[order], radius)
     sizes, highest = (radius, gate_height(radius, samples.noise)), min(radius / (CELLS_A_WAVE * cell), HIGHEST)
     sums, finer = None, []
     for first in range(0, len(sites.which), BLOCK):
         some = windows_from(sites, first)
         rows = np.zeros((len(some.which), N_ROW))
-        run_tasks(
-            fit_windows, len(rows), some, finest, surface, support, edges, (*sizes, highest), COSINES, SINES, rows
-        )
+        run_tasks(fit_windows, len(rows), some, finest, surface, fits, (*sizes, highest), COSINES, SINES, rows)
         finer.append(rows[:, FINER])
         if rows[:, : N_FOUND + 1].any():
             sums = np.zeros((len(held), N_SUMS)) if sums is None else sums
@@ -100,6 +101,12 @@ def keep_tool_marks(projection: Projection, held: Bools, samples: Samples, spaci
         return Kept(projection, np.zeros(len(held), np.bool_), smaller)
     _count_windows(sites, surface, order, sizes, sums)
     return Kept(*bring_onto_waves(projection, held, sums), smaller)
+
+
+def known_of(projection: Projection, held: Bools, radius: float) -> Fits:
+    """Return what is known of smooth fits, with lengths in radii (m) of windows."""
+    takes = np.minimum(TAKES * projection.unit**2, 1.0)
+    return Fits(takes, (projection.scatter / radius) ** 2, np.where(held, projection.sigma, 0.0) / radius)
 
 
 def cell_for(frequencies: Floats, radius: float) -> float:
@@ -158,7 +165,8 @@ def bring_onto_waves(projection: Projection, held: Bools, sums: Floats) -> tuple
     n_support[on] = np.round(share * sums[on, POINTS] / weight + (1.0 - share) * n_support[on])
     is_waved = np.zeros(len(held), np.bool_)
     is_waved[on] = share > 0.5
-    return Projection(vertices, normals, sigma, scatter, n_support, projection.is_fitted), is_waved
+    ridden = projection._replace(vertices=vertices, normals=normals, sigma=sigma, scatter=scatter, n_support=n_support)
+    return ridden, is_waved
 
 
 @jit(nopython=True, cache=True)

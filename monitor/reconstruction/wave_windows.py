@@ -29,18 +29,14 @@ from monitor.reconstruction.gathering import (
 )
 from monitor.reconstruction.moments import Level
 from monitor.reconstruction.periodogram import (
-    HIGHEST,
     N_CELLS,
     SURE_OF_PATTERN,
     alike_beside,
     pattern_in,
-    strongest_wave,
     sum_in_cells,
 )
-from monitor.reconstruction.projection import OF_FIT
 from monitor.reconstruction.waves import (
     CUT,
-    FIRST_POWER,
     MOST_WAVES,
     N_BENT,
     N_COEFFICIENTS,
@@ -48,6 +44,9 @@ from monitor.reconstruction.waves import (
     are_gentle,
     find_waves,
     fit_distances,
+    freedom_of,
+    leave_distances,
+    shape_at,
     window_room,
 )
 from projects.model import Floats, Ints
@@ -56,13 +55,11 @@ TAKEN = 0.8  # of the radius: farther out a patch is not used
 LEAST_POINTS, MOST_POINTS = 100, 4000  # of a window; of more every second, third, ... is taken
 ANY_SIDE = 0.17  # least cosine between normal and window: within 80 degrees
 FLAT_ENOUGH = 0.8  # length of the mean normal over a window
-NARROW = 0.25  # of a window's points: fits to fewer are noisier than waves, though they may flatten nothing
-MOST_EDGES = 0.03  # of a window's vertices: waves would go on over an edge
+MOST_EDGES = 0.25  # of a window's vertices: where an edge runs through its middle
+MOST_AGAINST = 0.03  # of a window's vertices, on edges that its waves contradict: they would go on over an edge
+SURELY = 3.0  # sigmas, by which an edge contradicts waves
 N_BESIDE = 3  # vertices whose planes say how far a point is off the smooth surface
-# Of what a fit takes of its points' noise in the middle of its window. Its radius is chosen on the same noise, and
-# takes more: 1.3 to 2.5 times as much over waves, tool marks, bumps and fractal relief.
-TAKES = OF_FIT * 1.6
-PER_WAVE = 8.0  # coefficients: amplitude, phase and frequencies, found among hundreds
+LEAST_FREEDOM = N_BENT + 4.0  # of a patch with a wave
 SPLASH = 1.5  # cells, as far as a vertex says how high the smooth surface is
 FLATTENED, N_FOUND, FINER, SIZE, VARIANCE, ALIKE, PLACE, ACROSS, ASIDE, UPWARD = (
     0, 1, 2, 3, 4, 5, slice(6, 9), slice(9, 12), slice(12, 15), slice(15, 18)
@@ -80,6 +77,15 @@ class Laid(NamedTuple):
     v: Floats
     z: Floats
     picked: Ints
+
+
+class Fits(NamedTuple):
+    """What is known of the smooth fits of vertices (n,): the share of its noise that a fit takes of a point next to it,
+    the squared noise of a point about it, and the sigma of those that lie on an edge, 0 of others; in radii."""
+
+    takes: Floats
+    scatter2: Floats
+    edges: Floats
 
 
 class Heights(NamedTuple):
@@ -264,29 +270,48 @@ def off_smooth(u: float, v: float, z: float, beside: Any, vertices: Any, m: int,
 def is_better(w: Any, n: int, n_waves: int, variance: float, judged: Any) -> bool:
     """Whether the waves of a window predict its inner points better than the smooth surface there does.
 
-    `judged` are what is near, the m vertices laid in the window, their number, the frame and the support of all.
+    `judged` are what is near, the m vertices laid in the window, their number, the frame, what fits take of all, and
+    the squared noise of a point about them.
     """
-    beside, vertices, m, frame, support = judged
+    beside, vertices, m, frame, takes, scatter2 = judged
+    noise2 = min(variance, scatter2)  # waves leave relief too where they are not all of it
     gain, n_inner, most = 0.0, 0, CUT * CUT * variance
     for i in range(n):
         if w.u[i] ** 2 + w.v[i] ** 2 < TAKEN * TAKEN:
             off, near = off_smooth(w.u[i], w.v[i], w.z[i], beside, vertices, m, frame)
             gain += min(off * off, most) - min(w.left[i] ** 2, most)
-            gain += 2.0 * variance * TAKES / max(support[beside.groups[near]], TAKES)
+            gain += 2.0 * noise2 * takes[beside.groups[near]]
             n_inner += 1
-    return bool(gain > 2.0 * variance * (N_BENT + PER_WAVE * n_waves) * n_inner / n)
+    return bool(gain > 2.0 * noise2 * freedom_of(w, n, n_waves, variance) * n_inner / n)
 
 
 @jit(nopython=True, cache=True)
-def finer_wave(w: Any, n: int, variance: float, highest: float, cosines: Floats, sines: Floats) -> Any:
-    """Frequency (waves a radius) and mean square of the strongest wave left above `highest`; 0 where none stands out
-    of noise."""
-    if not variance > 0.0 or highest >= HIGHEST:
-        return 0.0, 0.0
-    power, f_u, f_v = strongest_wave(w.spectrum, n, variance, (highest, HIGHEST), cosines, sines)
-    if power < FIRST_POWER:
-        return 0.0, 0.0
-    return np.hypot(f_u, f_v), 2.0 * power * variance / n
+def share_against(
+    w: Any, n: int, n_waves: int, variance: float, beside: Any, vertices: Any, m: int, edges: Floats
+) -> float:
+    """Share of the m vertices of a window that lie on edges, by `edges` with their own sigma, and surely off its waves.
+
+    What bends much passes for an edge here and there, and waves go along with it.
+    """
+    n_against, own2 = 0, variance * (N_BENT + 4 * n_waves) / n
+    for k in range(m):
+        sigma = edges[beside.groups[vertices.picked[k]]]
+        if sigma > 0.0:
+            height, slope_u, slope_v = shape_at(
+                vertices.u[k], vertices.v[k], w.frequencies, n_waves, w.coefficients, w.row
+            )
+            off2 = (vertices.z[k] - height) ** 2 / (1.0 + slope_u**2 + slope_v**2)
+            n_against += 1 if off2 > SURELY * SURELY * (sigma * sigma + own2) else 0
+    return n_against / m
+
+
+@jit(nopython=True, cache=True)
+def share_on(beside: Any, vertices: Any, m: int, edges: Floats) -> float:
+    """Share of the m vertices of a window that lie on edges."""
+    n_on = 0
+    for k in range(m):
+        n_on += 1 if edges[beside.groups[vertices.picked[k]]] > 0.0 else 0
+    return n_on / max(m, 1)
 
 
 @jit(nopython=True, cache=True)
@@ -309,13 +334,14 @@ def write_window(
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Level, support: Floats, edges: Floats,
+def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Level, fits: Any,
                 sizes: Any, cosines: Floats, sines: Floats, out: Floats) -> None:  # fmt: skip
     """Fit the windows `first` to `last`, for `run_tasks`; `sizes` are radius and gate (m), lengths told in radii.
 
-    `support` is that of the vertices as `surface` has them, `edges` is 1 for those on an edge. The third of `sizes` is
-    the highest frequency that faces can show, in waves a radius; of a stronger wave that they cannot, it is told.
+    The third of `sizes` is the highest frequency that faces can show, in waves a radius; of a stronger wave that they
+    cannot, it is told. The rows of `fits` are those of `surface`.
     """
+    takes, scatter2, edges = fits
     radius, gate, highest = sizes
     reach = np.hypot(radius, gate)
     rows, near, beside = rows_room(reach, radius, min(finest.bucket, surface.bucket)), near_room(ROOM), near_room(ROOM)
@@ -333,7 +359,7 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
         frame = frame_over(upward)
         m = lay_in_window(beside, m, place, frame, (radius, gate), 1.0, vertices)
         n = take_points(points, lay_in_window(near, n, place, frame, (radius, gate), 1.0, points), w)
-        if n < LEAST_POINTS or m == 0 or mean_over(beside, vertices, m, edges) > MOST_EDGES:
+        if n < LEAST_POINTS or m == 0 or share_on(beside, vertices, m, edges) > MOST_EDGES:
             continue
         raise_heights(beside, vertices, m, frame, heights)
         variance = leave_of_smooth(w, n, heights)
@@ -341,17 +367,18 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
         sure, power = pattern_in(w.spectrum, variance)
         if sure > SURE_OF_PATTERN:
             out[window, FLATTENED] = max(alike_beside(w.spectrum), power)
-        elif mean_over(beside, vertices, m, support) > NARROW * n:
+        elif mean_over(beside, vertices, m, takes) * n < LEAST_FREEDOM:
             continue
-        n_waves, variance = find_waves(w, n, highest, cosines, sines)
-        out[window, FINER], missed2 = finer_wave(w, n, variance, highest, cosines, sines)
+        n_waves, variance, out[window, FINER], missed2 = find_waves(w, n, highest, cosines, sines)
         out[window, FLATTENED] = max(out[window, FLATTENED], missed2)
         if n_waves == 0:
             continue
-        judged = beside, vertices, m, frame, support
-        if are_gentle(w, n_waves) and not is_better(w, n, n_waves, variance, judged):
+        judged = beside, vertices, m, frame, takes, mean_over(beside, vertices, m, scatter2)
+        if are_gentle(w, n_waves) and not is_better(w, n, n_waves, leave_distances(w, n, n_waves), judged):
             continue
         variance, unsure2 = fit_distances(w, n, n_waves, variance)
         missed2 = max(missed2, unsure2)
-        if variance > 0.0 and is_better(w, n, n_waves, variance, judged):
+        if not (variance > 0.0 and is_better(w, n, n_waves, variance, judged)):
+            continue
+        if share_against(w, n, n_waves, variance, beside, vertices, m, edges) < MOST_AGAINST:
             write_window(w, n, n_waves, variance, missed2, place, frame, out[window])

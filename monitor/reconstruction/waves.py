@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import jit
 
+from monitor.reconstruction.bends import leave_of_bend
 from monitor.reconstruction.periodogram import (
-    LOWEST,
     STEP,
     spectrum_room,
-    strongest_wave,
+    strongest_waves,
     sum_in_cells,
 )
 from monitor.reconstruction.quadric import factorise, substitute
@@ -29,8 +29,10 @@ N_COEFFICIENTS = N_BENT + 2 * MOST_WAVES
 N_UNKNOWN = N_BENT + 4 * MOST_WAVES  # with both frequencies of each wave, which come last
 FIRST_POWER = 17.0  # over that of noise: 1600 frequencies show as much by chance in one window of 15 000
 NEXT_POWER = 11.0  # once there is one
+FAINT_POWER = 34.0  # up to here a wave found may owe its height to chance
 MOST_FLATTENED = 2.0  # times as high as a regression has it: beyond, any point is near to some flank of a wave
 N_REFINED = 3  # steps of a frequency to its place between those of the periodogram
+N_TURNED = 4  # steps of all frequencies together, each time that a wave was found
 N_ROUNDS, SETTLED = 8, 0.02  # of fits to distances, at most; sigmas of a point, by which none of the coefficients moves
 N_FEET = 2  # steps to the feet of points in each
 FARTHEST_FOOT = 0.125  # of the radius, a step
@@ -159,27 +161,78 @@ def amplitudes(w: Any, n: int, f_u: float, f_v: float) -> Any:
     return (c * ss - s * cs) / determinant, (s * cc - c * cs) / determinant
 
 
-@jit(nopython=True, cache=True)
-def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -> Any:
-    """Fit the window's n points by a patch with waves as long as one stands out of noise: how many, and the mean square
-    of what is left (in squared radii). No wave has a higher frequency than `highest` (waves a radius)."""
-    variance = fit_heights(w, n, 0)
-    if not variance > 0.0:
-        return 0, variance
-    sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
-    n_waves = 0
-    while n_waves < MOST_WAVES:
-        power, f_u, f_v = strongest_wave(w.spectrum, n, variance, (LOWEST, highest), cosines, sines)
-        if power < (NEXT_POWER if n_waves else FIRST_POWER):
+@jit(nopython=True, cache=True, error_model="numpy")
+def turn_heights(w: Any, n: int, n_waves: int) -> float:
+    """`fit_heights` with the frequencies of all waves free (Gauss-Newton): a patch takes of a long wave what bends, so
+    that what it leaves seems shorter."""
+    q, rhs, best = N_BENT + 4 * n_waves, np.empty(N_UNKNOWN), fit_heights(w, n, n_waves)
+    for _ in range(N_TURNED):
+        if not best > 0.0:
             break
+        before = w.frequencies.copy()
+        w.factor[:q, :q], rhs[:] = 0.0, 0.0
+        for i in range(n):
+            shape_at(w.u[i], w.v[i], w.frequencies, n_waves, w.coefficients, w.row)
+            add_turns(w.u[i], w.v[i], n_waves, w.coefficients, w.row)
+            add_square(w.row, 1.0, q, w.factor)
+            for a in range(q):
+                rhs[a] += w.row[a] * w.left[i]
+        for a in range(q):
+            w.factor[a, a] += RIDGE * n
+        if n <= 2 * q or not factorise(w.factor, q):
+            return fit_heights(w, n, n_waves)
+        substitute(w.factor, rhs, q)
+        _move_by(w, n_waves, rhs)
+        less = fit_heights(w, n, n_waves)
+        if not 0.0 < less < best:
+            w.frequencies[:] = before
+            return fit_heights(w, n, n_waves)
+        if less > (1.0 - SETTLED) * best:
+            return less
+        best = less
+    return best
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -> Any:
+    """Fit the window's n points by a patch with waves, as many as stand out of noise, if any does where a patch of
+    fourth degree is taken off: how many, and the mean square of what is left (in squared radii).
+
+    No wave has a higher frequency than `highest` (waves a radius). Of the strongest that is left above come frequency
+    and mean square third and fourth, 0 where none stands out of noise.
+    """
+    variance, n_waves = leave_of_bend(w, n), -1
+    while variance > 0.0:
+        sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
+        power, f_u, f_v, power_above, above = strongest_waves(w.spectrum, n, variance, highest, cosines, sines)
+        if n_waves == MOST_WAVES or power < (NEXT_POWER if n_waves > 0 else FIRST_POWER):
+            break
+        if n_waves < 0:  # something is no bend: anew, on a patch that takes less of a long wave
+            variance, n_waves = fit_heights(w, n, 0), 0
+            continue
         w.frequencies[n_waves, 0], w.frequencies[n_waves, 1] = refine(w, n, f_u, f_v)
-        less = fit_heights(w, n, n_waves + 1)
+        less = turn_heights(w, n, n_waves + 1)
         if not 0.0 < less < variance:
             variance = fit_heights(w, n, n_waves)
             break
         variance, n_waves = less, n_waves + 1
-        sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
-    return n_waves, variance
+    if not variance > 0.0:
+        return 0, np.nan, 0.0, 0.0
+    if power_above < FIRST_POWER:
+        power_above, above = 0.0, 0.0
+    return max(n_waves, 0), variance, above, 2.0 * power_above * variance / n
+
+
+@jit(nopython=True, cache=True)
+def freedom_of(w: Any, n: int, n_waves: int, variance: float) -> float:
+    """How many coefficients a patch with waves is worth: of each wave amplitude, phase and both frequencies, and as
+    many again for a faint one, which is the best of hundreds."""
+    free = float(N_BENT)
+    for k in range(n_waves):
+        p = N_BENT + 2 * k
+        power = n * (w.coefficients[p] ** 2 + w.coefficients[p + 1] ** 2) / (4.0 * variance)
+        free += 4.0 + 4.0 * FAINT_POWER / max(power, FAINT_POWER)
+    return free
 
 
 @jit(nopython=True, cache=True)
@@ -202,6 +255,16 @@ def distance_from(w: Any, i: int, n_waves: int) -> Any:
 
 
 @jit(nopython=True, cache=True)
+def leave_distances(w: Any, n: int, n_waves: int) -> float:
+    """Write how far the points are off waves fitted to their heights into `left`; the variance of a point."""
+    w.foot_u[:n], w.foot_v[:n], total = w.u[:n], w.v[:n], 0.0
+    for i in range(n):
+        w.left[i] = distance_from(w, i, n_waves)[0]
+        total += w.left[i] ** 2
+    return float(total / (n - N_BENT - 2 * n_waves))
+
+
+@jit(nopython=True, cache=True)
 def fit_distances(w: Any, n: int, n_waves: int, variance: float) -> Any:
     """Fit the waves found to distances from them; the variance of a point (in squared radii), NaN where it fails.
 
@@ -220,14 +283,10 @@ def fit_distances(w: Any, n: int, n_waves: int, variance: float) -> Any:
     fit_heights(w, n, n_waves)
     for a in range(N_BENT + 2 * n_waves, N_BENT + 4 * n_waves):  # without freedom of the frequencies
         w.factor[a, : a + 1] = 0.0
-    w.foot_u[:n], w.foot_v[:n], total = w.u[:n], w.v[:n], 0.0
-    for i in range(n):
-        w.left[i] = distance_from(w, i, n_waves)[0]
-        total += w.left[i] ** 2
     unsure2 = 0.0
     for p in range(N_BENT, N_BENT + 2 * n_waves):
         unsure2 += 0.5 * w.coefficients[p] ** 2
-    return total / (n - N_BENT - 2 * n_waves), unsure2
+    return leave_distances(w, n, n_waves), unsure2
 
 
 @jit(nopython=True, cache=True)

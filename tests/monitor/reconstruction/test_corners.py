@@ -169,7 +169,7 @@ def test_a_vertex_moves_to_a_corner_only_if_no_face_turns_over() -> None:
     vertices, n = np.r_[np.zeros((1, 3)), ring], 7
     faces = np.array([[0, k + 1, (k + 1) % 6 + 1] for k in range(6)])
     up = np.tile([0.0, 0.0, 1.0], (n, 1))
-    projection = Projection(vertices, up, np.full(n, 0.1), np.full(n, 0.1), np.full(n, 9), np.ones(n, bool))
+    projection = Projection(vertices, up, np.full(n, 0.1), np.full(n, 0.1), np.full(n, 9), np.ones(n, bool), np.ones(n))
     assert stays_whole(vertices, projection, faces, 0, np.array([0.5, 0.0, 0.5]))
     assert not stays_whole(vertices, projection, faces, 0, np.array([1.2, 0.0, 0.0]))
     assert not stays_whole(vertices * [1.0, 1.0, -1.0] * [-1.0, 1.0, 1.0], projection, faces, 0, np.array([0.5, 0, 0]))

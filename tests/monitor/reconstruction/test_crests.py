@@ -18,7 +18,7 @@ def on_points(vertices: Floats, normals: Floats) -> Projection:
     """Return vertices that are known to a hundredth of a cell."""
     n = len(vertices)
     return Projection(np.asarray(vertices, float), np.asarray(normals, float), np.full(n, 0.01), np.full(n, 0.1),
-                      np.full(n, 9), np.ones(n, bool))  # fmt: skip
+                      np.full(n, 9), np.ones(n, bool), np.full(n, 0.1))  # fmt: skip
 
 
 def flat(vertices: Floats) -> Projection:

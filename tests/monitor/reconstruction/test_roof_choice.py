@@ -102,7 +102,7 @@ def brought(smooth_off: float, smooth_sigma: float, chi2: float = 1.0) -> tuple[
     rows = row(over=0.001 * HALF, chi2=chi2)[None]
     place = raw - rows[:, OVER, None] * rows[:, ACTIVE]
     smooth = Projection(place + smooth_off * rows[:, ACTIVE], np.array([[0.0, 0.0, 1.0]]), np.array([smooth_sigma]),
-                        np.array([5e-4]), np.array([7]), np.array([False]))  # fmt: skip
+                        np.array([5e-4]), np.array([7]), np.array([False]), np.zeros(1))  # fmt: skip
     found = Roofs(np.array([0]), rows[:, ACTIVE], rows[:, OTHER], raw + rows[:, CREST], np.array([False]), np.zeros(1))
     moved = bring_onto(smooth, raw, found, rows, noise)
     np.testing.assert_array_equal(smooth.is_fitted, [False])  # what came in stays

@@ -148,7 +148,7 @@ def test_a_vertex_without_a_roof_takes_that_of_the_next_one_on_its_own_side() ->
     row, half = np.zeros((1, N_VALUES)), np.sqrt(0.5)
     row[0, ACTIVE], row[0, OTHER], row[0, OVER] = [half, 0.0, half], [-half, 0.0, half], 0.3 * half
     row[0, CREST] = [-0.5, 0.0, 0.2]
-    smooth = Projection(raw, 0.0 * raw, *np.ones((2, 3)), np.ones(3, int), np.array([True, False, False]))
+    smooth = Projection(raw, 0.0 * raw, *np.ones((2, 3)), np.ones(3, int), np.array([True, False, False]), np.ones(3))
     which, rows = share_roofs(raw, smooth, np.arange(3), np.array([0]), row, 1.0)
     assert which.tolist() == [0, 1]
     np.testing.assert_allclose(rows[1, ACTIVE], [-half, 0.0, half])

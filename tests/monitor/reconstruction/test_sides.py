@@ -140,7 +140,7 @@ def test_of_two_projections_the_better_known_is_taken() -> None:
     def projected(sigma: list[float]) -> Projection:
         n, fitted = len(sigma), np.isfinite(sigma)
         return Projection(np.full((n, 3), sigma[0]), np.zeros((n, 3)), np.array(sigma), np.zeros(n),
-                          np.ones(n, np.int32), fitted)  # fmt: skip
+                          np.ones(n, np.int32), fitted, np.zeros(n))  # fmt: skip
 
     one, other = projected([1.0, 3.0, np.nan, 5.0]), projected([2.0, 2.0, 2.0, np.nan])
     better = better_known(one, other)

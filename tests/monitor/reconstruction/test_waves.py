@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from monitor.reconstruction.bends import leave_of_bend
 from monitor.reconstruction.periodogram import (
     COSINES,
     HIGHEST,
@@ -13,7 +14,7 @@ from monitor.reconstruction.periodogram import (
     SURE_OF_PATTERN,
     alike_beside,
     pattern_in,
-    strongest_wave,
+    strongest_waves,
     sum_in_cells,
 )
 from monitor.reconstruction.waves import (
@@ -22,6 +23,8 @@ from monitor.reconstruction.waves import (
     error2_at,
     find_waves,
     fit_distances,
+    freedom_of,
+    leave_distances,
     shape_at,
     window_room,
 )
@@ -57,7 +60,7 @@ def amplitudes_of(w: object, n_waves: int) -> Floats:
 @pytest.mark.parametrize(("f_u", "f_v"), [(3.2, 0.0), (-1.4, 2.1), (0.0, 4.2)])
 def test_a_wave_is_found_where_it_is(rng: np.random.Generator, f_u: float, f_v: float) -> None:
     w = make_window(rng, ((0.02, f_u, f_v),))
-    n_waves, variance = find_waves(w, N, HIGHEST, COSINES, SINES)
+    n_waves, variance, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
     assert n_waves == 1
     variance, _ = fit_distances(w, N, n_waves, variance)
     assert abs(w.frequencies[0]) == pytest.approx([abs(f_u), abs(f_v)], abs=0.15)
@@ -67,7 +70,7 @@ def test_a_wave_is_found_where_it_is(rng: np.random.Generator, f_u: float, f_v: 
 
 def test_two_waves_are_found_and_no_third(rng: np.random.Generator) -> None:
     w = make_window(rng, ((0.03, 2.0, 1.0), (0.02, -1.0, 3.0)))
-    n_waves, variance = find_waves(w, N, HIGHEST, COSINES, SINES)
+    n_waves, variance, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
     assert n_waves == 2
     fit_distances(w, N, n_waves, variance)
     assert amplitudes_of(w, 2) == pytest.approx([0.03, 0.02], rel=0.2)
@@ -79,11 +82,72 @@ def test_noise_and_a_bend_are_no_waves(rng: np.random.Generator) -> None:
     assert sum(found) == 0
 
 
+@pytest.mark.parametrize("length", [5.0, 9.0])
+def test_a_bend_of_fourth_degree_is_no_wave(rng: np.random.Generator, length: float) -> None:
+    """A part of a wave longer than the window, six times as high as the noise: a patch of second degree leaves two."""
+    for _ in range(10):
+        w = make_window(rng, ((6.0 * NOISE, 0.9 / length, 1.8 / length),))
+        n_waves, variance, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
+        assert n_waves == 0
+        assert np.sqrt(variance) == pytest.approx(NOISE, rel=0.1)
+
+
+def test_a_long_wave_is_one_wave(rng: np.random.Generator) -> None:
+    """A patch takes of 1.6 waves over a window what bends, and what it leaves seems shorter: two were found in all."""
+    n_found = []
+    for _ in range(20):
+        w = make_window(rng, ((0.06, 0.8, 0.0),))
+        n_waves, variance, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
+        n_found.append(n_waves)
+        assert np.hypot(*w.frequencies[0]) == pytest.approx(0.8, abs=0.08)  # type: ignore[attr-defined]
+        assert np.sqrt(variance) == pytest.approx(NOISE, rel=0.12)
+    assert np.mean(n_found) < 1.3  # chance finds a second one in 3 of 100
+
+
+def test_a_bend_leaves_what_it_cannot_follow(rng: np.random.Generator) -> None:
+    w = make_window(rng, ())
+    w.z[:] = 1.0 + w.u * w.v**3 - 2.0 * w.u**4 + w.v**2  # type: ignore[attr-defined]
+    assert leave_of_bend(w, N) == pytest.approx(0.0, abs=1e-12)
+    w.z[:] += 0.1 * np.sin(40.0 * w.u) + NOISE * rng.normal(size=N)  # type: ignore[attr-defined]
+    assert leave_of_bend(w, N) == pytest.approx(0.005 + NOISE**2, rel=0.06)
+    assert np.isnan(leave_of_bend(w, 30))
+
+
+def test_a_faint_wave_costs_twice_what_a_plain_one_does(rng: np.random.Generator) -> None:
+    w = make_window(rng, ((0.02, 2.0, 0.5),))
+    n_waves, variance, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
+    assert freedom_of(w, N, n_waves, variance) == pytest.approx(
+        6.0 + 4.0 + 4.0 * 34.0 / (N * 0.02**2 / 4 / NOISE**2), rel=0.1
+    )
+    assert freedom_of(w, N, n_waves, 100.0 * variance) == 14.0
+    assert freedom_of(w, N, n_waves, 1e-4 * variance) == pytest.approx(10.0, abs=0.01)
+
+
+def test_distances_are_left_not_heights(rng: np.random.Generator) -> None:
+    """Slopes of up to 17 degrees: heights are off by 1.02 times as much in the mean."""
+    w = make_window(rng, ((0.024, 2.0, 0.0),))
+    n_waves, heights, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
+    upright = w.left.copy()  # type: ignore[attr-defined]
+    distances = leave_distances(w, N, n_waves)
+    assert distances == pytest.approx(float(np.sum(w.left**2)) / (N - 8))  # type: ignore[attr-defined]
+    assert (abs(w.left) <= abs(upright) + 1e-15).all()  # type: ignore[attr-defined]
+    assert distances < 0.99 * heights
+
+
 def test_no_wave_is_shorter_than_faces_can_show(rng: np.random.Generator) -> None:
-    w = make_window(rng, ((0.03, 4.5, 0.0),))
-    assert find_waves(w, N, 3.5, COSINES, SINES)[0] == 0
-    strongest = strongest_wave(w.spectrum, N, NOISE**2, (3.5, HIGHEST), COSINES, SINES)
-    assert strongest[1:] == pytest.approx([4.5, 0.0], abs=0.3)
+    """It is told, a third too small in its square, as means over cells and noise along the normals flatten it."""
+    told = []
+    for _ in range(20):
+        w = make_window(rng, ((0.02, 4.5, 0.0),), 0.4 * NOISE)
+        n_waves, _, above, left2 = find_waves(w, N, 3.5, COSINES, SINES)
+        assert n_waves == 0
+        assert above == pytest.approx(4.5, abs=0.3)
+        told.append(left2)
+        power, f_u, f_v, _, shorter = strongest_waves(w.spectrum, N, 0.16 * NOISE**2, HIGHEST, COSINES, SINES)
+        assert (abs(f_u), abs(f_v)) == pytest.approx((4.5, 0.0), abs=0.3)
+        assert power == pytest.approx(0.5 * N * left2 / (0.16 * NOISE**2), rel=0.1)
+        assert shorter == 0.0
+    assert np.mean(told) == pytest.approx(0.65 * 0.5 * 0.02**2, rel=0.15)
 
 
 def test_steep_waves_are_not_flattened_by_noise_along_their_normals(rng: np.random.Generator) -> None:
@@ -91,7 +155,7 @@ def test_steep_waves_are_not_flattened_by_noise_along_their_normals(rng: np.rand
     low, right = [], []
     for _ in range(6):
         w = make_window(rng, ((0.0625, 3.2, 0.0),))
-        n_waves, variance = find_waves(w, N, HIGHEST, COSINES, SINES)
+        n_waves, variance, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
         low.append(amplitudes_of(w, n_waves)[0])
         variance, _ = fit_distances(w, N, n_waves, variance)
         right.append(amplitudes_of(w, n_waves)[0])
@@ -105,7 +169,7 @@ def test_error_of_a_height_is_as_large_as_it_scatters(rng: np.random.Generator) 
     off, stated = [], []
     for _ in range(300):
         w = make_window(rng, ((0.02, 2.0, 0.5),))
-        n_waves, variance = find_waves(w, N, HIGHEST, COSINES, SINES)
+        n_waves, variance, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
         variance, _ = fit_distances(w, N, n_waves, variance)
         height, _, _ = shape_at(0.2, -0.1, w.frequencies, n_waves, w.coefficients, w.row)
         truth = 0.1 * 0.2**2 + 0.05 * 0.2 * 0.1 + 0.02 * np.sin(2.0 * np.pi * (2.0 * 0.2 - 0.5 * 0.1) + 0.7)
@@ -119,7 +183,7 @@ def test_error_of_a_height_is_as_large_as_it_scatters(rng: np.random.Generator) 
 def test_points_far_off_do_not_count(rng: np.random.Generator) -> None:
     w = make_window(rng, ((0.03, 2.0, 0.0),))
     w.z[:24] += 0.4  # type: ignore[attr-defined]
-    n_waves, variance = find_waves(w, N, HIGHEST, COSINES, SINES)
+    n_waves, variance, _, _ = find_waves(w, N, HIGHEST, COSINES, SINES)
     variance, _ = fit_distances(w, N, n_waves, variance)
     assert np.sqrt(variance) == pytest.approx(NOISE, rel=0.1)
     assert amplitudes_of(w, n_waves)[0] == pytest.approx(0.03, rel=0.12)
