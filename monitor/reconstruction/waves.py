@@ -198,13 +198,15 @@ def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -
     """Fit the window's n points by a patch with waves, as many as stand out of noise, if any does where a patch of
     fourth degree is taken off: how many, and the mean square of what is left (in squared radii).
 
-    No wave has a higher frequency than `highest` (waves a radius). Of the strongest that is left above come frequency
-    and mean square third and fourth, 0 where none stands out of noise.
+    No wave has a higher frequency than `highest` (waves a radius). Of the strongest that is left above, the mean square
+    comes fourth, 0 where none stands out of noise, and its frequency third, where that was the strongest of all: a step
+    has waves of every length.
     """
-    variance, n_waves = leave_of_bend(w, n), -1
+    variance, n_waves, is_short = leave_of_bend(w, n), -1, False
     while variance > 0.0:
         sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
         power, f_u, f_v, power_above, above = strongest_waves(w.spectrum, n, variance, highest, cosines, sines)
+        is_short = power_above > power if n_waves < 0 else is_short
         if n_waves == MOST_WAVES or power < (NEXT_POWER if n_waves > 0 else FIRST_POWER):
             break
         if n_waves < 0:  # something is no bend: anew, on a patch that takes less of a long wave
@@ -219,8 +221,8 @@ def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -
     if not variance > 0.0:
         return 0, np.nan, 0.0, 0.0
     if power_above < FIRST_POWER:
-        power_above, above = 0.0, 0.0
-    return max(n_waves, 0), variance, above, 2.0 * power_above * variance / n
+        return max(n_waves, 0), variance, 0.0, 0.0
+    return max(n_waves, 0), variance, above if is_short else 0.0, 2.0 * power_above * variance / n
 
 
 @jit(nopython=True, cache=True)

@@ -119,6 +119,14 @@ def test_slow_waves_of_a_plate_are_bends(seed: int) -> None:
     assert np.array_equal(smooth.vertices, kept.vertices)
 
 
+def test_a_step_asks_for_no_smaller_cells() -> None:
+    """It has waves of every length, and a third of the windows see it: all was made anew with cells half as wide."""
+    relief: Relief = lambda x, y: np.where(x > 0.003, 0.002, 0.0)  # noqa: E731
+    cloud = scan(relief, np.random.default_rng(4), 0.0002)
+    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, KEPT))
+    assert kept.automatic["cell_size_m"] == smooth.automatic["cell_size_m"]
+
+
 def test_normals_follow_the_waves() -> None:
     relief = waves(0.008, 0.001)
     kept = reconstruct_with_record(scan(relief, np.random.default_rng(3)), KEPT)
