@@ -4,7 +4,7 @@ In: vertices on their smooth fits and the points. Out: the same, where a patch w
 the points better than these fits do, on that patch. A fit follows what is wider than itself, and narrow fits are noisy;
 what repeats is known from all of a window at once. Windows overlap, each judged by itself, and their patches are
 blended. What smooth fits flatten and no waves bring back is part of sigma. Where no window finds anything not one bit
-changes; on bends of large radius some do, are no nearer to the truth, and state more than they err by (BENCHMARKS.md).
+changes.
 """
 
 from __future__ import annotations
