@@ -162,7 +162,7 @@ def bring_onto(projection: Projection, raw: Floats, roofs: Roofs, rows: Floats, 
     which, moved = roofs.which[taken], projection.take(np.arange(len(projection.vertices)))
     moved.vertices[which], moved.normals[which], moved.sigma[which] = place[taken], roofs.own[taken], sigma[taken]
     moved.scatter[which], moved.n_support[which] = noise[taken], rows[taken, SUPPORT]
-    moved.is_fitted[which] = True
+    moved.unit[which], moved.is_fitted[which] = rows[taken, UNIT], True
     return moved
 
 

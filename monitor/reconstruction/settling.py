@@ -78,7 +78,7 @@ def settle(
     if settings.tool_marks:
         smooth = projection.vertices
         projection = ride_on_waves(projection, roofs, measured[0], (spacing, cell), automatic)
-        if automatic["waved_share"] > 0.0:
+        if not np.array_equal(projection.vertices, smooth):
             projection, moved = hold_back(smooth, projection, faces, counts)
             doubtful |= moved
     before = len(faces)

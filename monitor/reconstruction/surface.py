@@ -87,14 +87,18 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     """
     require_noun(cloud, "what a surface is made of", PointCloud)
     settings = given_or_default(settings, SurfaceSettings)
-    given = cloud
+    return make_with_cells(cloud, settings, settings.cell_size)
+
+
+def make_with_cells(given: PointCloud, settings: SurfaceSettings, cell_size: float | None) -> ReconstructionResult:
+    """Make the surface on cells of such an edge (m); None: of one that the points ask for, or else their waves."""
     cloud, counts = take_usable(given)
     low, high = box_of(cloud.points)
     shift = np.round(0.5 * (low + high), 3)
     cloud = replace(cloud, points=cloud.points - shift)
     samples = tree_of_points(cloud.points)
     sampling, finest = measure_and_sort(cloud, samples)
-    cell = take_cell_size(settings, sampling, len(cloud))
+    cell = take_cell_size(cell_size, sampling, len(cloud))
     screening = screening_length(cell, *sampling)
     ladder = make_ladder(
         cell, sampling.noise, settings.narrowest_fit_cells, settings.widest_fit_cells, settings.noise_share
@@ -112,8 +116,8 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     measured = summed_up, ladder, stated
     settled = settle(vertices, faces, measured, cell_used, sampling.spacing, settings, near, counts, automatic)
     finer = automatic.pop("cell_for_waves_m", np.nan)
-    if settings.cell_size is None and finer < FINER * cell_used:
-        return reconstruct_with_record(given, replace(settings, cell_size=max(finer, FINEST_CELL * sampling.spacing)))
+    if cell_size is None and finer < FINER * cell_used:
+        return make_with_cells(given, settings, max(finer, FINEST_CELL * sampling.spacing))
     settled = leave_openings(settled, finest, samples, sampling, settings.crumb_cells * cell_used, counts)
     settled = invent(settled, ALONG_HOLES * cell_used, settings, counts)
     surface = finish(settled.projection, settled.faces, samples, cloud)
@@ -130,13 +134,13 @@ def reconstruct_with_record(cloud: PointCloud, settings: SurfaceSettings | None 
     return ReconstructionResult(replace(surface, vertices=surface.vertices + shift), automatic, counts)
 
 
-def take_cell_size(settings: SurfaceSettings, sampling: Sampling, n_points: int) -> float:
-    """Return the edge of a cell [m] that the settings give or the points ask for; refuse points that allow none."""
+def take_cell_size(given: float | None, sampling: Sampling, n_points: int) -> float:
+    """Return the edge of a cell [m] that is given or that the points ask for; refuse points that allow none."""
     if not sampling.spacing > 0.0:
         raise ReconstructionError(
             f"most of the {n_points} points share their place with others; a surface needs points beside each other"
         )
-    cell = settings.cell_size or choose_cell_size(sampling)
+    cell = given or choose_cell_size(sampling)
     require_cells_wide_enough(cell, sampling)
     return cell
 

@@ -105,7 +105,7 @@ def keep_tool_marks(projection: Projection, held: Bools, samples: Samples, spaci
 
 def known_of(projection: Projection, held: Bools, radius: float) -> Fits:
     """Return what is known of smooth fits, with lengths in radii (m) of windows."""
-    takes = np.minimum(TAKES * projection.unit**2, 1.0)
+    takes = np.fmin(TAKES * projection.unit**2, 1.0)
     return Fits(takes, (projection.scatter / radius) ** 2, np.where(held, projection.sigma, 0.0) / radius)
 
 

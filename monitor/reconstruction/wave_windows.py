@@ -61,10 +61,10 @@ SURELY = 3.0  # sigmas, by which an edge contradicts waves
 N_BESIDE = 3  # vertices whose planes say how far a point is off the smooth surface
 LEAST_FREEDOM = N_BENT + 4.0  # of a patch with a wave
 SPLASH = 1.5  # cells, as far as a vertex says how high the smooth surface is
-FLATTENED, N_FOUND, FINER, SIZE, VARIANCE, ALIKE, PLACE, ACROSS, ASIDE, UPWARD = (
-    0, 1, 2, 3, 4, 5, slice(6, 9), slice(9, 12), slice(12, 15), slice(15, 18)
+FLATTENED, N_FOUND, FINER, SIZE, VARIANCE, ALIKE, ACROSS, ASIDE, UPWARD = (
+    0, 1, 2, 3, 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
 )  # fmt: skip
-FREQUENCIES = slice(18, 18 + 2 * MOST_WAVES)
+FREQUENCIES = slice(15, 15 + 2 * MOST_WAVES)
 SHAPE = slice(FREQUENCIES.stop, FREQUENCIES.stop + N_COEFFICIENTS)
 FACTOR = slice(SHAPE.stop, SHAPE.stop + N_UNKNOWN**2)
 N_ROW = FACTOR.stop
@@ -315,15 +315,13 @@ def share_on(beside: Any, vertices: Any, m: int, edges: Floats) -> float:
 
 
 @jit(nopython=True, cache=True)
-def write_window(
-    w: Any, n: int, n_waves: int, variance: float, missed2: float, place: Floats, frame: Any, row: Floats
-) -> None:
+def write_window(w: Any, n: int, n_waves: int, variance: float, missed2: float, frame: Any, row: Floats) -> None:
     """Write what is needed to use a window's waves; what varies over several cells and they leave among it.
 
     `missed2` is the mean square of what else they may be off by.
     """
     sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
-    row[N_FOUND], row[SIZE], row[VARIANCE], row[PLACE] = n_waves, n, variance, place
+    row[N_FOUND], row[SIZE], row[VARIANCE] = n_waves, n, variance
     row[ALIKE] = max(alike_beside(w.spectrum), missed2)
     for a in range(3):
         row[ACROSS.start + a], row[ASIDE.start + a], row[UPWARD.start + a] = frame[0][a], frame[1][a], frame[2][a]
@@ -334,7 +332,7 @@ def write_window(
 
 
 @jit(nopython=True, cache=True, nogil=True)
-def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Level, fits: Any,
+def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Level, fits: Fits,
                 sizes: Any, cosines: Floats, sines: Floats, out: Floats) -> None:  # fmt: skip
     """Fit the windows `first` to `last`, for `run_tasks`; `sizes` are radius and gate (m), lengths told in radii.
 
@@ -363,6 +361,8 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
             continue
         raise_heights(beside, vertices, m, frame, heights)
         variance = leave_of_smooth(w, n, heights)
+        if not variance > 0.0:
+            continue
         sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
         sure, power = pattern_in(w.spectrum, variance)
         if sure > SURE_OF_PATTERN:
@@ -381,4 +381,4 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
         if not (variance > 0.0 and is_better(w, n, n_waves, variance, judged)):
             continue
         if share_against(w, n, n_waves, variance, beside, vertices, m, edges) < MOST_AGAINST:
-            write_window(w, n, n_waves, variance, missed2, place, frame, out[window])
+            write_window(w, n, n_waves, variance, missed2, frame, out[window])

@@ -212,9 +212,11 @@ def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -
         if n_waves < 0:  # something is no bend: anew, on a patch that takes less of a long wave
             variance, n_waves = fit_heights(w, n, 0), 0
             continue
+        before = w.frequencies.copy()
         w.frequencies[n_waves, 0], w.frequencies[n_waves, 1] = refine(w, n, f_u, f_v)
         less = turn_heights(w, n, n_waves + 1)
         if not 0.0 < less < variance:
+            w.frequencies[:] = before
             variance = fit_heights(w, n, n_waves)
             break
         variance, n_waves = less, n_waves + 1
@@ -271,23 +273,24 @@ def fit_distances(w: Any, n: int, n_waves: int, variance: float) -> Any:
     """Fit the waves found to distances from them; the variance of a point (in squared radii), NaN where it fails.
 
     Points farther off than `CUT` sigmas do not count. The distances are left in `left`. The fit of heights stays where
-    waves grow without end: they may be up to twice as high, and the mean square of that comes second, else 0.
+    waves grow without end. Noise has flattened it by some (2 pi f sigma)^2, at most to a half; the mean square of that
+    comes second, else 0.
     """
-    heights, frequencies = w.coefficients.copy(), w.frequencies.copy()
+    heights, frequencies, unsure2 = w.coefficients.copy(), w.frequencies.copy(), 0.0
     found = _fit_distances(w, n, n_waves, variance)
     for p in range(N_BENT, N_BENT + 2 * n_waves, 2):
         low, high = np.hypot(heights[p], heights[p + 1]), np.hypot(w.coefficients[p], w.coefficients[p + 1])
         if not high < MOST_FLATTENED * low:
             found = np.nan
+        k = (p - N_BENT) // 2
+        turns2 = (2.0 * np.pi) ** 2 * (frequencies[k, 0] ** 2 + frequencies[k, 1] ** 2)
+        unsure2 += 0.5 * (low * min(turns2 * variance, 1.0)) ** 2
     if found > 0.0:
         return found, 0.0
     w.frequencies[:] = frequencies
     fit_heights(w, n, n_waves)
     for a in range(N_BENT + 2 * n_waves, N_BENT + 4 * n_waves):  # without freedom of the frequencies
         w.factor[a, : a + 1] = 0.0
-    unsure2 = 0.0
-    for p in range(N_BENT, N_BENT + 2 * n_waves):
-        unsure2 += 0.5 * w.coefficients[p] ** 2
     return leave_distances(w, n, n_waves), unsure2
 
 
