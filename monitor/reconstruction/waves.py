@@ -202,16 +202,32 @@ def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -
     comes fourth, 0 where none stands out of noise, and its frequency third, where that was the strongest of all: a step
     has waves of every length.
     """
-    variance, n_waves, is_short = leave_of_bend(w, n), -1, False
-    while variance > 0.0:
-        sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
-        power, f_u, f_v, power_above, above = strongest_waves(w.spectrum, n, variance, highest, cosines, sines)
-        is_short = power_above > power if n_waves < 0 else is_short
-        if n_waves == MOST_WAVES or power < (NEXT_POWER if n_waves > 0 else FIRST_POWER):
-            break
-        if n_waves < 0:  # something is no bend: anew, on a patch that takes less of a long wave
-            variance, n_waves = fit_heights(w, n, 0), 0
-            continue
+    n_waves, variance = 0, leave_of_bend(w, n)
+    power, _, _, power_above, above = look_for_waves(w, n, variance, highest, cosines, sines)
+    is_short = power_above > power
+    if power >= FIRST_POWER:  # anew, on a patch that takes less of a long wave
+        n_waves, variance, power_above, above = add_waves(w, n, highest, cosines, sines)
+    if not variance > 0.0 or power_above < FIRST_POWER:
+        return n_waves, variance, 0.0, 0.0
+    return n_waves, variance, above if is_short else 0.0, 2.0 * power_above * variance / n
+
+
+@jit(nopython=True, cache=True)
+def look_for_waves(w: Any, n: int, variance: float, highest: float, cosines: Floats, sines: Floats) -> Any:
+    """`strongest_waves` of what is left of the window's n points; none where the variance is not known."""
+    if not variance > 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
+    return strongest_waves(w.spectrum, n, variance, highest, cosines, sines)
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def add_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -> Any:
+    """Fit a patch of second degree, and add the strongest wave of what is left as long as it stands out of noise: how
+    many, the mean square of what is left, and power and frequency of the strongest above `highest`."""
+    n_waves, variance = 0, fit_heights(w, n, 0)
+    power, f_u, f_v, power_above, above = look_for_waves(w, n, variance, highest, cosines, sines)
+    while n_waves < MOST_WAVES and power >= (NEXT_POWER if n_waves else FIRST_POWER):
         before = w.frequencies.copy()
         w.frequencies[n_waves, 0], w.frequencies[n_waves, 1] = refine(w, n, f_u, f_v)
         less = turn_heights(w, n, n_waves + 1)
@@ -220,11 +236,8 @@ def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -
             variance = fit_heights(w, n, n_waves)
             break
         variance, n_waves = less, n_waves + 1
-    if not variance > 0.0:
-        return 0, np.nan, 0.0, 0.0
-    if power_above < FIRST_POWER:
-        return max(n_waves, 0), variance, 0.0, 0.0
-    return max(n_waves, 0), variance, above if is_short else 0.0, 2.0 * power_above * variance / n
+        power, f_u, f_v, power_above, above = look_for_waves(w, n, variance, highest, cosines, sines)
+    return n_waves, variance, power_above, above
 
 
 @jit(nopython=True, cache=True)
