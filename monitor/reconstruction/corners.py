@@ -159,7 +159,8 @@ def bring_onto(
     moved = projection.take(np.arange(len(projection.vertices)))
     moved.vertices[which], moved.normals[which], moved.sigma[which] = place, corner.normals[under], sigma
     moved.n_support[which], moved.is_fitted[which] = corner.support[under], True
-    moved.unit[which] = sigma / moved.scatter[which]
+    scatter = moved.scatter[which]
+    moved.unit[which] = np.divide(sigma, scatter, out=np.full(len(which), np.nan), where=scatter > 0.0)
     return moved, with_edges(roofs, which, place, under, corner, cell)
 
 

@@ -55,7 +55,6 @@ N_WIDENED = 3  # radii of the ladder for a plane: its own and the next wider, wh
 MOST_TURNS, UPRIGHT = 2, 0.1  # a frame is turned once to the fitted slope, unless that is within 6 degrees,
 SURE_SLOPE = 12.0  # or within what noise makes: chi2 of two
 STEEPEST2 = 3.0  # squared slope of 60 degrees against the mean normal, beyond which a fit is not of its points' sheet
-OF_FIT = 4.8  # variance in the middle of a quadratic fit of weights 1 - t^2, times its points over that of one
 PRIOR = 8.0  # points, for which the noise around counts in the scatter of one fit
 OFF_MIDDLE = 0.2  # of the radius: points whose middle lies farther off are of one side
 PLACE, NORMAL, OUT_UNIT, OUT_SCATTER, OUT_SUPPORT, OUT_DEGREE, OUT_THIRD, OUT_SECOND, OUT_FREE, N_OUT = (

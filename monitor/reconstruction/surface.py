@@ -34,7 +34,7 @@ from monitor.reconstruction.nearness import has_near
 from monitor.reconstruction.open3d_poisson import poisson_mesh
 from monitor.reconstruction.openings import leave_openings
 from monitor.reconstruction.poisson import screening_by_turn, screening_length
-from monitor.reconstruction.projection import OF_FIT, Projection, sum_up_samples
+from monitor.reconstruction.projection import Projection, sum_up_samples
 from monitor.reconstruction.reach import Stated, make_ladder
 from monitor.reconstruction.settling import Settled, all_corners, settle
 from monitor.reconstruction.surface_settings import SurfaceSettings
@@ -44,6 +44,7 @@ from projects.model import Floats, Ints, PointCloud, Surface, require_noun
 from projects.triangles import rest_on_nothing
 
 LEAST_SHOWN = 0.1  # of the noise stated: points that scatter less tell nothing of it, as those in one plane by rounding
+OF_FIT = 4.8  # variance in the middle of a quadratic fit of weights 1 - t^2, times its points over that of one
 ALONG_HOLES = 1.5  # cells: the longest edge of an invented face
 FINER = 0.9  # of the cell: relief that repeats too finely for it asks for a smaller one
 FINEST_CELL = 0.75  # of the spacing, for such relief
