@@ -29,7 +29,7 @@ METHOD = {
     "mesh": 10,
     "quality": 3,
     "comparison": 64,
-    "series": 21,
+    "series": 22,
 }
 
 

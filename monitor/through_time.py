@@ -24,7 +24,7 @@ from monitor.registration.network.epoch_network import EpochLink, EpochNetwork, 
 from monitor.registration.network.steady_motion import fit_steady_motion
 from monitor.scan_network import frames_of
 from projects.identifiers import comparison_product, series_product
-from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, EpochRecord, Floats, Registration, Step
+from projects.model import CLOSURE_COLUMNS, MOTION_COLUMNS, Comparison, EpochRecord, Floats, Registration, Step
 from projects.records import plain
 from projects.store import Project
 from projects.transforms import rows_of_inverse
@@ -66,11 +66,21 @@ def follow_epochs(project: Project, object_id: str, notify: Notify) -> Step | No
                    "closure_probability": network.probability}  # fmt: skip
         by_trend = int((series.regions["found_by"] == "trend").sum())
         counts = {"regions": len(series.regions), "regions_by_trend": by_trend, "epochs": len(epochs) + 1}
-        told = {**series.statistics, **steady}
+        doubts = tell_doubts(comparisons, stood)
+        told = {**series.statistics, **steady, **({"doubts": doubts} if doubts else {})}
         return Made(replace(series, motions=motions, closures=closures, statistics=told), figures, counts)
 
     asked = Asked(series_product(first.epoch_id), "series", {}, (*direct, *(s for _, s in between)))
     return once_step(places[-1], asked, make)
+
+
+def tell_doubts(comparisons: Sequence[Comparison], places: Sequence[Place]) -> list[dict[str, str]]:
+    """Return what speaks against how each epoch lies on the first, or how the scans of one lie on each other, as the
+    `statistics` of a series hold it; `places` are of the first epoch and of those that the comparisons are of."""
+    networks = [(p, p.project.latest(p.object_id, p.epoch_id, "network")) for p in places]
+    told = [(p, "pose", c.registration.doubt) for p, c in zip(places[1:], comparisons, strict=True)]
+    told += [(p, "scans", str(step.automatic.get("doubt") or "")) for p, step in networks if step is not None]
+    return [{"epoch": p.epoch_id, "of": of, "doubt": doubt} for p, of, doubt in told if doubt]
 
 
 def epochs_of_one_date(project: Project, object_id: str) -> list[str]:

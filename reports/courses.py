@@ -59,7 +59,7 @@ def tell_series(series: Series) -> SeriesFacts:
     n = len(series.epoch_ids) + 1
     first, last = (day(datetime.date.fromisoformat(d)) for d in (series.reference_date, series.dates[-1]))
     lead = f"{in_words(n).capitalize()} epochs from {first} to {last}. "
-    whole = say_steady_motion(series)
+    whole = say_steady_motion(series) + say_doubts(series)
     if not courses:
         told = f"{lead}No region changed in any of them.{_how_small(series, 'would have been')}{whole}"
         return SeriesFacts(told, (), series, measures, tell_motions(series))
@@ -68,6 +68,15 @@ def tell_series(series: Series) -> SeriesFacts:
     told = f"{lead}{_say_followed(len(courses), going)}{_say_by_trend(alone, len(courses))}{_how_small(series, 'is')}"
     told += whole
     return SeriesFacts(told, courses, series, measures, tell_motions(series))
+
+
+def say_doubts(series: Series) -> str:
+    """Return which epochs may lie otherwise than they were taken to, and why; empty where none is doubted."""
+    what = {"pose": "epoch {} lies on epoch {}", "scans": "the scans of epoch {} lie on each other"}
+    return "".join(
+        f" In doubt is how {what[d['of']].format(d['epoch'], series.reference_id)}: {d['doubt']}."
+        for d in series.statistics.get("doubts", ())
+    )
 
 
 def _say_followed(n: int, going: int) -> str:

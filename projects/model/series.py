@@ -58,6 +58,8 @@ class Series:
     the object moves on as a whole: `rate` (6,) of (w, t) about `centre` [rad/year, m/year], its `covariance`, all
     lists, arrays of older programs, by how many `epochs`, and how often chance makes as much of an object at rest
     (`p_rate`; `p_turn`, `p_shift`) or leaves as much of one that moves steadily (`p_fit`).
+    As `doubts`, where there are any, they hold a list of what speaks against how an `epoch` lies on the first (`of`
+    "pose"), or how its scans lie on each other ("scans"): the `doubt` in words.
     """
 
     reference_id: str

@@ -112,3 +112,13 @@ def test_of_regions_whose_course_nobody_knows_it_is_not_said_that_none_goes_on()
     for model in ("single", "jump or onset"):
         lead = tell_series(replace(series, regions=series.regions.assign(model=model))).lead
         assert "of none it is told that it goes on changing" in lead
+
+
+def test_what_is_doubted_of_any_epoch_is_told_with_the_series() -> None:
+    series = series_of("steady", (-1e-4, -4e-4))
+    doubts = [{"epoch": "b", "of": "pose", "doubt": "a step further fits as well"},
+              {"epoch": "a", "of": "scans", "doubt": "scan 2 fits elsewhere"}]  # fmt: skip
+    lead = tell_series(replace(series, statistics={"doubts": doubts})).lead
+    assert lead.endswith(" In doubt is how epoch b lies on epoch a: a step further fits as well. In doubt is how the "
+                         "scans of epoch a lie on each other: scan 2 fits elsewhere.")  # fmt: skip
+    assert "doubt" not in tell_series(series).lead

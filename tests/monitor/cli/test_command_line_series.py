@@ -14,7 +14,7 @@ import trimesh
 
 from monitor.chain import compare_epochs
 from monitor.cli import run, working
-from monitor.record import Place
+from monitor.record import METHOD, Place
 from projects import Project, Surface
 from projects.errors import ComparisonError
 from projects.formats import write_ply_mesh
@@ -244,6 +244,26 @@ def test_comparisons_of_both_modes_make_no_series_and_that_is_said(
     facts = gather_facts(Project.open(path), "relief", "e2021", "e2025")
     assert facts.series is None
     assert told in " ".join(facts.remarks)
+
+
+def test_a_series_says_which_of_its_comparisons_are_in_doubt(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the doubt of the pair in the report stood there, though all that is followed rests on the others, too."""
+    path, doubt = made / "doubted", "a step further fits as well"
+    shutil.copytree(made / "project", path)
+
+    def with_doubt(place: Place, step: Step) -> Any:
+        found = get(place, step)
+        is_one = (place.epoch_id, step.product) == ("e2023", "comparison-e2021")
+        doubted = dataclasses.replace(found.registration, doubt=doubt) if is_one else None
+        return found if doubted is None else dataclasses.replace(found, registration=doubted)
+
+    get = Place.get
+    monkeypatch.setitem(METHOD, "series", METHOD["series"] + 1)
+    monkeypatch.setattr(Place, "get", with_doubt)
+    assert run(["compare", str(path), "relief"]) == 0
+    lead = gather_facts(Project.open(path), "relief", "e2021", "e2025").series.lead
+    assert lead.endswith(f" In doubt is how epoch e2023 lies on epoch e2021: {doubt}.")
+    assert "In doubt" not in gather_facts(Project.open(made / "project"), "relief", "e2021", "e2025").series.lead
 
 
 def test_the_drawing_is_the_same_every_time(made: Path) -> None:
