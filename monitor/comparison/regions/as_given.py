@@ -19,7 +19,9 @@ from projects.triangles import vertex_areas, vertex_normals
 AS_A_WHOLE = ("cleaned", "coated", "moved")  # kinds that may as well be a motion of all the rest
 CLEARLY = 3.0  # times its margin: what a region differs from the rest by, for coordinates that agree by chance are rare
 WIDE = 0.1  # of what is assessed: a region that may as well be what stood still
-NEARLY = 0.3  # of what it differs from the rest by: a wide region that moved less as given, all over, nearly stood still
+NEARLY = (
+    0.3  # of what it differs from the rest by: a wide region that moved less as given, all over, nearly stood still
+)
 
 
 def doubt_as_given(comparison: Comparison) -> Comparison:
@@ -53,8 +55,8 @@ def doubt_as_given(comparison: Comparison) -> Comparison:
 
 
 def _say(still: list[tuple[int, float, float]]) -> str:
-    """Return in words which regions, by number, mean change and motion as given [m], 0 within its margin, stood still in
-    the coordinates as given, and what the rest did there."""
+    """Return in words which regions, by number, mean change and motion as given [m] (0: within its margin), stood still
+    in the coordinates as given, and what the rest did there."""
     which = f"region {still[0][0]}" if len(still) == 1 else f"regions {', '.join(str(k) for k, *_ in still)}"
     mean, most = still[0][1], max(abs(as_given) for *_, as_given in still)
     way = "deeper" if mean > 0.0 else "higher"

@@ -53,8 +53,8 @@ def find_layer_on_most(samples: Samples, target: Side, found: Alignment, rules: 
                        rng: np.random.Generator, both_oriented: bool) -> Layered | None:  # fmt: skip
     """Return the registration beside a layer on most of the object, the rest stable; None where none is told.
 
-    It is told as `is_told` says of what the motion alone leaves, and where stable areas then lie off each other by no
-    more than `WIDER` times what their scans state.
+    It is told as `is_told` says of what the motion alone leaves, and again of what each next one does, and where stable
+    areas then lie off each other by no more than `WIDER` times what their scans state.
     """
     if not both_oriented:
         return None
@@ -65,7 +65,9 @@ def find_layer_on_most(samples: Samples, target: Side, found: Alignment, rules: 
         as_it_is = replace(pairs, residuals=pairs.residuals + thickness * is_peeled[pairs.source])
         patches = sum_patches(as_it_is, numbers[pairs.source], found.centre, beside="layer")
         parted = part_patches(patches, rng)
-        if number == 0 and not (is_told(patches, parted) and fits_no_scale(pairs, numbers, found.centre, parted)):
+        if not is_told(patches, parted):  # in a later round, too: others may be parted there
+            return None
+        if number == 0 and not fits_no_scale(pairs, numbers, found.centre, parted):
             return None
         last, thickness, member = thickness, float(parted.motion[6]), patches.member
         is_peeled = mark(n, pairs.source, parted.has_layer[member])

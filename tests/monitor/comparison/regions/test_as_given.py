@@ -40,8 +40,9 @@ def test_a_base_that_stood_still_in_the_coordinates_as_given_is_said(side: float
     (row,) = found.regions.itertuples()
     assert (row.kind, row.mean_m) == ("coated" if side < 0 else "cleaned", pytest.approx(-side, rel=0.05))
     doubt = doubt_as_given(found).registration.doubt
-    assert doubt.startswith("in the coordinates as given region 1 stood still, and the rest, which was taken to stand "
-                            "still, lies")
+    assert doubt.startswith(
+        "in the coordinates as given region 1 stood still, and the rest, which was taken to stand still, lies"
+    )
     assert f" 0.60 mm {way}: if these coordinates hold" in doubt
 
 

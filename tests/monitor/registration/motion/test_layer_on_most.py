@@ -10,6 +10,8 @@ from layered_body import area_above, make_body
 
 from monitor.comparison import compare
 from monitor.registration import register
+from monitor.registration.motion.layer_on_most import Parted, part_patches
+from monitor.registration.motion.patch_sums import Patches
 from monitor.robust import robust_scale
 from projects.transforms import apply
 
@@ -50,6 +52,25 @@ def test_what_is_taken_for_stable_is_said_beside_other_doubts(monkeypatch: pytes
     assert found.stable_is_rest
     assert "stable is taken to be the smaller part" in found.doubt
     assert "beside a layer on most of it" in found.doubt
+
+
+def test_a_layer_that_the_next_round_does_not_tell_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a panel, 70 % of which was coated by 0.8 mm, rounds went to and fro: the last one told a layer of 0.046 mm."""
+    rounds: list[Parted] = []
+
+    def part_otherwise(patches: Patches, rng: np.random.Generator) -> Parted:
+        found = part_patches(patches, rng)
+        rounds.append(found)
+        if len(rounds) == 1:
+            return found
+        return replace(found, motion=np.array([*found.motion[:6], 5e-5]), has_layer=np.arange(len(found.left)) % 3 > 0)
+
+    monkeypatch.setattr("monitor.registration.motion.layer_on_most.part_patches", part_otherwise)
+    rng = np.random.default_rng(1)
+    found = register(make_body(rng, 0.7, 0.001, -0.15), make_body(rng, 0.0, 0.0, -0.15))
+    assert len(rounds) == 2
+    assert not found.stable_is_rest
+    assert "smaller part" not in found.doubt
 
 
 @pytest.mark.parametrize(
