@@ -25,7 +25,7 @@ METHOD = {
     "targets": 2,
     "network": 18,
     "filtered": 11,
-    "surface": 30,
+    "surface": 31,
     "mesh": 10,
     "quality": 3,
     "comparison": 64,

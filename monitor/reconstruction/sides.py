@@ -25,6 +25,8 @@ COS_OTHER = 0.5  # between the directions away from two edges that both cut: the
 N_AT_ONCE = 100_000  # vertices
 PASSES = 2.0  # cells: an edge whose nearest known point lies farther along it ends before it is abreast
 COS_SHEET = 0.5  # of a vertex's normal with that of its side: else it belongs to another sheet
+APART = 2.5  # sigmas, beyond which a smooth fit and one to a vertex's own side contradict each other
+LEAST_LEFT = 0.14  # of the square of what a patch is bent by on a roof's edge: what it leaves in the mean square
 
 
 class Raw(NamedTuple):
@@ -72,7 +74,7 @@ def fit_own_sides(
     -----
     How far fits may reach is decided anew, by these points alone: what lies beyond the edge may have ended a climb.
     What was decided before stands on more evidence, and is taken where the vertex is better known so. Where points
-    allow no fit the vertex stays as it is.
+    allow no fit, or those around contradict it, the vertex stays as it is.
     """
     samples, ladder, stated = measured
     beside = find_beside(raw, farthest_used(reach, ladder), roofs, gains, noise, cell)
@@ -87,10 +89,23 @@ def fit_own_sides(
         for r in (reach.take(beside.which), anew)
     )
     fitted = better_known(before, after)
-    taken, out = fitted.is_fitted, projection.take(np.arange(len(projection.vertices)))
+    taken = fitted.is_fitted & ~is_contradicted(fitted, projection.take(beside.which), noise[beside.which])
+    out = projection.take(np.arange(len(projection.vertices)))
     for old, new in zip(out, fitted, strict=True):
         old[beside.which[taken]] = new[taken]
     return out
+
+
+def is_contradicted(own: Projection, smooth: Projection, noise: Floats) -> Bools:
+    """Return which fits to the own side of vertices (n,) the smooth ones there contradict: far from each other, where
+    the points do not scatter about the smooth one as they would if it were bent by so much. There is no edge then, or
+    the fit ends far from its points. `noise` (n,) [m] is one sigma of a point."""
+    apart2 = ((own.vertices - smooth.vertices) ** 2).sum(axis=1)
+    by_chance2 = APART**2 * (own.sigma**2 + smooth.sigma**2)
+    unsure2 = noise**2 * np.sqrt(2.0 / np.maximum(smooth.n_support, 1))
+    left2 = np.maximum(smooth.scatter**2 - noise**2, 0.0) + unsure2
+    contradicted: Bools = smooth.is_fitted & (apart2 > by_chance2) & (LEAST_LEFT * apart2 > left2)
+    return contradicted
 
 
 def better_known(one: Projection, other: Projection) -> Projection:

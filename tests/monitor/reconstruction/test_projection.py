@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from monitor.reconstruction import SurfaceSettings, reconstruct
 from monitor.reconstruction.gathering import patch_room
-from monitor.reconstruction.moments import build_levels, find_rows, level_of_points
+from monitor.reconstruction.moments import FRAMES, build_levels, find_rows, level_of_points
 from monitor.reconstruction.probing import STEP, STEP_UNIT2, probe
 from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, sum_up_samples
 from monitor.reconstruction.quadric import FAR, HEIGHT, UNIT_ERROR, fit_patch, fit_room, median
@@ -375,3 +375,12 @@ def test_two_fits_of_one_probe_are_those_of_all_its_points_and_of_the_inner_ones
     assert found[1, STEP] == pytest.approx(heights[0] - heights[1], rel=1e-6)
     assert found[1, STEP_UNIT2] == pytest.approx(((influences[0] - influences[1]) ** 2).sum(), rel=1e-6)
     assert np.isnan(found[[0, 2], STEP]).all()
+
+
+def test_columns_hardly_lean_whichever_way_a_surface_looks(rng: np.random.Generator) -> None:
+    ways = rng.normal(size=(20_000, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    lean = np.degrees(np.arccos(np.abs(ways @ FRAMES[:, 2].T).max(axis=1)))
+    assert lean.max() < 18.0
+    assert lean.mean() < 8.5
+    np.testing.assert_allclose(FRAMES @ FRAMES.transpose(0, 2, 1), np.tile(np.eye(3), (len(FRAMES), 1, 1)), atol=1e-12)
