@@ -19,8 +19,7 @@ N_STEPS = np.int64(26)  # of frequency, up to `HIGHEST`
 STEP = 0.25  # waves a radius: half of what a disc can tell apart
 LOWEST, HIGHEST = 0.3, 6.4  # waves a radius: a longer one is a bend, a shorter one hardly more than two points
 FARTHEST_LAG = np.int64(4)  # cells
-# Standard deviations of the sum of squared correlations of noise, for a look at waves, and for a size of what is there.
-SURE_OF_PATTERN, PLAIN = 2.0, 5.0
+SURE_OF_PATTERN = 2.0  # standard deviations of the sum of squared correlations of noise, for a look at waves
 
 
 class Spectrum(NamedTuple):
@@ -79,21 +78,17 @@ def covariance_at(sums: Floats, counts: Floats, da: int, db: int) -> Any:
 
 
 @jit(nopython=True, cache=True)
-def pattern_in(room: Any, variance: float) -> Any:
-    """By how many standard deviations what lies within a few cells is more alike, or unlike, than noise of `variance`;
-    and the mean square of waves that make it so, 0 where that may be chance."""
-    total, n_lags, numbers = 0.0, 0.0, 0.0
+def pattern_in(room: Any, variance: float) -> float:
+    """By how many standard deviations what lies within a few cells is more alike, or unlike, than noise."""
+    total, n_lags = 0.0, 0.0
     for da in range(FARTHEST_LAG + 1):
         for db in range(-FARTHEST_LAG if da > 0 else 1, FARTHEST_LAG + 1):
             if da * da + db * db <= FARTHEST_LAG * FARTHEST_LAG:
                 product, number = covariance_at(room.sums, room.counts, da, db)
                 if number > 0.0:
                     total += product * product / (number * variance * variance)
-                    n_lags, numbers = n_lags + 1.0, numbers + number
-    sure = (total - n_lags) / np.sqrt(2.0 * max(n_lags, 1.0))
-    if sure < PLAIN:
-        return sure, 0.0
-    return sure, variance * np.sqrt(2.0 * (total - n_lags) / max(numbers, 1.0))  # of a wave, half of all lags' squares
+                    n_lags += 1.0
+    return (total - n_lags) / np.sqrt(2.0 * max(n_lags, 1.0))
 
 
 @jit(nopython=True, cache=True)
@@ -109,7 +104,7 @@ def alike_beside(room: Any) -> float:
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
 def strongest_waves(room: Any, n: int, variance: float, high: float, cosines: Floats, sines: Floats) -> Any:
     """Power over that of noise, and frequencies along u and v, of the strongest wave of n points that is no bend and
-    not above `high`; the power of the strongest above, and its frequency. Frequencies are in waves a radius."""
+    not above `high`; the power of the strongest above, and its frequencies. Frequencies are in waves a radius."""
     re, im = room.along_re, room.along_im
     for k in range(N_STEPS + 1):
         for a in range(N_CELLS):
@@ -118,7 +113,7 @@ def strongest_waves(room: Any, n: int, variance: float, high: float, cosines: Fl
                 x += room.sums[a, b] * cosines[N_STEPS + k, b]
                 y += room.sums[a, b] * sines[N_STEPS + k, b]
             re[k, a], im[k, a] = x, y
-    most, best_u, best_v, most_above, above = 0.0, 0.0, 0.0, 0.0, 0.0
+    most, best_u, best_v, most_above, above = 0.0, 0.0, 0.0, 0.0, (0.0, 0.0)
     for j in range(2 * N_STEPS + 1):
         for k in range(N_STEPS + 1):
             f_u, f_v = STEP * (j - N_STEPS), STEP * k
@@ -132,7 +127,7 @@ def strongest_waves(room: Any, n: int, variance: float, high: float, cosines: Fl
             power = x * x + y * y
             if f2 > high * high:
                 if power > most_above:
-                    most_above, above = power, np.sqrt(f2)
+                    most_above, above = power, (f_u, f_v)
             elif power > most:
                 most, best_u, best_v = power, f_u, f_v
     return most / (n * variance), best_u, best_v, most_above / (n * variance), above

@@ -77,7 +77,7 @@ def settle(
     projection, doubtful = hold_back(vertices, projection, faces, counts)
     if settings.tool_marks:
         smooth = projection.vertices
-        projection = ride_on_waves(projection, roofs, measured[0], (spacing, cell), automatic)
+        projection, roofs = ride_on_waves(projection, roofs, measured[0], (spacing, cell), automatic)
         if not np.array_equal(projection.vertices, smooth):
             projection, moved = hold_back(smooth, projection, faces, counts)
             doubtful |= moved
@@ -134,8 +134,11 @@ def fit_vertices(
 
 def ride_on_waves(
     projection: Projection, roofs: Roofs, samples: Samples, sizes: tuple[float, float], automatic: dict[str, Any]
-) -> Projection:
-    """Bring vertices onto what repeats of the relief; `sizes` are how far points and vertices lie apart (m)."""
+) -> tuple[Projection, Roofs]:
+    """Bring vertices onto what repeats of the relief; `sizes` are how far points and vertices lie apart (m).
+
+    Also the roofs that are left: what lies on waves is no edge.
+    """
     held = np.zeros(len(projection.vertices), bool)
     held[roofs.which] = True
     fitted = np.flatnonzero(projection.is_fitted)
@@ -144,7 +147,9 @@ def ride_on_waves(
     automatic["cell_for_waves_m"] = kept.cell
     least = FINEST * sizes[1]
     ridden = kept.projection._replace(sigma=np.maximum(kept.projection.sigma, least))
-    return Projection(*(put(before, fitted, after) for before, after in zip(projection, ridden, strict=True)))
+    is_waved = put(np.zeros(len(held), bool), fitted, kept.is_waved)
+    left = Roofs(*(values[~is_waved[roofs.which]] for values in roofs))
+    return Projection(*(put(before, fitted, after) for before, after in zip(projection, ridden, strict=True))), left
 
 
 def put(values: Any, which: Ints, others: Any) -> Any:

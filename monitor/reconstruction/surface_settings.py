@@ -44,7 +44,7 @@ class SurfaceSettings:
         True, unit="", meaning="whether edges and folds between two sides are kept sharp where the points show them"
     )  # fmt: skip
     tool_marks: bool = setting(
-        False, unit="", meaning="whether relief that repeats, as the marks of tools do, is followed by waves"
+        True, unit="", meaning="whether relief that repeats, as the marks of tools do, is followed by waves"
     )  # fmt: skip
     close_holes: float = setting(
         0.0, unit="m", meaning="holes up to this width are closed by invented faces; 0: none", low=0, high=1000

@@ -2,9 +2,9 @@
 
 In: vertices on their smooth fits and the points. Out: the same, where a patch with waves over a wide window predicts
 the points better than these fits do, on that patch. A fit follows what is wider than itself, and narrow fits are noisy;
-what repeats is known from all of a window at once. Windows overlap, each judged by itself, and their patches are
-blended. What smooth fits flatten and no waves bring back is part of sigma. Where no window finds anything not one bit
-changes.
+what repeats is known from all of a window at once. Windows overlap, each judged by itself and by whether its waves go
+on beyond it, and their patches are blended. What goes on and is too short for the faces is part of sigma. Where nothing
+goes on not one bit changes.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numba import jit
 
 from monitor.reconstruction.gathering import ROOM, Sites, gate_height, near_room, rows_room
+from monitor.reconstruction.going_on import find_going_on
 from monitor.reconstruction.moments import BUCKETS_PER_RADIUS, Level, level_of_points, sort_by_cell
 from monitor.reconstruction.periodogram import COSINES, HIGHEST, SINES
 from monitor.reconstruction.projection import Projection, Samples
@@ -23,13 +24,14 @@ from monitor.reconstruction.wave_windows import (
     ALIKE,
     ASIDE,
     FACTOR,
-    FINER,
-    FLATTENED,
     FREQUENCIES,
+    LOST,
     N_FOUND,
     N_ROW,
     SHAPE,
+    SHORT,
     SIZE,
+    STRONGEST,
     SURELY,
     UPWARD,
     VARIANCE,
@@ -87,20 +89,40 @@ def keep_tool_marks(projection: Projection, held: Bools, samples: Samples, spaci
     surface = level_of_points(projection.vertices, projection.normals, radius)
     fits = known_of(projection.take(order), held[order], radius)
     sizes, highest = (radius, gate_height(radius, samples.noise)), min(radius / (CELLS_A_WAVE * cell), HIGHEST)
-    sums, finer = None, []
+    some, rows = [], []
     for first in range(0, len(sites.which), BLOCK):
-        some = windows_from(sites, first)
-        rows = np.zeros((len(some.which), N_ROW))
-        run_tasks(fit_windows, len(rows), some, finest, surface, fits, (*sizes, highest), COSINES, SINES, rows)
-        finer.append(rows[:, FINER])
-        if rows[:, : N_FOUND + 1].any():
-            sums = np.zeros((len(held), N_SUMS)) if sums is None else sums
-            _blend(some, surface, order, sizes, rows, sums)
-    smaller = cell_for(np.concatenate(finer), radius)
-    if sums is None:
+        block = windows_from(sites, first)
+        found = np.zeros((len(block.which), N_ROW))
+        run_tasks(fit_windows, len(found), block, finest, surface, fits, (*sizes, highest), COSINES, SINES, found)
+        with_waves = np.flatnonzero((found[:, N_FOUND] > 0.0) | found[:, SHORT].any(axis=1))
+        some.append(first + with_waves)
+        rows.append(found[with_waves])
+    windows, taken = keep_going_on(sites, np.concatenate(some), np.concatenate(rows), finest, surface, sizes)
+    smaller = cell_for(np.linalg.norm(taken[:, SHORT], axis=1), len(sites.which), radius)
+    if not len(windows):
         return Kept(projection, np.zeros(len(held), np.bool_), smaller)
+    sums = np.zeros((len(held), N_SUMS))
+    _blend(take_windows(sites, windows), surface, order, sizes, taken, sums)
     _count_windows(sites, surface, order, sizes, sums)
     return Kept(*bring_onto_waves(projection, held, sums), smaller)
+
+
+def keep_going_on(
+    sites: Sites, windows: Ints, rows: Floats, finest: Level, surface: Level, sizes: Any
+) -> tuple[Ints, Floats]:
+    """Return those of the windows (k,), with their rows, whose strongest waves go on beyond them, or those too short.
+
+    Waves that do not are taken out of the rows, and so is what they lost of waves too short where these do not.
+    """
+    rows = rows.copy()
+    for part in (STRONGEST, SHORT):
+        on = np.flatnonzero(rows[:, part].any(axis=1))
+        goes_on = find_going_on(sites, windows[on], rows[on, part], finest, surface, sizes)
+        rows[on[~goes_on], part] = 0.0
+    rows[~rows[:, STRONGEST].any(axis=1), N_FOUND] = 0.0
+    rows[~rows[:, SHORT].any(axis=1), LOST] = 0.0
+    left = (rows[:, N_FOUND] > 0.0) | (rows[:, LOST] > 0.0)
+    return windows[left], rows[left]
 
 
 def known_of(projection: Projection, held: Bools, radius: float) -> Fits:
@@ -109,13 +131,13 @@ def known_of(projection: Projection, held: Bools, radius: float) -> Fits:
     return Fits(takes, (projection.scatter / radius) ** 2, np.where(held, projection.sigma, 0.0) / radius)
 
 
-def cell_for(frequencies: Floats, radius: float) -> float:
+def cell_for(frequencies: Floats, n_windows: int, radius: float) -> float:
     """Return the edge of a cell (m) that shows the waves of windows which are too short; NaN where these are few.
 
-    `frequencies` (n,) are in waves a radius (m), 0 where there is none.
+    `frequencies` (k,) are in waves a radius (m), 0 where there is none.
     """
     short = frequencies[frequencies > 0.0]
-    if len(short) < FEWEST_FINER * len(frequencies):
+    if not len(short) or len(short) < FEWEST_FINER * n_windows:
         return float("nan")
     return float(radius / (CELLS_A_WAVE * SHORTER * np.quantile(short, 0.9)))
 
@@ -132,8 +154,12 @@ def lay_windows(projection: Projection, radius: float) -> Sites:
 
 def windows_from(sites: Sites, first: int) -> Sites:
     """Return at most `BLOCK` windows from the `first` on."""
-    which = sites.which[first : first + BLOCK]
-    return sites._replace(which=which, starts=np.arange(len(which) + 1), alongs=sites.alongs[first : first + BLOCK])
+    return take_windows(sites, np.arange(first, min(first + BLOCK, len(sites.which))))
+
+
+def take_windows(sites: Sites, windows: Ints) -> Sites:
+    """Return some of the windows."""
+    return sites._replace(which=sites.which[windows], starts=np.arange(len(windows) + 1), alongs=sites.alongs[windows])
 
 
 def bring_onto_waves(projection: Projection, held: Bools, sums: Floats) -> tuple[Projection, Bools]:
@@ -141,8 +167,8 @@ def bring_onto_waves(projection: Projection, held: Bools, sums: Floats) -> tuple
 
     And which vertices (n,) lie on waves by more than a half.
 
-    What windows differ by where they overlap is part of sigma, as is what they or the smooth fits leave that varies
-    over several points.
+    What windows differ by where they overlap is part of sigma, as is what they leave that varies over several points,
+    and waves too short for the faces.
     """
     on = np.flatnonzero((sums[:, WEIGHT] > 0.0) | (sums[:, FLAT2] > 0.0))
     weight, every = np.maximum(sums[on, WEIGHT], 1e-300), np.maximum(sums[on, ALL], 1e-300)
@@ -194,15 +220,13 @@ def _blend(sites: Sites, surface: Level, order: Ints, sizes: Any, rows: Floats, 
     laid, w = laid_room(ROOM), window_room(1)
     for window in range(len(rows)):
         row = rows[window]
-        if row[N_FOUND] == 0.0 and row[FLATTENED] == 0.0:
-            continue
         n, near, laid = lay_vertices(sites, window, surface, sizes, room, near, laid)
         w.frequencies[:] = row[FREQUENCIES].copy().reshape(MOST_WAVES, 2)
         w.factor[:] = row[FACTOR].copy().reshape(N_UNKNOWN, N_UNKNOWN)
         for k in range(n):
             own, weight = sums[order[near.groups[laid.picked[k]]]], weight_of(laid, k)
             if row[N_FOUND] == 0.0:
-                own[FLAT2] += weight * radius * radius * row[FLATTENED]
+                own[FLAT2] += weight * radius * radius * row[LOST]
             else:
                 _add_waves(w, row, laid.u[k], laid.v[k], laid.z[k], weight, radius, own)
 

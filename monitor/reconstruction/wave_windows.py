@@ -1,8 +1,8 @@
-"""One window after another over a surface: what its fits flattened there, and whether waves know the points better.
+"""One window after another over a surface: whether waves know the points there better than its fits do.
 
-In: the middles of windows, vertices on smooth fits and points. Out: a row for each window: what its smooth surface
-leaves of the points and is not noise, and, where they predict the points better than that surface, waves and all that
-is needed to use them. Judged by the squares that are left, and what the freedom of either takes of the points' noise
+In: the middles of windows, vertices on smooth fits and points. Out: a row for each window: where they predict the
+points better than the smooth surface does, waves and all that is needed to use them; and what is lost of one too short
+for faces. Judged by the squares that are left, and what the freedom of either takes of the points' noise
 (Mallows 1973).
 """
 
@@ -61,10 +61,10 @@ SURELY = 3.0  # sigmas, by which an edge contradicts waves
 N_BESIDE = 3  # vertices whose planes say how far a point is off the smooth surface
 LEAST_FREEDOM = N_BENT + 4.0  # of a patch with a wave
 SPLASH = 1.5  # cells, as far as a vertex says how high the smooth surface is
-FLATTENED, N_FOUND, FINER, SIZE, VARIANCE, ALIKE, ACROSS, ASIDE, UPWARD = (
-    0, 1, 2, 3, 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
+LOST, N_FOUND, SIZE, VARIANCE, ALIKE, ACROSS, ASIDE, UPWARD, STRONGEST, SHORT = (
+    0, 1, 2, 3, 4, slice(5, 8), slice(8, 11), slice(11, 14), slice(14, 17), slice(17, 20)
 )  # fmt: skip
-FREQUENCIES = slice(15, 15 + 2 * MOST_WAVES)
+FREQUENCIES = slice(20, 20 + 2 * MOST_WAVES)
 SHAPE = slice(FREQUENCIES.stop, FREQUENCIES.stop + N_COEFFICIENTS)
 FACTOR = slice(SHAPE.stop, SHAPE.stop + N_UNKNOWN**2)
 N_ROW = FACTOR.stop
@@ -325,10 +325,22 @@ def write_window(w: Any, n: int, n_waves: int, variance: float, missed2: float, 
     row[ALIKE] = max(alike_beside(w.spectrum), missed2)
     for a in range(3):
         row[ACROSS.start + a], row[ASIDE.start + a], row[UPWARD.start + a] = frame[0][a], frame[1][a], frame[2][a]
+    strongest, most = 0, 0.0
     for k in range(n_waves):
         for a in range(2):
             row[FREQUENCIES.start + 2 * k + a] = w.frequencies[k, a]
+        height = np.hypot(w.coefficients[N_BENT + 2 * k], w.coefficients[N_BENT + 2 * k + 1])
+        if height > most:
+            strongest, most = k, height
+    write_direction(w.frequencies[strongest, 0], w.frequencies[strongest, 1], frame, row[STRONGEST])
     row[SHAPE], row[FACTOR] = w.coefficients, w.factor.ravel()
+
+
+@jit(nopython=True, cache=True)
+def write_direction(f_u: float, f_v: float, frame: Any, out: Floats) -> None:
+    """Write frequencies across and aside of a window as a vector in space."""
+    for a in range(3):
+        out[a] = f_u * frame[0][a] + f_v * frame[1][a]
 
 
 @jit(nopython=True, cache=True, nogil=True)
@@ -337,7 +349,7 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
     """Fit the windows `first` to `last`, for `run_tasks`; `sizes` are radius and gate (m), lengths told in radii.
 
     The third of `sizes` is the highest frequency that faces can show, in waves a radius; of a stronger wave that they
-    cannot, it is told. The rows of `fits` are those of `surface`.
+    cannot, its direction and strength are told. The rows of `fits` are those of `surface`.
     """
     takes, scatter2, edges = fits
     radius, gate, highest = sizes
@@ -364,13 +376,12 @@ def fit_windows(first: int, last: int, sites: Sites, finest: Level, surface: Lev
         if not variance > 0.0:
             continue
         sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
-        sure, power = pattern_in(w.spectrum, variance)
-        if sure > SURE_OF_PATTERN:
-            out[window, FLATTENED] = max(alike_beside(w.spectrum), power)
-        elif mean_over(beside, vertices, m, takes) * n < LEAST_FREEDOM:
+        sure = pattern_in(w.spectrum, variance)
+        if sure < SURE_OF_PATTERN and mean_over(beside, vertices, m, takes) * n < LEAST_FREEDOM:
             continue
-        n_waves, variance, out[window, FINER], missed2 = find_waves(w, n, highest, cosines, sines)
-        out[window, FLATTENED] = max(out[window, FLATTENED], missed2)
+        n_waves, variance, (short_u, short_v), missed2 = find_waves(w, n, highest, cosines, sines)
+        write_direction(short_u, short_v, frame, out[window, SHORT])
+        out[window, LOST] = missed2
         if n_waves == 0:
             continue
         judged = beside, vertices, m, frame, takes, mean_over(beside, vertices, m, scatter2)

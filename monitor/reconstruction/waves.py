@@ -199,8 +199,8 @@ def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -
     fourth degree is taken off: how many, and the mean square of what is left (in squared radii).
 
     No wave has a higher frequency than `highest` (waves a radius). Of the strongest that is left above, the mean square
-    comes fourth, 0 where none stands out of noise, and its frequency third, where that was the strongest of all: a step
-    has waves of every length.
+    comes fourth, 0 where none stands out of noise, and its frequencies third, 0 where that was not the strongest of
+    all: a step has waves of every length.
     """
     n_waves, variance = 0, leave_of_bend(w, n)
     power, _, _, power_above, above = look_for_waves(w, n, variance, highest, cosines, sines)
@@ -208,15 +208,15 @@ def find_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -
     if power >= FIRST_POWER:  # anew, on a patch that takes less of a long wave
         n_waves, variance, power_above, above = add_waves(w, n, highest, cosines, sines)
     if not variance > 0.0 or power_above < FIRST_POWER:
-        return n_waves, variance, 0.0, 0.0
-    return n_waves, variance, above if is_short else 0.0, 2.0 * power_above * variance / n
+        return n_waves, variance, (0.0, 0.0), 0.0
+    return n_waves, variance, above if is_short else (0.0, 0.0), 2.0 * power_above * variance / n
 
 
 @jit(nopython=True, cache=True)
 def look_for_waves(w: Any, n: int, variance: float, highest: float, cosines: Floats, sines: Floats) -> Any:
     """`strongest_waves` of what is left of the window's n points; none where the variance is not known."""
     if not variance > 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, (0.0, 0.0)
     sum_in_cells(w.u, w.v, w.left, n, w.spectrum)
     return strongest_waves(w.spectrum, n, variance, highest, cosines, sines)
 
@@ -224,7 +224,7 @@ def look_for_waves(w: Any, n: int, variance: float, highest: float, cosines: Flo
 @jit(nopython=True, cache=True, error_model="numpy")
 def add_waves(w: Any, n: int, highest: float, cosines: Floats, sines: Floats) -> Any:
     """Fit a patch of second degree, and add the strongest wave of what is left as long as it stands out of noise: how
-    many, the mean square of what is left, and power and frequency of the strongest above `highest`."""
+    many, the mean square of what is left, and power and frequencies of the strongest above `highest`."""
     n_waves, variance = 0, fit_heights(w, n, 0)
     power, f_u, f_v, power_above, above = look_for_waves(w, n, variance, highest, cosines, sines)
     while n_waves < MOST_WAVES and power >= (NEXT_POWER if n_waves else FIRST_POWER):

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from monitor.reconstruction import ReconstructionResult, SurfaceSettings, reconstruct_with_record
-from projects.model import Bools, Floats, PointCloud
+from projects.model import Bools, Floats, PointCloud, Surface
 
 SPACING, NOISE, N_SIDE = 0.001, 0.0004, 70
 INSIDE = 0.024  # m from the middle
-SMOOTH, KEPT = SurfaceSettings(), SurfaceSettings(tool_marks=True)
+SMOOTH, KEPT = SurfaceSettings(tool_marks=False), SurfaceSettings()
 
 Relief = Callable[[Floats, Floats], Floats]
 
@@ -168,7 +168,7 @@ def test_waves_too_short_for_the_cells_ask_for_smaller_ones() -> None:
     assert rms(errors(smooth, relief)[0]) > 0.14e-3
     assert rms(off) < 0.03e-3
     assert 0.4 < rms(off / sigma) < 1.15
-    given = reconstruct_with_record(cloud, SurfaceSettings(cell_size=0.0015, tool_marks=True))
+    given = reconstruct_with_record(cloud, SurfaceSettings(cell_size=0.0015))
     off, sigma, _ = errors(given, relief)
     assert given.automatic["cell_size_m"] == 0.0015
     assert rms(off / sigma) < 1.3  # lost, and told
@@ -194,23 +194,76 @@ def test_tool_marks_of_all_widths_are_nearer_to_the_truth(pitch: float, depth: f
     assert np.mean(off) < left * np.mean(before)
 
 
-def test_where_nothing_repeats_vertices_stay_and_state_what_is_flattened() -> None:
-    """Strokes on a flat stone, 5 % of which smooth fits cut off: 2.5 to 4 times what they state."""
+def test_strokes_are_no_waves() -> None:
+    """An inscription on a flat stone, no stroke like another: 6 % of the vertices lie on waves, no farther off."""
     cloud = scan(cuts, np.random.default_rng(6))
     smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, KEPT))
-    off, sigma, _ = errors(kept, cuts)
-    before, stated, _ = errors(smooth, cuts)
-    assert rms(off) < 1.05 * rms(before)
-    assert rms(before / stated) > 2.0
-    assert rms(off / sigma) < 0.8 * rms(before / stated)
+    assert rms(errors(kept, cuts)[0]) < 1.02 * rms(errors(smooth, cuts)[0])
+    assert kept.automatic["waved_share"] < 0.1
+
+
+def assert_same(made: Surface, other: Surface) -> None:
+    """Assert that two surfaces have the same bits."""
+    for name in ("vertices", "faces", "normals", "sigma", "n_support"):
+        assert np.array_equal(getattr(made, name), getattr(other, name)), name
 
 
 @pytest.mark.parametrize("radius", [np.inf, 0.08])
-def test_smooth_surfaces_are_left_as_they_are(radius: float) -> None:
-    cloud = scan(lambda x, y: (x**2 + y**2) / (2.0 * radius), np.random.default_rng(8))
+@pytest.mark.parametrize("seed", [8, 9])
+def test_of_smooth_surfaces_not_one_bit_changes(radius: float, seed: int) -> None:
+    """Windows of noise where neighbours are alike by chance, one in twenty, had sigmas up to twice as large."""
+    cloud = scan(lambda x, y: (x**2 + y**2) / (2.0 * radius), np.random.default_rng(seed))
     smooth, kept = (reconstruct_with_record(cloud, settings).surface for settings in (SMOOTH, KEPT))
-    assert np.array_equal(smooth.vertices, kept.vertices)
-    assert np.median(kept.sigma / smooth.sigma) == 1.0
+    assert_same(smooth, kept)
+
+
+def scan_lines(rng: np.random.Generator, common: float, along_x: bool) -> PointCloud:
+    """Return points on a plane in lines 1 mm apart, with noise of 0.2 mm, and as much as `common` that lines share."""
+    cloud = scan(lambda x, y: 0.0 * x, rng, 0.0002)
+    line = np.repeat(np.arange(N_SIDE), N_SIDE) if along_x else np.tile(np.arange(N_SIDE), N_SIDE)
+    height = common * rng.normal(size=N_SIDE)[line]
+    return replace(cloud, points=cloud.points + height[:, None] * [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("common", [0.0001, 0.0002])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_scan_lines_have_in_common_is_no_relief(seed: int, common: float) -> None:
+    """It is white across the lines: taken for waves, on smaller cells, it was off by 3 sigmas."""
+    cloud = scan_lines(np.random.default_rng(seed), common, along_x=True)
+    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, KEPT))
+    assert kept.automatic["waved_share"] == 0.0
+    assert np.array_equal(smooth.surface.vertices, kept.surface.vertices)
+
+
+def test_lines_of_two_scans_are_hardly_ever_relief() -> None:
+    """Lines at right angles: of 12 such planes 2 have 4 % of their vertices on waves, none of the others any."""
+    shares = []
+    for seed in (1, 2, 3):
+        rng = np.random.default_rng(seed)
+        one, other = (scan_lines(rng, 0.0002, along_x) for along_x in (True, False))
+        points = np.concatenate([one.points, other.points])
+        origins = points + np.array([0.0, 0.0, 2.0])
+        made = reconstruct_with_record(PointCloud(points, origins=origins), KEPT)
+        shares.append(made.automatic["waved_share"])
+    assert np.mean(shares) < 0.05
+
+
+def test_beside_a_step_not_one_bit_changes() -> None:
+    """Waves that a step asks for do not go on; sigma beside it was 3 to 4 times too large."""
+    relief: Relief = lambda x, y: np.where(x > 0.003, 0.002, 0.0)  # noqa: E731
+    cloud = scan(relief, np.random.default_rng(1), 0.0002)
+    smooth, kept = (reconstruct_with_record(cloud, settings).surface for settings in (SMOOTH, KEPT))
+    assert_same(smooth, kept)
+
+
+def test_marks_on_a_patch_of_three_windows_are_kept() -> None:
+    """48 of 70 mm, waves of 6 mm: 0.2 mm off by smooth fits."""
+    relief: Relief = lambda x, y: np.where(np.hypot(x, y) < 0.024, waves(0.006, 0.0006)(x, y), 0.0)  # noqa: E731
+    cloud = scan(relief, np.random.default_rng(1))
+    smooth, kept = (reconstruct_with_record(cloud, settings) for settings in (SMOOTH, KEPT))
+    middle = [np.hypot(*made.surface.vertices[errors(made, relief)[2], :2].T) < 0.016 for made in (smooth, kept)]
+    off = [rms(errors(made, relief)[0][here]) for made, here in zip((smooth, kept), middle, strict=True)]
+    assert off[1] < 0.7 * off[0]
 
 
 def test_waves_have_the_same_bits_for_any_number_of_threads() -> None:

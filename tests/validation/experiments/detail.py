@@ -119,13 +119,13 @@ def all_meshes(shape: Shape, found: dict[str, float]) -> dict[str, Mesh]:
     found |= {"noise": 1e3 * result.automatic["noise_m"], "radius": 1e3 * result.automatic["fit_radius_m"]}
     cell = float(result.automatic["cell_size_m"])
     along = reconstruct(shape.cloud, SurfaceSettings(along_furrows=True))
-    marks = reconstruct(shape.cloud, SurfaceSettings(tool_marks=True))
+    smooth = reconstruct(shape.cloud, SurfaceSettings(tool_marks=False))
     oriented = estimate_normals(shape.cloud)
     n_cells = int(np.ceil(np.ptp(shape.cloud.points, axis=0).max() / (0.5 * cell)))
     return {
         "ours": (result.surface.vertices, result.surface.faces),
         "ours, along furrows": (along.vertices, along.faces),
-        "ours, tool marks": (marks.vertices, marks.faces),
+        "ours, without waves": (smooth.vertices, smooth.faces),
         "Open3D, same cell": open3d_poisson(oriented, cell),
         "APSS, default": apss(oriented, 2.0, n_cells),
         "APSS, scale 8": apss(oriented, 8.0, n_cells),
