@@ -37,10 +37,8 @@ N_BESIDE = 8  # windows within a radius at most
 AS_STRONG = 0.1  # of the mean square of a wave, that of the one in the next window at least
 DRIFT = np.int64(2)  # steps of frequency, to which one is known, and from one window to the next
 BESIDE = np.int64(3)  # steps of frequency that a wave takes to either side
-KNOWN, TURN = (
-    0.5,
-    0.08,
-)  # waves a radius, to which a direction is known; rad: half a wave aside at the highest frequency
+KNOWN = 0.5  # waves a radius, to which a direction is known
+TURN = 0.08  # rad, from one direction looked at to the next: half a wave aside at the highest frequency
 FIRST, LAST = np.int64(2), np.int64(HIGHEST / STEP)  # frequencies looked at along a direction, in steps
 LONG = 1.8  # waves a radius, below which a patch of fourth degree would take much of one
 STANDS_OUT, STRENGTH = 0, 1
@@ -62,9 +60,8 @@ def find_going_on(sites: Sites, owners: Ints, waves: Floats, finest: Level, surf
         which, others = next_windows(sites, owners[sure], way * waves[sure], sizes[0])
         which = sure[which]
         there = np.zeros((len(which), 2))
-        run_tasks(
-            measure_waves, len(which), sites, owners[which], others, waves[which], finest, surface, sizes, there
-        )  # fmt: skip
+        pairs = owners[which], others, waves[which]
+        run_tasks(measure_waves, len(which), sites, *pairs, finest, surface, sizes, there)
         as_strong = there[:, STRENGTH] > AS_STRONG * told[which, STRENGTH]
         again[which[as_strong & (there[:, STANDS_OUT] > AGAIN)]] = True
     plain = np.flatnonzero((told[:, STANDS_OUT] > PLAIN) & ~again)
