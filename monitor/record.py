@@ -28,7 +28,7 @@ METHOD = {
     "surface": 31,
     "mesh": 10,
     "quality": 3,
-    "comparison": 64,
+    "comparison": 65,
     "series": 22,
 }
 
