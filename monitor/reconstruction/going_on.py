@@ -177,8 +177,10 @@ def measure_waves(first: int, last: int, sites: Sites, owners: Ints, windows: In
         if window != owners[task]:
             own_u, own_v, _ = turn_into((own - place) / radius, frame)
             n = keep_beyond(w, n, own_u, own_v, u / flat, v / flat)
+        if n < LEAST_POINTS:
+            continue
         variance = fit_heights(w, n, 0) if frequency < LONG else leave_of_bend(w, n)
-        if n < LEAST_POINTS or not variance > 0.0:
+        if not variance > 0.0:
             continue
         out[task, STANDS_OUT], peak = stand_out(w, n, u * frequency / flat, v * frequency / flat)
         out[task, STRENGTH] = peak / (n * n)

@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 
+from monitor.comparison.regions.moved_parts import WIDE
 from monitor.lengths import in_millimetres
 from projects.model import Z95, Comparison
 from projects.transforms import apply, invert
@@ -18,7 +19,6 @@ from projects.triangles import vertex_areas, vertex_normals
 
 AS_A_WHOLE = ("cleaned", "coated", "moved")  # kinds that may as well be a motion of all the rest
 CLEARLY = 3.0  # times its margin: what a region differs from the rest by, for coordinates that agree by chance are rare
-WIDE = 0.1  # of what is assessed: a region that may as well be what stood still
 NEARLY = 0.3  # of what it differs from the rest by: a wide region that moved by less as given nearly stood still
 
 
