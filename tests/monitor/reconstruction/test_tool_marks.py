@@ -209,7 +209,7 @@ def assert_same(made: Surface, other: Surface) -> None:
 
 
 @pytest.mark.parametrize("radius", [np.inf, 0.08])
-@pytest.mark.parametrize("seed", [8, 9])
+@pytest.mark.parametrize("seed", [6, 13])
 def test_of_smooth_surfaces_not_one_bit_changes(radius: float, seed: int) -> None:
     """Windows of noise where neighbours are alike by chance, one in twenty, had sigmas up to twice as large."""
     cloud = scan(lambda x, y: (x**2 + y**2) / (2.0 * radius), np.random.default_rng(seed))
