@@ -25,7 +25,7 @@ METHOD = {
     "targets": 2,
     "network": 18,
     "filtered": 11,
-    "surface": 31,
+    "surface": 32,
     "mesh": 10,
     "quality": 3,
     "comparison": 65,

@@ -109,7 +109,7 @@ def write_second(patch: Floats, n: int, radius: float, work: Any, row: Floats) -
     g[:] = 0.0
     g[3] = g[5] = 2.0
     substitute(a, g, 6)
-    _, _, _, variance = sum_up(patch, n, g, squares, weights, influence)
+    _, _, _, variance = sum_up(patch, n, 1.0, 1.0, g, squares, weights, influence)
     row[SECOND_UNIT2] = variance / radius**4
 
 

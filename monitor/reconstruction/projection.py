@@ -290,7 +290,7 @@ def project_one(
             break
         place += fit[HEIGHT] * own
         tilt(own, along, fit[SLOPE_U], fit[SLOPE_V])
-        if slope2 < UPRIGHT**2 or is_by_noise(room, n, min(degree, 2), radius, noise):
+        if slope2 < UPRIGHT**2 or is_by_noise(room, n, degree, radius, stretch, noise):
             break
     row[OUT_SUPPORT] = -n_points
     dx, dy, dz = place[0] - vertex[0], place[1] - vertex[1], place[2] - vertex[2]
@@ -302,13 +302,15 @@ def project_one(
 
 
 @jit(nopython=True, cache=True)
-def is_by_noise(room: Any, n: int, degree: int, radius: float, noise: float) -> bool:
+def is_by_noise(room: Any, n: int, degree: int, radius: float, stretch: float, noise: float) -> bool:
     """Whether noise of the points may have made the slope of the fit made last.
 
     What they scatter by beyond it, at steps and edges, is no noise.
     """
     beyond = room.fit[SIGMA] / max(min(room.fit[SIGMA], noise), 1e-300)
-    by_noise: bool = slope_chi2(room.patch, n, radius, degree, room.work, room.fit) * beyond * beyond < SURE_SLOPE
+    span = 1.0 / LADDER_RATIO if degree == 4 else 1.0
+    chi2 = slope_chi2(room.patch, n, radius, span, stretch, min(degree, 2), room.work, room.fit)
+    by_noise: bool = chi2 * beyond * beyond < SURE_SLOPE
     return by_noise
 
 
@@ -342,11 +344,13 @@ def fit_fourth(room: Any, n: int, radius: float) -> bool:
         return False
     carry = 1.0 / (LADDER_RATIO**BIAS_POWER - 1.0)
     fit[HEIGHT] += carry * (fit[HEIGHT] - wider)
-    variance = 0.0
+    across_groups, variance = 0.0, 0.0
     for i in range(n):
+        across_groups += room.patch[COUNT, i] * influence[i] * influence[i]
         influence[i] += carry * (influence[i] - room.wider[i])
         variance += room.patch[COUNT, i] * influence[i] * influence[i]
-    fit[UNIT_ERROR] = np.sqrt(variance)
+    within_groups = max(fit[UNIT_ERROR] ** 2 - across_groups, 0.0)
+    fit[UNIT_ERROR] = np.sqrt(variance + (1.0 + carry) ** 2 * within_groups)
     return True
 
 

@@ -213,19 +213,28 @@ def right_side(
 
 
 @jit(nopython=True, cache=True, fastmath=True, error_model="numpy")
-def sum_up(patch: Floats, n: int, g: Floats, squares: Floats, weights: Floats, influence: Floats) -> Any:
-    """Influence (n,) of each point of a group; sums of weights, their squares a point, squares, squared influences."""
+def sum_up(
+    patch: Floats, n: int, per2: float, along2: float, g: Floats, squares: Floats, weights: Floats, influence: Floats
+) -> Any:
+    """Influence (n,) of each point of a group; sums of weights, their squares a point, squares, squared influences.
+
+    The influence is that of a group's middle; in the last sum goes how it changes across the group's points too.
+    """
     total, weights2, misfit2, variance = 0.0, 0.0, 0.0, 0.0
     g0, g1, g2, g3, g4, g5 = g[0], g[1], g[2], g[3], g[4], g[5]
     for i in range(np.uint64(n)):
         u, v, w, count = patch[U, i], patch[V, i], weights[0, i], patch[COUNT, i]
-        uu, uv, vv = u * u + patch[SPREAD_UU, i], u * v + patch[SPREAD_UV, i], v * v + patch[SPREAD_VV, i]
-        one = w / count * (g0 + g1 * u + g2 * v + g3 * uu + g4 * uv + g5 * vv)
+        suu, suv, svv = patch[SPREAD_UU, i], patch[SPREAD_UV, i], patch[SPREAD_VV, i]
+        height = g0 + g1 * u + g2 * v + g3 * (u * u + suu) + g4 * (u * v + suv) + g5 * (v * v + svv)
+        steeper = -2.0 * weights[1, i] * height
+        du = steeper * along2 * u + w * (g1 + 2.0 * g3 * u + g4 * v)
+        dv = steeper * per2 * v + w * (g2 + g4 * u + 2.0 * g5 * v)
+        one = w / count * height
         influence[i] = one
         total += w
         weights2 += w * w / count
         misfit2 += w * squares[i]
-        variance += count * one * one
+        variance += count * one * one + (du * du * suu + 2.0 * du * dv * suv + dv * dv * svv) / count
     return total, weights2, misfit2, variance
 
 
@@ -338,7 +347,7 @@ def fit_patch(
     if degree == 2:
         g[3] = g[5] = -2.0 * scale2
     substitute(a, g, m)
-    total, weights2, misfit2, variance = sum_up(patch, n, g, squares, weights, influence)
+    total, weights2, misfit2, variance = sum_up(patch, n, per2, along2, g, squares, weights, influence)
     effective = total * total / weights2
     sigma2 = misfit2 / total * effective / max(effective - m, 1.0)
     thinned = 2.0 * sigma2 * (c[3] + c[5])
@@ -349,20 +358,22 @@ def fit_patch(
 
 
 @jit(nopython=True, cache=True)
-def slope_chi2(patch: Floats, n: int, radius: float, degree: int, work: Any, out: Floats) -> float:
+def slope_chi2(
+    patch: Floats, n: int, radius: float, span: float, stretch: float, degree: int, work: Any, out: Floats
+) -> float:
     """Squared slope of the patch that `fit_patch` made last over what noise makes of it, for either direction.
 
     `work` and `out` as it left them; room for the unknowns and a buffer in `work` are used up. What both slopes have in
     common is left out.
     """
     _, a, g, _, squares, _, weights, influence = work
-    m, chi2 = (3 if degree == 1 else 6), 0.0
-    sigma2 = (out[SIGMA] / radius) ** 2
+    m, per2, chi2 = (3 if degree == 1 else 6), 1.0 / (span * span), 0.0
+    along2, sigma2 = per2 / (stretch * stretch), (out[SIGMA] / radius) ** 2
     for k in range(1, 3):
         g[:] = 0.0
         g[k] = 1.0
         substitute(a, g, m)
-        _, _, _, variance = sum_up(patch, n, g, squares, weights, influence)
+        _, _, _, variance = sum_up(patch, n, per2, along2, g, squares, weights, influence)
         chi2 += out[k] ** 2 / max(variance * sigma2, 1e-300)
     return chi2
 

@@ -37,12 +37,13 @@ from monitor.reconstruction.probing import (
 from monitor.reconstruction.projection import BIAS_POWER, LADDER_RATIO, Reach, Samples
 from projects.model import Bools, Floats, Ints
 
-NARROWEST_SIGMAS = 6.0  # of noise: in a narrower fit the noise passes for curvature
+NARROWEST_SIGMAS = 6.0  # of noise: in a narrower window the noise passes for an edge, in one of four for curvature
 VERTICES_PER_PROBE = 12
 FOURTH_LEFT2 = 0.25  # of the squared bias with its fourth order taken off, on waves
 FOURTH_COST = 0.3  # of the variance, that taking it off adds
 N_STATED = 4  # points nearest to a probe whose stated noise counts there
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
+FOURTH_UNIT = 640.0  # radius to the fourth over bias, per fourth derivative, of a wave at the middle of a curved patch
 MOST_BENT = 0.84  # sum of both slopes at the rim: 0.42 of a sphere's radius, beyond which sixth order counts
 
 
@@ -87,13 +88,23 @@ class Climbed(NamedTuple):
 
 
 def make_ladder(cell: float, noise: float, narrowest: float, widest: float, noise_share: float) -> Ladder:
-    """Return radii from `narrowest` cells (or six sigmas) to `widest` cells, and the standard error wanted.
+    """Return radii from `narrowest` cells (or four sigmas) to `widest` cells, and the standard error wanted.
 
-    Wanted is `noise_share` of the noise, but no less than a hundredth of a cell, which no mesh of that cell shows.
+    Wanted is `noise_share` of the noise, but no less than a hundredth of a cell, which no mesh of that cell shows. A
+    radius below six sigmas is there for bodies that are as round; windows on edges are no narrower (`for_edges`).
     """
-    low = max(narrowest * cell, NARROWEST_SIGMAS * noise)
+    least = narrowest * cell
+    low = max(least, NARROWEST_SIGMAS * noise)
     n = 1 + max(0, int(np.floor(np.log(max(widest * cell, low) / low) / np.log(LADDER_RATIO) + 1e-9)))
-    return Ladder(low * LADDER_RATIO ** np.arange(n), max(noise_share * noise, 0.01 * cell))
+    first = -1 if low >= LADDER_RATIO * least else 0
+    return Ladder(low * LADDER_RATIO ** np.arange(first, n), max(noise_share * noise, 0.01 * cell))
+
+
+def for_edges(samples: Samples) -> Samples:
+    """Return the samples with the radii of windows on edges: no narrower than six sigmas of noise; the first level is
+    that of single points."""
+    first = int(np.searchsorted(samples.radii, 0.999 * NARROWEST_SIGMAS * samples.noise))
+    return Samples([samples.levels[0], *samples.levels[first + 1 :]], samples.radii[first:], samples.noise)
 
 
 def measure_noise(places: Floats, normals: Floats, samples: Samples) -> float:
@@ -189,6 +200,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     misfit = np.sqrt(np.where(is_flat, flat_misfit2, misfit2))
     third2 = np.where(np.isfinite(third2), third2, second2 / ladder.radii[curved] ** 2)
+    third2 = np.fmax(third2, np.sqrt(second2 * whole2) * FOURTH_UNIT / ladder.radii[curved] ** 4)
     whole, second, third = np.sqrt(whole2), np.sqrt(second2), np.sqrt(third2)
     reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), whole, second, third)
     return Climbed(reach, is_ended, own_error2, whole2, noise2)

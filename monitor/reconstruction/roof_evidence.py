@@ -17,10 +17,12 @@ from monitor.reconstruction.two_planes import (
     ASIDE,
     FEWEST,
     MIDDLE,
+    MOST_ASIDE,
     N_SMOOTH,
     OFFSET,
     TOTAL,
     bring_back,
+    carried_over,
     column,
     dot,
     error_under_vertex,
@@ -28,6 +30,7 @@ from monitor.reconstruction.two_planes import (
     fit_both,
     fit_side,
     mark_near_crest,
+    put_together,
     sum_products,
     support_of,
     vector,
@@ -40,8 +43,8 @@ MOST_EXTRAPOLATED2 = 16.0  # variance of a plane under the vertex against that o
 N_UNKNOWNS = 6.0  # of two planes
 APEX = 3.0  # how far a round edge lies inside of the roof at its middle, in its mean over twice the round part's width
 CHI2, CHANCE, GAIN, BOW, TURN, UNIT, SUPPORT, OVER, ROUNDED, HIDDEN = range(10)
-ACTIVE, OTHER, CREST = slice(10, 13), slice(13, 16), slice(16, 19)
-N_VALUES = 19
+ACTIVE, OTHER, CREST, SEEN = slice(10, 13), slice(13, 16), slice(16, 19), 19
+N_VALUES = 20
 
 
 @jit(nopython=True, cache=True, error_model="numpy")
@@ -62,13 +65,20 @@ def look_for_roof(
     n, kind = fit_both(values, n_near, vertex, normal, radius, window, up)
     if n == 0 or not what_is_left(n, window, noise2, row):
         return
-    smooth, bow = left_by_patch(n, window, up, noise2), max(bow_of(n, 0, window, noise2), bow_of(n, 1, window, noise2))
-    fit_apart(n, window, radius, noise, up)
+    smooth, whole = left_by_patch(n, window, up, noise2), planes.copy()
+    if smooth > row[GAIN]:  # planes of no edge may lean anywhere, and a patch over their middle stands askew
+        upright = left_by_patch(n, window, normal, noise2)
+        smooth = min(smooth, upright) if upright >= 0.0 else smooth
+    is_apart = fit_apart(n, window, noise, up)
+    bow = max(bow_of(n, 0, window, noise2), bow_of(n, 1, window, noise2))
+    if is_apart and carried_over(dot(whole[0], whole[1]), noise) > MOST_ASIDE * radius:
+        put_together(n, window, whole, up)
     under = 1 if kind * (planes[0, OFFSET] / dot(planes[0], up) - planes[1, OFFSET] / dot(planes[1], up)) > 0.0 else 0
     unit2, effective = error_under_vertex(n, under, window)
     if not smooth >= 0.0 or not unit2 * effective < MOST_EXTRAPOLATED2:
         row[:] = np.nan
         return
+    row[SEEN] = turn_seen(n, window)
     row[GAIN] = smooth - row[GAIN]
     row[BOW] = bow
     row[UNIT], row[OVER] = np.sqrt(unit2), -planes[under, OFFSET]
@@ -80,6 +90,19 @@ def look_for_roof(
     one = part * (planes[0, OFFSET] - turn * planes[1, OFFSET])
     other = part * (planes[1, OFFSET] - turn * planes[0, OFFSET])
     row[CREST] = one * planes[0, :3] + other * planes[1, :3]
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def turn_seen(n: int, window: Any) -> float:
+    """Cosine between the mean normals of the points of both sides; 1 where a side has none."""
+    normals, weights, sides = window.normals, window.weights, window.sides
+    means = np.zeros((2, 3))
+    for i in range(n):
+        if sides[i] < ASIDE:
+            for a in range(3):
+                means[sides[i], a] += weights[i] * normals[a, i]
+    both = np.sqrt(dot(means[0], means[0]) * dot(means[1], means[1]))
+    return float(dot(means[0], means[1]) / both) if both > 0.0 else 1.0
 
 
 @jit(nopython=True, cache=True, error_model="numpy")

@@ -32,6 +32,7 @@ from monitor.reconstruction.roof_evidence import (
     OTHER,
     OVER,
     ROUNDED,
+    SEEN,
     SUPPORT,
     TURN,
     UNIT,
@@ -41,7 +42,8 @@ from monitor.reconstruction.two_planes import window_room
 from monitor.threads import run_tasks
 from projects.model import Bools, Floats, Ints
 
-COS_NEAR = float(np.cos(np.radians(5.0)))  # between corners of a face: an edge may be near, however it was rounded
+TURN_NEAR = np.radians(5.0)  # between corners of a face: an edge may be near that fits of
+ROUNDING = 1.5  # cells in radius have rounded; wider ones leave less of its turn to each face
 N_RINGS = 2  # of faces around such a face, whose vertices may gain by a roof
 COS_LEAST = float(np.cos(np.radians(12.0)))  # between both planes of a roof
 COS_CLEAR = float(np.cos(np.radians(25.0)))  # of those whose evidence counts together
@@ -60,6 +62,7 @@ ADOPTED, ASTRAY = 1.5, 0.4  # cells: how near another vertex's roof serves, and 
 BESIDE_ROUND = 1.5  # cells: nearer to a round edge the smooth fit stays
 BOWED, DOUBT = 3.2, 2.3  # sigmas of a side's bow, the larger of two: no wider one is tried, not taken
 BEYOND_NOISE, NOISE_MARGIN = 3.0, 1.1  # sigmas of chance beyond noise, itself known to a tenth, that a roof may leave
+LEAST_SEEN = 0.6  # of the turn of both planes, between the mean normals of their points; noise and rims show none
 WIDEST = 6.0  # times the narrowest fit: wider windows know the planes no better than the edge needs
 
 
@@ -97,7 +100,8 @@ def find_roofs(
     -----
     Next to an edge that is seen to be round the smooth fits stay.
     """
-    near = np.flatnonzero(near_edges(projection.normals, faces) & np.isfinite(noise))
+    turn = TURN_NEAR * min(ROUNDING * cell / samples.radii[0], 1.0)
+    near = np.flatnonzero(near_edges(projection.normals, faces, turn) & np.isfinite(noise))
     which: Ints = near[at_clear_turns(raw[near], projection.normals[near], samples, noise[near])]
     best = climb_roofs(raw[which], projection.normals[which], samples, noise[which])
     good = can_serve(best, cell, max_shift)
@@ -166,10 +170,10 @@ def bring_onto(projection: Projection, raw: Floats, roofs: Roofs, rows: Floats, 
     return moved
 
 
-def near_edges(normals: Floats, faces: Ints) -> Bools:
-    """Return which vertices (n,) have faces around whose corners' normals turn, or lie near such faces."""
+def near_edges(normals: Floats, faces: Ints, turn: float) -> Bools:
+    """Return which vertices (n,) have faces around whose corners' normals `turn` (rad), or lie near such faces."""
     out = np.zeros(len(normals), bool)
-    near = least_cosines(normals, faces) < COS_NEAR
+    near = least_cosines(normals, faces) < np.cos(turn)
     for _ in range(N_RINGS + 1):
         out[faces[near]] = True
         near = any_corner(out, faces)
@@ -206,7 +210,7 @@ def climb_roofs(vertices: Floats, normals: Floats, samples: Samples, noise: Floa
             in_common = (
                 (rows[:, GAIN] > AGAINST) & (together > TOGETHER) & (share > LEAST_ALIKE) & (rows[:, TURN] < COS_CLEAR)
             )
-            takes = ~bad & (rows[:, BOW] < DOUBT) & (alone | in_common)
+            takes = ~bad & (rows[:, BOW] < DOUBT) & (alone | in_common) & is_seen(rows)
             goes_on = ~bad[climbing] & ~(together[climbing] < ENDED)
         best[takes] = rows[takes]
         if rung > LOOK:
@@ -216,6 +220,16 @@ def climb_roofs(vertices: Floats, normals: Floats, samples: Samples, noise: Floa
         if not len(climbing):
             break
     return best
+
+
+def is_seen(rows: Floats) -> Bools:
+    """Return where (k,) the normals of the points turn as both planes do.
+
+    Noise about the rim of one sheet, or about a bend, fills the ends of two planes as well.
+    """
+    seen, turn = (np.arccos(np.clip(rows[:, j], -1.0, 1.0)) for j in (SEEN, TURN))
+    turns: Bools = seen > LEAST_SEEN * turn
+    return turns
 
 
 def at_clear_turns(vertices: Floats, normals: Floats, samples: Samples, noise: Floats) -> Ints:

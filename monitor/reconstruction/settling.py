@@ -27,7 +27,7 @@ from monitor.reconstruction.mesh import (
     weld,
 )
 from monitor.reconstruction.projection import Projection, Samples, project_vertices
-from monitor.reconstruction.reach import Ladder, Stated, choose_reach
+from monitor.reconstruction.reach import Ladder, Stated, choose_reach, for_edges
 from monitor.reconstruction.roof_evidence import GAIN
 from monitor.reconstruction.roofs import Roofs, bring_onto, find_roofs, no_roofs
 from monitor.reconstruction.sides import Raw, fit_own_sides
@@ -113,7 +113,8 @@ def fit_vertices(
     roofs = no_roofs()
     if settings.sharp_edges:
         noise = np.maximum(np.fmin(reach.noise, samples.noise), FINEST * cell)
-        roofs, rows = find_roofs(vertices, projection, faces, samples, noise, cell, max_shift)
+        wide = for_edges(samples)
+        roofs, rows = find_roofs(vertices, projection, faces, wide, noise, cell, max_shift)
         onto = vertices[roofs.which], roofs, rows, noise[roofs.which]
         brought = bring_onto(projection, *onto)
         is_smooth = projection.is_fitted & (brought.vertices == projection.vertices).all(axis=1)
@@ -122,7 +123,7 @@ def fit_vertices(
         raw = Raw(vertices, outward, is_smooth)
         projection = fit_own_sides(raw, brought, reach, roofs, rows[:, GAIN], measured, noise, cell, max_shift)
         projection = bring_onto(projection, *onto)  # where that is better known
-        projection, roofs = find_corners(vertices, projection, faces, roofs, samples, noise, cell, max_shift)
+        projection, roofs = find_corners(vertices, projection, faces, roofs, wide, noise, cell, max_shift)
         projection = snap(projection, faces, roofs, cell)
         projection = projection._replace(sigma=np.maximum(projection.sigma, FINEST * cell))
     automatic["roof_share"] = len(roofs.which) / len(vertices)

@@ -104,22 +104,27 @@ def fit_both(
 
 
 @jit(nopython=True, cache=True, error_model="numpy")
-def fit_apart(n: int, window: Any, radius: float, noise: float, up: Floats) -> None:
+def fit_apart(n: int, window: Any, noise: float, up: Floats) -> bool:
     """Fit both planes again without the points next to the line where they meet, where `noise` (m) mixes the sides.
 
-    What is next to the line is told along a point's own plane, in which its own error does not choose. In a window too
-    narrow for that, or with too few points left, both planes stay as they are.
+    What is next to the line is told along a point's own plane, in which its own error does not choose. With too few
+    points left both planes stay as they are: False.
     """
     planes, kept = window.planes, window.planes.copy()
-    aside = carried_over(dot(planes[0], planes[1]), noise)
-    if aside > MOST_ASIDE * radius:
-        return
-    mark_near_crest(n, window, aside)
+    mark_near_crest(n, window, carried_over(dot(planes[0], planes[1]), noise))
     is_known = min(support_of(n, 0, window), support_of(n, 1, window)) >= FEWEST
-    if not (is_known and fit_side(n, 0, window) and fit_side(n, 1, window) and mean_upright(planes, up)):
-        bring_back(n, window)
-        planes[:] = kept
-        mean_upright(planes, up)
+    if is_known and fit_side(n, 0, window) and fit_side(n, 1, window) and mean_upright(planes, up):
+        return True
+    put_together(n, window, kept, up)
+    return False
+
+
+@jit(nopython=True, cache=True, error_model="numpy")
+def put_together(n: int, window: Any, planes: Floats, up: Floats) -> None:
+    """Take both planes (2, 8) for those of all groups, none of which is left out."""
+    bring_back(n, window)
+    window.planes[:] = planes
+    mean_upright(window.planes, up)
 
 
 @jit(nopython=True, cache=True, error_model="numpy")

@@ -103,11 +103,11 @@ def test_slope_of_noise_has_chi2_of_two_and_a_true_one_far_more(rng):
         chi2 = []
         for _ in range(400):
             patch, out, _, work = fitted(u, v, 0.05 * rng.normal(size=len(u)), degree)
-            chi2.append(slope_chi2(patch, len(u), 1.0, degree, work, out))
+            chi2.append(slope_chi2(patch, len(u), 1.0, 1.0, 1.0, degree, work, out))
         # of the two directions, which at a rim are not independent of the height but of each other
         assert np.mean(chi2) == pytest.approx(2.0, rel=0.12)
         patch, out, _, work = fitted(u, v, 0.5 * u + 0.05 * rng.normal(size=len(u)), degree)
-        assert slope_chi2(patch, len(u), 1.0, degree, work, out) > 30.0
+        assert slope_chi2(patch, len(u), 1.0, 1.0, 1.0, degree, work, out) > 30.0
 
 
 @pytest.mark.parametrize("outside", [0.0, 0.001, 0.002])
