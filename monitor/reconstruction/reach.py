@@ -43,7 +43,7 @@ FOURTH_LEFT2 = 0.25  # of the squared bias with its fourth order taken off, on w
 FOURTH_COST = 0.3  # of the variance, that taking it off adds
 N_STATED = 4  # points nearest to a probe whose stated noise counts there
 N_POOLED = 32  # probes, so that several fits that do not overlap are among them
-FOURTH_UNIT = 640.0  # radius to the fourth over bias, per fourth derivative, of a wave at the middle of a curved patch
+FOURTH_UNIT = 640.0  # of a wave: fourth derivative times radius to the fourth over the bias amid a curved patch
 MOST_BENT = 0.84  # sum of both slopes at the rim: 0.42 of a sphere's radius, beyond which sixth order counts
 
 
@@ -152,7 +152,7 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     curved surface.
     """
     n, pool = len(probes.vertices), probes.pool
-    second2, third2 = np.full((2, n), np.nan)
+    second2, third2, most_third2 = np.full((3, n), np.nan)
     curved, flat = np.zeros(n, np.int64), np.zeros(n, np.int64)
     risk, flat_risk = np.full(n, np.inf), np.full(n, np.inf)
     misfit2, flat_misfit2, own_error2 = np.zeros(n), np.zeros(n), np.full(n, np.inf)
@@ -183,7 +183,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
         curved, misfit2 = np.where(taken, k, curved), np.where(taken, bias2, misfit2)
         risk, own_error2 = np.where(taken, error2 + bias2, risk), np.where(taken, error2, own_error2)
         second2 = renewed(second2, taken, second_derivatives2(rows, noise2, pool))
-        third2 = renewed(third2, taken, third_derivatives2(rows, noise2, radius, probes, n_apart))
+        seen_third2, most = third_derivatives2(rows, noise2, radius, probes, n_apart)
+        third2, most_third2 = renewed(third2, taken, seen_third2), renewed(most_third2, taken, most)
         this_risk = flat_error2 + flat_step.excess2 + flat_step.doubt2
         bows = flat_step.is_refused | flat_step.is_doubtful | flat_step.is_one_sided
         better = taken & ~bows & (this_risk < flat_risk)
@@ -200,7 +201,8 @@ def climb(probes: Probes, samples: Samples, ladder: Ladder) -> Climbed:
     is_flat = (flat_risk < risk) & (flat + 1 >= curved) & (flat > 0)
     misfit = np.sqrt(np.where(is_flat, flat_misfit2, misfit2))
     third2 = np.where(np.isfinite(third2), third2, second2 / ladder.radii[curved] ** 2)
-    third2 = np.fmax(third2, np.sqrt(second2 * whole2) * FOURTH_UNIT / ladder.radii[curved] ** 4)
+    by_others2 = np.sqrt(second2 * whole2) * FOURTH_UNIT / ladder.radii[curved] ** BIAS_POWER
+    third2 = np.fmax(third2, np.fmin(by_others2, most_third2))
     whole, second, third = np.sqrt(whole2), np.sqrt(second2), np.sqrt(third2)
     reach = Reach(curved, flat, is_flat, is_fourth, misfit, np.sqrt(noise2), whole, second, third)
     return Climbed(reach, is_ended, own_error2, whole2, noise2)
@@ -217,14 +219,18 @@ def second_derivatives2(rows: Floats, noise2: Floats, pool: Ints) -> Floats:
     return np.maximum(mean_of_pool(rows[:, SECOND2] - rows[:, SECOND_UNIT2] * noise2, pool), 0.0)
 
 
-def third_derivatives2(rows: Floats, noise2: Floats, radius: float, probes: Probes, n_apart: float) -> Floats:
+def third_derivatives2(
+    rows: Floats, noise2: Floats, radius: float, probes: Probes, n_apart: float
+) -> tuple[Floats, Floats]:
     """Return the sum of squares (n,) [1/m4] of the third derivatives: of how the sum of the curvatures changes around.
 
     Less what noise makes of it, of `n_apart` fits; NaN where too few probes know. Neither spheres nor cylinders have
     any; of all surfaces it is right in the mean, since the gradient of a Laplacian may miss a part (a monkey saddle).
+    Also the most that it may be: noise as large may have hidden as much as it would add.
     """
     change2, unit2 = change_around(rows[:, CURVATURE] / radius, probes.vertices, probes.normals, probes.pool)
-    return np.maximum(change2 - unit2 / n_apart * mean_of_pool(rows[:, SECOND_UNIT2] * noise2, probes.pool), 0.0)
+    by_noise2 = unit2 / n_apart * mean_of_pool(rows[:, SECOND_UNIT2] * noise2, probes.pool)
+    return np.maximum(change2 - by_noise2, 0.0), change2 + by_noise2
 
 
 def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.reconstruction.gathering import AWAY, NO_CUT, NO_CUTS, OVER_THE_RIM
-from monitor.reconstruction.projection import Projection, Reach, Samples, project_vertices
+from monitor.reconstruction.projection import Projection, Reach, Samples, project_vertices, sum_up_samples
 from monitor.reconstruction.reach import Ladder, Stated, choose_reach
 from monitor.reconstruction.roofs import ALONE, Roofs
 from monitor.reconstruction.two_planes import carried_over
@@ -77,9 +77,11 @@ def fit_own_sides(
     allow no fit, or those around contradict it, the vertex stays as it is.
     """
     samples, ladder, stated = measured
-    beside = find_beside(raw, farthest_used(reach, ladder), roofs, gains, noise, cell)
+    edges = clear_edges(raw, roofs, gains, cell)
+    beside = find_beside(raw, farthest_used(reach, ladder), edges, noise, cell)
     if not len(beside.which):
         return projection
+    samples = turn_to_sides(samples, edges)
     vertices, normals = raw.vertices[beside.which], raw.normals[beside.which]
     is_near = np.isin(beside.which, roofs.which)
     normals[is_near] = beside.normals[is_near]
@@ -123,12 +125,29 @@ def farthest_used(reach: Reach, ladder: Ladder) -> Floats:
     return OVER_THE_RIM * ladder.radii[np.minimum(rung, last)]
 
 
-def find_beside(raw: Raw, farthest: Floats, roofs: Roofs, gains: Floats, noise: Floats, cell: float) -> Beside:
+def turn_to_sides(samples: Samples, edges: Edges) -> Samples:
+    """Return the samples with the points beside edges looking as their sides do, and grouped so.
+
+    The normals of points turn over an edge, as far as their neighbourhoods reach, and columns along them lean: where
+    the edge cuts them they hold points by their errors.
+    """
+    finest, radius = samples.levels[0], float(samples.radii[min(1, len(samples.radii) - 1)])
+    distance, nearest = cKDTree(edges.crest).query(finest.places, distance_upper_bound=radius, workers=2)
+    which = np.flatnonzero(np.isfinite(distance))
+    crest, own, other, is_ridge = (values[nearest[which]] for values in edges)
+    over, over_other = (np.einsum("ij,ij->i", finest.places[which] - crest, side) for side in (own, other))
+    sides = np.where((is_ridge == (over_other > over))[:, None], other, own)
+    of_sheet = np.einsum("ij,ij->i", sides, finest.normals[which]) > COS_SHEET
+    normals = finest.normals.copy()
+    normals[which[of_sheet]] = sides[of_sheet]
+    return sum_up_samples(finest._replace(normals=normals), samples.radii, samples.noise)
+
+
+def find_beside(raw: Raw, farthest: Floats, edges: Edges, noise: Floats, cell: float) -> Beside:
     """Return the vertices on smooth fits with an edge nearer than `farthest` (n,) [m], abreast of a known point of it.
 
     Of those between two edges, as on a step or by a corner, both cut.
     """
-    edges = clear_edges(raw, roofs, gains, cell)
     none = Beside(np.empty(0, np.int64), np.empty((0, 3)), NO_CUTS)
     if not len(edges.crest):
         return none
