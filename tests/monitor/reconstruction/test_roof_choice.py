@@ -83,10 +83,10 @@ def strip(n: int) -> Ints:
 def test_an_edge_is_looked_for_two_rings_around_faces_whose_corners_turn() -> None:
     turned = np.where(np.arange(20) % 10 == 0, np.radians(6.0), 0.0)  # both ends on the left look elsewhere
     normals = np.column_stack([np.sin(turned), np.zeros(20), np.cos(turned)])
-    found = near_edges(normals, strip(10)).reshape(2, 10)
+    found = near_edges(normals, strip(10), np.radians(5.0)).reshape(2, 10)
     np.testing.assert_array_equal(found, [[True] * 4 + [False] * 6] * 2)  # the face's corners, and two rings
     slight = np.column_stack([np.sin(turned / 2.0), np.zeros(20), np.cos(turned / 2.0)])
-    assert not near_edges(slight, strip(10)).any()
+    assert not near_edges(slight, strip(10), np.radians(5.0)).any()
 
 
 def test_a_roof_without_two_others_in_a_face_is_chance() -> None:

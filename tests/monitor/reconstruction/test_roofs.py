@@ -50,14 +50,14 @@ def rms(values: Floats) -> float:
 @pytest.mark.parametrize("is_fold", [False, True])
 @pytest.mark.parametrize("degrees", [40.0, 60.0, 90.0])
 def test_a_sharp_edge_is_sharp_and_known_as_well_as_is_stated(degrees: float, is_fold: bool) -> None:
-    """Smooth fits alone leave 0.2 to 0.4 mm there, two to three times what they state."""
+    """Smooth fits alone leave 0.1 to 0.4 mm there, one to four times what they state."""
     turn = np.radians(degrees)
     cloud = edge_cloud(np.random.default_rng(11), turn, is_fold=is_fold)
     result, smooth = reconstruct_with_record(cloud), reconstruct_with_record(cloud, SMOOTH_ALONE)
     surface, near = result.surface, inside(result.surface, 0.003)
     off = off_edge(surface.vertices, turn, is_fold=is_fold)
     before = off_edge(smooth.surface.vertices, turn, is_fold=is_fold)[inside(smooth.surface, 0.003)]
-    assert rms(off[near]) < 0.13e-3 < 0.15e-3 < rms(before)
+    assert rms(off[near]) < min(0.13e-3, rms(before) / 1.5)
     assert 0.4 < rms(off[near] / surface.sigma[near]) < 2.3
     assert surface.is_crest is not None
     crest = surface.is_crest & (np.abs(surface.vertices[:, 1]) < 0.02)

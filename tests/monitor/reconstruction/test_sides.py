@@ -12,7 +12,7 @@ from monitor.reconstruction import reconstruct
 from monitor.reconstruction.gathering import ACROSS, AWAY, CARRIED, EDGE, NO_CUT, keep_own_side, near_room
 from monitor.reconstruction.projection import Projection
 from monitor.reconstruction.roofs import Roofs
-from monitor.reconstruction.sides import Beside, Raw, better_known, find_beside, is_contradicted
+from monitor.reconstruction.sides import Beside, Raw, better_known, clear_edges, find_beside, is_contradicted
 from projects.model import Floats, PointCloud
 
 HALF, CELL, NOISE, FAR = np.radians(30.0), 0.001, 1e-4, 0.012
@@ -61,7 +61,7 @@ def beside(edges: list[Edge], place: tuple[float, float, float], up: tuple[float
     farthest[-1], smooth[-1] = FAR, is_smooth
     raw = Raw(np.vstack([vertices, place]), np.vstack([normals, up]), smooth)
     roofs = roofs._replace(is_round=np.full(n - 1, is_round))
-    return find_beside(raw, farthest, roofs, np.full(n - 1, gain), np.full(n, NOISE), CELL)
+    return find_beside(raw, farthest, clear_edges(raw, roofs, np.full(n - 1, gain), CELL), np.full(n, NOISE), CELL)
 
 
 @pytest.mark.parametrize("edge", [RIDGE, FOLD])
@@ -102,7 +102,8 @@ def test_by_a_corner_both_edges_of_a_face_cut_however_they_turn(turn: float) -> 
         np.vstack([crest + inside, [0.003, 0.004, 0.0]]), np.vstack([own, [0.0, 0.0, 1.0]]), np.arange(641) == 640
     )
     roofs = Roofs(np.arange(2 * n), own, other, crest, np.zeros(2 * n, bool), np.zeros(2 * n))
-    found = find_beside(raw, np.full(641, FAR), roofs, np.full(2 * n, 20.0), np.full(641, NOISE), CELL)
+    edges = clear_edges(raw, roofs, np.full(2 * n, 20.0), CELL)
+    found = find_beside(raw, np.full(641, FAR), edges, np.full(641, NOISE), CELL)
     np.testing.assert_allclose(found.cuts[0, :, AWAY], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], atol=1e-9)
 
 
