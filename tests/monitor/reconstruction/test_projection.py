@@ -10,8 +10,8 @@ from monitor.reconstruction.gathering import patch_room
 from monitor.reconstruction.moments import FRAMES, build_levels, find_rows, level_of_points
 from monitor.reconstruction.probing import STEP, STEP_UNIT2, probe
 from monitor.reconstruction.projection import Reach, fit_fourth, project_vertices, sum_up_samples
-from monitor.reconstruction.quadric import FAR, HEIGHT, UNIT_ERROR, fit_patch, fit_room, median
-from monitor.reconstruction.reach import Stated, choose_reach, make_ladder, noise_variance
+from monitor.reconstruction.quadric import COUNT, FAR, HEIGHT, UNIT_ERROR, fit_patch, fit_room, median
+from monitor.reconstruction.reach import Stated, choose_reach, for_edges, make_ladder, noise_variance
 from projects.model import PointCloud
 
 RADIUS = 0.06
@@ -174,6 +174,28 @@ def test_a_fit_to_groups_is_that_to_their_points(rng):
     assert np.std(height - truth) < 0.015e-3
     assert moved[0].sigma == pytest.approx(moved[1].sigma, rel=0.08)
     assert moved[0].scatter == pytest.approx(moved[1].scatter, rel=0.03)
+
+
+def test_what_bends_within_groups_counts_in_the_error_of_a_fit(rng):
+    """Two rows of groups tell no curvature across them but by how their points spread: 0.05 was stated for 0.4."""
+    u, v = rng.uniform(0.35, 0.75, 2000), rng.uniform(-0.6, 0.6, 2000)
+    of = 100 * (u > 0.55) + np.floor(10.0 * v).astype(int)
+    groups = []
+    for one in np.unique(of):
+        p = np.array([u[of == one], v[of == one], np.zeros(np.count_nonzero(of == one))])
+        groups.append([*p.mean(axis=1), p.shape[1], *np.cov(p, bias=True)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+    patches = np.array(groups).T, np.vstack([u, v, 0.0 * u, np.ones(2000), np.zeros((6, 2000))])
+    (grouped, coarse), (single, _) = (errors_of(np.ascontiguousarray(patch)) for patch in patches)
+    assert grouped == pytest.approx(single, rel=0.1)
+    assert coarse < 0.5 * single  # were all points of a group in its middle
+
+
+def errors_of(patch):
+    """Standard errors per unit of noise of a curved fit: as stated, and by the influence of groups' middles alone."""
+    n = patch.shape[1]
+    out, influence = np.empty(7), np.empty(n)
+    assert fit_patch(patch, n, 1.0, 1.0, 1.0, 2, fit_room(n), out, influence)
+    return out[UNIT_ERROR], np.sqrt(patch[COUNT] @ influence**2)
 
 
 def test_noise_that_reaches_over_the_borders_of_cells_is_no_outlier(rng):
@@ -384,3 +406,32 @@ def test_columns_hardly_lean_whichever_way_a_surface_looks(rng: np.random.Genera
     assert lean.max() < 18.0
     assert lean.mean() < 8.5
     np.testing.assert_allclose(FRAMES @ FRAMES.transpose(0, 2, 1), np.tile(np.eye(3), (len(FRAMES), 1, 1)), atol=1e-12)
+
+
+def test_much_noise_has_a_radius_of_four_sigmas_which_no_window_on_an_edge_has(rng):
+    calm, noisy = make_ladder(0.002, 0.0006, 1.5, 24.0, 0.03), make_ladder(0.002, 0.003, 1.5, 24.0, 0.03)
+    assert calm.radii[0] == pytest.approx(0.0036)  # six sigmas; of 1.5 cells, 3 mm, there is no room for less
+    assert noisy.radii[:2] == pytest.approx([0.018 / 1.4, 0.018])
+    points = np.column_stack([rng.uniform(-0.03, 0.03, (500, 2)), np.zeros(500)])
+    samples = sum_up_samples(level_of_points(points, np.tile([0.0, 0.0, 1.0], (500, 1)), 0.02), noisy.radii, 0.003)
+    wide = for_edges(samples)
+    assert wide.radii == pytest.approx(noisy.radii[1:])
+    assert len(wide.levels) == len(wide.radii)
+    assert wide.levels[0] is samples.levels[0]  # single points
+    assert for_edges(samples._replace(noise=0.001)).radii == pytest.approx(noisy.radii)
+
+
+def test_a_ball_hardly_wider_than_fits_in_much_noise_has_little_bias():
+    """Fits of six sigmas lay 0.8 and 1.2 mm inside, and stated half of it."""
+    n, means = 5027, []
+    for seed in range(2):
+        rng = np.random.default_rng([seed, 11])
+        z = 1.0 - 2.0 * (np.arange(n) + 0.5) / n
+        turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(n) + rng.uniform(0.0, 2.0 * np.pi)
+        normals = np.column_stack([np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z])
+        points = 0.02 * normals + rng.normal(scale=0.003, size=(n, 1)) * normals
+        surface = reconstruct(PointCloud(points, normals=normals))
+        error = np.linalg.norm(surface.vertices, axis=1) - 0.02
+        means.append(np.nanmean(error))
+        assert 0.5 < np.sqrt(np.nanmean((error / surface.sigma) ** 2)) < 1.3
+    assert np.abs(means).max() < 0.4e-3

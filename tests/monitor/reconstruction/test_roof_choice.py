@@ -21,6 +21,7 @@ from monitor.reconstruction.roof_evidence import (
     OTHER,
     OVER,
     ROUNDED,
+    SEEN,
     SUPPORT,
     TURN,
     UNIT,
@@ -46,10 +47,10 @@ def row(**known: Any) -> Floats:
     out = np.zeros(N_VALUES)
     figures: dict[str, Any] = {
         "chi2": 1.0, "chance": 0.1, "gain": 20.0, "bow": 1.0, "turn": CLEAR, "unit": 0.2, "support": 30.0, "over": 0.0,
-        "rounded": 0.0, "crest": 0.0, **known,
+        "rounded": 0.0, "crest": 0.0, "seen": CLEAR, **known,
     }  # fmt: skip
     places = {"chi2": CHI2, "chance": CHANCE, "gain": GAIN, "bow": BOW, "turn": TURN, "unit": UNIT, "support": SUPPORT,
-              "over": OVER, "rounded": ROUNDED}  # fmt: skip
+              "over": OVER, "rounded": ROUNDED, "seen": SEEN}  # fmt: skip
     for name, place in places.items():
         out[place] = figures[name]
     out[ACTIVE], out[OTHER], out[CREST] = [HALF, 0.0, HALF], [-HALF, 0.0, HALF], [-figures["crest"], 0.0, 0.0]
@@ -196,12 +197,14 @@ def test_a_climb_goes_on_beside_a_roof_that_was_taken(monkeypatch: pytest.Monkey
         ({"gain": 11.0, "turn": np.cos(np.radians(20.0))}, True), ({"gain": 11.0, "turn": np.cos(np.radians(11.0))},
          False),
         ({"gain": 2.0}, True), ({"gain": 0.5}, False),
+        ({"seen": np.cos(np.radians(56.0))}, True), ({"seen": np.cos(np.radians(52.0))}, False),
     ],
 )  # fmt: skip
 def test_a_roof_is_taken_where_it_leaves_noise_neither_side_bows_and_the_evidence_is_clear(
     monkeypatch: pytest.MonkeyPatch, figures: dict[str, float], is_taken: bool
 ) -> None:
-    """Of all vertices alike: alone beyond ten variances, together, where both planes are clear, beyond one."""
+    """Of all vertices alike: alone beyond ten variances, together, where both planes are clear, beyond one; where the
+    points' normals turn by 0.6 of what the planes do."""
     taken, _ = climb(monkeypatch, [[row(**figures)] * 4])
     assert np.isfinite(taken).tolist() == [is_taken] * 4
 

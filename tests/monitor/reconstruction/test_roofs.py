@@ -29,7 +29,7 @@ from monitor.reconstruction.roof_evidence import (
     UNIT,
     look_for_roof,
 )
-from monitor.reconstruction.roofs import BOWED, share_roofs
+from monitor.reconstruction.roofs import BOWED, DOUBT, share_roofs
 from monitor.reconstruction.two_planes import window_room
 from projects.model import Bools, Floats, PointCloud, Surface
 
@@ -200,6 +200,35 @@ def test_a_side_that_is_round_across_or_along_the_edge_bows(monkeypatch: pytest.
     own = np.array([np.sin(0.5 * turn), 0.0, np.cos(0.5 * turn)])
     bowed = replace(flat, points=flat.points + inwards[:, None] * own)
     assert window_of(flat, vertex, 0.007, 1e-4, 0.7)[BOW] < BOWED < window_of(bowed, vertex, 0.007, 1e-4, 0.7)[BOW]
+
+
+@pytest.mark.parametrize("degrees", [45.0, 90.0])
+def test_noise_that_mixes_two_sides_bows_neither(monkeypatch: pytest.MonkeyPatch, degrees: float) -> None:
+    """Of all points, those next to the edge too, either side bowed by 2 to 5 sigmas, and no edge was found."""
+    monkeypatch.setattr("edges_between_planes.NOISE", 0.003)
+    turn, vertex, bows = np.radians(degrees), np.array([0.004, 0.0, 0.0]), []
+    for seed in range(20):
+        bows.append(window_of(edge_cloud(np.random.default_rng(seed), turn), vertex, 0.025, 0.003, 0.5 * turn)[BOW])
+    assert np.median(bows) < 1.8  # the largest of four is 1.4 by chance
+    assert np.mean(np.array(bows) > DOUBT) < 0.25
+
+
+@pytest.mark.parametrize("degrees", [45.0, 90.0])
+def test_an_edge_in_much_noise_is_found_though_wide_fits_round_it(
+    monkeypatch: pytest.MonkeyPatch, degrees: float
+) -> None:
+    """Noise of three spacings: of 45 degrees faces turn by 1 to 3 degrees each."""
+    monkeypatch.setattr("edges_between_planes.NOISE", 0.003)
+    squares = []
+    for seed in range(3):
+        cloud = edge_cloud(np.random.default_rng([seed, 5]), np.radians(degrees))
+        surface = reconstruct_with_record(cloud).surface
+        assert surface.is_crest is not None
+        assert np.ptp(surface.vertices[surface.is_crest, 1]) > 0.03  # of 50 mm
+        away = np.hypot(surface.vertices[:, 0], surface.vertices[:, 2])
+        near = (away < 0.01) & (np.abs(surface.vertices[:, 1]) < 0.018)
+        squares.append(np.mean((off_edge(surface.vertices, np.radians(degrees)) / surface.sigma)[near] ** 2))
+    assert np.sqrt(np.mean(squares)) < 1.5
 
 
 def test_both_sides_of_a_thin_blade_are_no_roof(monkeypatch: pytest.MonkeyPatch) -> None:

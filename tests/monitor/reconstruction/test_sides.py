@@ -10,9 +10,19 @@ from edges_between_planes import edge_cloud, off_edge
 
 from monitor.reconstruction import reconstruct
 from monitor.reconstruction.gathering import ACROSS, AWAY, CARRIED, EDGE, NO_CUT, keep_own_side, near_room
-from monitor.reconstruction.projection import Projection
+from monitor.reconstruction.moments import level_of_points
+from monitor.reconstruction.projection import Projection, sum_up_samples
 from monitor.reconstruction.roofs import Roofs
-from monitor.reconstruction.sides import Beside, Raw, better_known, clear_edges, find_beside, is_contradicted
+from monitor.reconstruction.sides import (
+    Beside,
+    Edges,
+    Raw,
+    better_known,
+    clear_edges,
+    find_beside,
+    is_contradicted,
+    turn_to_sides,
+)
 from projects.model import Floats, PointCloud
 
 HALF, CELL, NOISE, FAR = np.radians(30.0), 0.001, 1e-4, 0.012
@@ -135,6 +145,40 @@ def test_points_of_the_own_side_are_kept_but_next_to_the_edge() -> None:
     assert keep_own_side(near, 6, np.stack([NO_CUT, NO_CUT]), 0.002, own) == 6
     turned = cut * np.r_[np.ones(3), -1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0]
     assert keep_own_side(near, 6, np.stack([cut, turned]), 0.0, own) == 0  # on both sides of one edge lies nothing
+
+
+@pytest.mark.parametrize("is_ridge", [True, False])
+def test_points_beside_an_edge_look_as_their_side_does_farther_on_as_they_are(is_ridge: bool) -> None:
+    along = np.arange(-0.02, 0.0201, 0.001)
+    own, other = (np.tile(way, (len(along), 1)) for way in ([S, 0.0, C], [-S, 0.0, C]))
+    if not is_ridge:
+        own, other = other, own
+    edges = Edges(np.column_stack([0.0 * along, along, 0.0 * along]), own, other, np.full(len(along), is_ridge))
+    z = -1.0 if is_ridge else 1.0
+    places = np.array([[x * C, 0.0, z * abs(x) * S] for x in (-0.012, -0.003, 0.003, 0.012)] + [[0.002, 0.0, 0.001]])
+    normals = np.tile([0.0, 0.0, 1.0], (5, 1))
+    normals[4] = [0.0, 0.0, -1.0]  # of another sheet
+    samples = sum_up_samples(level_of_points(places, normals, 0.004), np.array([0.004, 0.0056, 0.0078]), NOISE)
+    turned = turn_to_sides(samples, edges).levels[0]
+    order = np.argsort(turned.places[:, 0], kind="stable")
+    looks = [S, -S] if is_ridge else [-S, S]
+    expected = [[0.0, 0.0, 1.0], [-looks[0], 0.0, C], [0.0, 0.0, -1.0], [looks[0], 0.0, C], [0.0, 0.0, 1.0]]
+    np.testing.assert_allclose(turned.normals[order], expected, atol=1e-12)
+    assert samples.levels[0].normals[:, 2].min() == -1.0  # what was given stays
+
+
+@pytest.mark.parametrize("degrees", [90.0])
+def test_fits_to_the_own_side_in_much_noise_err_as_they_state(monkeypatch: pytest.MonkeyPatch, degrees: float) -> None:
+    """Columns along normals that turn over the edge held at its cut what noise had carried there: 2 times."""
+    monkeypatch.setattr("edges_between_planes.NOISE", 0.003)
+    squares = []
+    for seed in range(4):
+        surface = reconstruct(edge_cloud(np.random.default_rng([seed, 7]), np.radians(degrees)))
+        away = np.hypot(surface.vertices[:, 0], surface.vertices[:, 2])
+        known = (away > 0.008) & (away < 0.022) & (np.abs(surface.vertices[:, 1]) < 0.018)
+        assert surface.sigma is not None
+        squares.append(np.mean((off_edge(surface.vertices, np.radians(degrees)) / surface.sigma)[known] ** 2))
+    assert np.sqrt(np.mean(squares)) < 1.35
 
 
 def test_of_two_projections_the_better_known_is_taken() -> None:
