@@ -32,6 +32,7 @@ from monitor.reconstruction.roofs import (
     can_serve,
     central_gains,
     climb_roofs,
+    find_roofs,
     has_company,
     near_edges,
 )
@@ -88,6 +89,20 @@ def test_an_edge_is_looked_for_two_rings_around_faces_whose_corners_turn() -> No
     np.testing.assert_array_equal(found, [[True] * 4 + [False] * 6] * 2)  # the face's corners, and two rings
     slight = np.column_stack([np.sin(turned / 2.0), np.zeros(20), np.cos(turned / 2.0)])
     assert not near_edges(slight, strip(10), np.radians(5.0)).any()
+
+
+def test_the_wider_fits_are_the_less_faces_need_to_turn_for_an_edge_to_be_looked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Fits of 18 mm leave 2 to 5 degrees of an edge of 45 to each face of 2 mm; with 5 asked none was found there."""
+    asked: list[float] = []
+    monkeypatch.setattr(roofs, "near_edges", lambda normals, faces, turn: asked.append(turn) or np.zeros(20, bool))
+    smooth = brought(0.0, 1.0)[0].take(np.zeros(20, np.int64))
+    for narrowest in (0.003, 0.018, 0.0015):
+        samples: Any = SimpleNamespace(radii=narrowest * 1.4 ** np.arange(3.0))
+        found, _ = find_roofs(smooth.vertices, smooth, strip(10), samples, np.full(20, 0.003), 0.002, 0.01)
+        assert len(found.which) == 0
+    assert np.degrees(asked) == pytest.approx([5.0, 5.0 / 6.0, 5.0])
 
 
 def test_a_roof_without_two_others_in_a_face_is_chance() -> None:
