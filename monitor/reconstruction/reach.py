@@ -226,11 +226,11 @@ def third_derivatives2(
 
     Less what noise makes of it, of `n_apart` fits; NaN where too few probes know. Neither spheres nor cylinders have
     any; of all surfaces it is right in the mean, since the gradient of a Laplacian may miss a part (a monkey saddle).
-    Also the most that it may be: noise as large may have hidden as much as it would add.
+    Also with that left on: no more there may be.
     """
     change2, unit2 = change_around(rows[:, CURVATURE] / radius, probes.vertices, probes.normals, probes.pool)
     by_noise2 = unit2 / n_apart * mean_of_pool(rows[:, SECOND_UNIT2] * noise2, probes.pool)
-    return np.maximum(change2 - by_noise2, 0.0), change2 + by_noise2
+    return np.maximum(change2 - by_noise2, 0.0), change2
 
 
 def noise_variance(scatter: Floats, stated: Floats, pool: Ints) -> Floats:
