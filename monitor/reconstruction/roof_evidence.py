@@ -55,11 +55,11 @@ def look_for_roof(
 
     `values` are as of `find_near`, `sizes` the radius of the window and how wide the edge is looked at (m), `noise` (m)
     one sigma of a point. Written are, of planes through all points: mean square of what they leave, in variances, and
-    how much of it is chance; by how much more a smooth patch leaves; by how many sigmas either side bows. Of planes
-    without what noise mixes (`fit_apart`): the cosine between them; of the one under the vertex its error there per
-    unit of noise, its points, and how far (m) the vertex is over it; by how many sigmas the edge is round, and how far
-    per unit of noise it may be so unseen; the normals of the plane under the vertex and of the other; and from the
-    vertex on the nearest point of both.
+    how much of it is chance; by how much more a smooth patch leaves. Of planes without what noise mixes
+    (`fit_apart`): by how many sigmas either side bows; the cosine between them, and between the mean normals of their
+    points; of the one under the vertex its error there per unit of noise, its points, and how far (m) the vertex is
+    over it; by how many sigmas the edge is round, and how far per unit of noise it may be so unseen; the normals of the
+    plane under the vertex and of the other; and from the vertex on the nearest point of both.
     """
     (radius, width), planes, noise2, up = sizes, window.planes, noise * noise, np.empty(3)
     n, kind = fit_both(values, n_near, vertex, normal, radius, window, up)

@@ -173,11 +173,11 @@ def test_fits_to_the_own_side_in_much_noise_err_as_they_state(monkeypatch: pytes
     monkeypatch.setattr("edges_between_planes.NOISE", 0.003)
     squares = []
     for seed in range(4):
-        surface = reconstruct(edge_cloud(np.random.default_rng([seed, 7]), np.radians(degrees)))
+        surface = reconstruct(edge_cloud(np.random.default_rng([seed, 7]), 0.5 * np.pi))
         away = np.hypot(surface.vertices[:, 0], surface.vertices[:, 2])
         known = (away > 0.008) & (away < 0.022) & (np.abs(surface.vertices[:, 1]) < 0.018)
         assert surface.sigma is not None
-        squares.append(np.mean((off_edge(surface.vertices, np.radians(degrees)) / surface.sigma)[known] ** 2))
+        squares.append(np.mean((off_edge(surface.vertices, 0.5 * np.pi) / surface.sigma)[known] ** 2))
     assert np.sqrt(np.mean(squares)) < 1.35
 
 
