@@ -167,7 +167,6 @@ def test_points_beside_an_edge_look_as_their_side_does_farther_on_as_they_are(is
     assert samples.levels[0].normals[:, 2].min() == -1.0  # what was given stays
 
 
-@pytest.mark.parametrize("degrees", [90.0])
 def test_fits_to_the_own_side_in_much_noise_rest_on_points_that_look_as_it_does(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
