@@ -26,6 +26,7 @@ N_AT_ONCE = 100_000  # vertices
 PASSES = 2.0  # cells: an edge whose nearest known point lies farther along it ends before it is abreast
 COS_SHEET = 0.5  # of a vertex's normal with that of its side: else it belongs to another sheet
 APART = 2.5  # sigmas, beyond which a smooth fit and one to a vertex's own side contradict each other
+TURNED = 1  # rung of the ladder, within whose radius of an edge the normals of points turn with it
 LEAST_LEFT = 0.14  # of the square of what a patch is bent by on a roof's edge: what it leaves in the mean square
 
 
@@ -131,7 +132,7 @@ def turn_to_sides(samples: Samples, edges: Edges) -> Samples:
     The normals of points turn over an edge, as far as their neighbourhoods reach, and columns along them lean: where
     the edge cuts them they hold points by their errors.
     """
-    finest, radius = samples.levels[0], float(samples.radii[min(1, len(samples.radii) - 1)])
+    finest, radius = samples.levels[0], float(samples.radii[min(TURNED, len(samples.radii) - 1)])
     distance, nearest = cKDTree(edges.crest).query(finest.places, distance_upper_bound=radius, workers=2)
     which = np.flatnonzero(np.isfinite(distance))
     crest, own, other, is_ridge = (values[nearest[which]] for values in edges)
